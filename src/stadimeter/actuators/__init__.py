@@ -1,0 +1,1 @@
+"""Actuators: vibration motors, buzzers, lamps. The interface is in `stadimeter.actuators.protocol`."""

@@ -1,0 +1,67 @@
+"""What an actuator is to the rest of the program."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from stadimeter.core.command import LevelCommand
+
+
+class Actuator(Protocol):
+    """Something that acts with a level from 0 to 1: a vibration motor, a buzzer, a lamp.
+
+    The constructor touches no hardware: `open` does, and leaves the device off. A driver needs no thread, no lock and
+    no timer: the app calls it from one thread at a time, calls `tick` every 20 ms, and puts the actuator in its safe
+    state when the frame behind the newest command is older than the lease.
+    """
+
+    def open(self) -> None:
+        """Acquire the device, switched off.
+
+        Raises:
+            DeviceOpenError: It is absent, busy, or not ours to open.
+        """
+        ...
+
+    def apply(self, command: LevelCommand) -> LevelCommand:
+        """Act as commanded. The same command may come any number of times; it then changes nothing.
+
+        Args:
+            command: The level to act with.
+
+        Returns:
+            What was really applied: the level may have been rounded to what the device can do.
+
+        Raises:
+            DeviceClosedError: The actuator is not open.
+            DriverError: The device failed.
+        """
+        ...
+
+    def tick(self, now_s: float) -> None:
+        """Move patterns on: a beep's next edge, the end of a motor's kick. Called about every 20 ms.
+
+        Args:
+            now_s: The run's monotonic clock.
+
+        Raises:
+            DeviceClosedError: The actuator is not open.
+            DriverError: The device failed.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Switch off at once. Does nothing when closed.
+
+        Raises:
+            DriverError: The device failed.
+        """
+        ...
+
+    def close(self) -> None:
+        """Stop, then release the device. May be called any number of times.
+
+        Raises:
+            DriverError: The device failed; it is released all the same.
+        """
+        ...

@@ -1,0 +1,101 @@
+"""The two clocks: one that runs, and one that is stepped."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+class MonotonicClock:
+    """The computer's monotonic clock, for live cameras."""
+
+    def now_s(self) -> float:
+        """Return the time in seconds since an arbitrary start."""
+        return time.monotonic()
+
+    def sleep_until_s(self, time_s: float) -> None:
+        """Return when the clock shows ``time_s`` or later."""
+        while (left_s := time_s - time.monotonic()) > 0:
+            time.sleep(left_s)
+
+    def call_every(self, period_s: float, callback: Callable[[float], None]) -> Callable[[], None]:
+        """Call ``callback(now_s)`` every ``period_s`` seconds from a thread, until the returned function is called."""
+        ended = threading.Event()
+
+        def run() -> None:
+            while not ended.wait(period_s):
+                callback(time.monotonic())
+
+        thread = threading.Thread(target=run, name=f"every {period_s} s", daemon=True)
+        thread.start()
+
+        def cancel() -> None:
+            ended.set()
+            if thread is not threading.current_thread():
+                thread.join()
+
+        return cancel
+
+
+@dataclass(slots=True, eq=False)
+class _Periodic:
+    """A callback that is due again and again."""
+
+    due_s: float
+    period_s: float
+    callback: Callable[[float], None]
+
+
+class SteppedClock:
+    """A clock that moves only when somebody sleeps on it: for recordings, simulations and tests.
+
+    All time passes inside `sleep_until_s`, in the thread of the caller, so a run is the same each time. An hour takes
+    as long as what is computed in it.
+
+    Args:
+        start_s: What the clock shows at first.
+        speed: How many seconds pass on this clock in a real second; None for as many as the computer manages.
+    """
+
+    def __init__(self, start_s: float = 0.0, speed: float | None = None) -> None:
+        self._now_s = start_s
+        self._speed = speed
+        self._start_s = start_s
+        self._started_real_s = time.monotonic()
+        self._periodic: list[_Periodic] = []
+
+    def now_s(self) -> float:
+        """Return the time in seconds."""
+        return self._now_s
+
+    def sleep_until_s(self, time_s: float) -> None:
+        """Move the clock to ``time_s``, calling on the way whatever is due, in the order of time."""
+        while due := self._next_due(time_s):
+            self._move_to(due.due_s)
+            due.due_s += due.period_s
+            due.callback(self._now_s)
+        self._move_to(time_s)
+
+    def call_every(self, period_s: float, callback: Callable[[float], None]) -> Callable[[], None]:
+        """Call ``callback(now_s)`` every ``period_s`` seconds, until the returned function is called."""
+        entry = _Periodic(self._now_s + period_s, period_s, callback)
+        self._periodic.append(entry)
+
+        def cancel() -> None:
+            if entry in self._periodic:
+                self._periodic.remove(entry)
+
+        return cancel
+
+    def _next_due(self, until_s: float) -> _Periodic | None:
+        due = min(self._periodic, key=lambda entry: entry.due_s, default=None)
+        return due if due and due.due_s <= until_s else None
+
+    def _move_to(self, time_s: float) -> None:
+        self._now_s = max(self._now_s, time_s)
+        if self._speed:
+            ahead_s = (self._now_s - self._start_s) / self._speed - (time.monotonic() - self._started_real_s)
+            if ahead_s > 0:
+                time.sleep(ahead_s)

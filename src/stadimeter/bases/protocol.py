@@ -1,0 +1,71 @@
+"""What a robot base is to the rest of the program."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from stadimeter.core.command import TwistCommand
+
+
+class MobileBase(Protocol):
+    """Something that drives.
+
+    The constructor touches no hardware: `open` does, and leaves the base standing. Speeds are in m/s and rad/s; the
+    driver knows wheels, encoders and which side comes first. A driver needs no thread and no lock: the app calls it
+    from one thread at a time, calls `tick` every 20 ms, and stops the base when the frame behind the newest command is
+    older than the lease. Bases differ in whether they stop by themselves when nothing comes; a driver's documentation
+    says so.
+    """
+
+    def open(self) -> None:
+        """Connect, wait until the base answers, and stop it.
+
+        Raises:
+            DeviceOpenError: The port is absent, busy or not ours to open, or nothing answers.
+        """
+        ...
+
+    def apply(self, command: TwistCommand) -> TwistCommand:
+        """Move as commanded. Sent on each time, even if nothing changed: the base's own timeout wants feeding.
+
+        Args:
+            command: How to move.
+
+        Returns:
+            What was really sent: speeds may have been limited or rounded to what the base can do.
+
+        Raises:
+            DeviceClosedError: The base is not open.
+            LinkLostError: The base no longer answers.
+            ProtocolError: The base refused the command.
+        """
+        ...
+
+    def tick(self, now_s: float) -> None:
+        """Read what the base has sent, and repeat a stop that was not acknowledged. Called about every 20 ms.
+
+        Args:
+            now_s: The run's monotonic clock.
+
+        Raises:
+            DeviceClosedError: The base is not open.
+            LinkLostError: The base no longer answers.
+            ProtocolError: The base refused a command.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Stand still at once. Does nothing when closed.
+
+        Raises:
+            LinkLostError: The stop could not be sent.
+        """
+        ...
+
+    def close(self) -> None:
+        """Stop, then release the port. May be called any number of times.
+
+        Raises:
+            LinkLostError: The stop could not be sent; the port is released all the same.
+        """
+        ...

@@ -1,0 +1,56 @@
+"""What a camera is to the rest of the program."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from stadimeter.core.frame import Frame
+
+
+class Camera(Protocol):
+    """A source of frames.
+
+    The constructor touches no hardware: `open` does. `close` may be called at any time, any number of times. The app
+    runs `read` of a live camera in a thread of its own, hands on the newest frame, notices when no fresh frame comes,
+    and then calls `close` and `open` again; a driver needs to do none of that.
+    """
+
+    @property
+    def is_live(self) -> bool:
+        """Whether frames come at their own pace and old ones are worthless.
+
+        True for hardware and streams: frames that nobody fetched in time are passed over. False for recordings and
+        simulations: every frame counts, and the loop reads them in its own thread.
+        """
+        ...
+
+    def open(self) -> None:
+        """Acquire the device and apply its settings.
+
+        Raises:
+            DeviceOpenError: It is absent, busy, or not ours to open.
+            PictureError: A recording cannot be read.
+        """
+        ...
+
+    def read(self) -> Frame:
+        """Wait for the next frame and return it.
+
+        Capture times never go back and sequence numbers always rise. A camera that is not live calls
+        ``clock.sleep_until_s`` with the frame's time before it returns, so that time passes as it did in the recording.
+
+        Returns:
+            A frame whose image nobody changes afterwards.
+
+        Raises:
+            CaptureTimeoutError: No frame came in the driver's own time limit. Reading may be tried again.
+            DeviceClosedError: The camera is not open.
+            EndOfFramesError: A recording is at its end.
+            LinkLostError: The device is gone; only opening it again can help.
+            PictureError: A recording is damaged at this point.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the device. A `read` that waits in another thread ends with an error."""
+        ...

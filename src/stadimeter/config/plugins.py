@@ -1,0 +1,176 @@
+"""Drivers by name: how a configuration's ``driver = "buzzer"`` becomes a driver.
+
+Every driver, built in or not, is an entry point in one of the `GROUPS` and names a `Plugin`. Only the drivers that a
+configuration names are loaded, so a driver whose library is missing costs nothing until then.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Any, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.clock import Clock
+from stadimeter.errors import DriverError, DriverNotFoundError, DriverUnavailableError
+
+OptionsT = TypeVar("OptionsT", bound=BaseModel)
+SharedT = TypeVar("SharedT")
+
+CAMERAS = "stadimeter.cameras"
+DETECTORS = "stadimeter.detectors"
+ACTUATORS = "stadimeter.actuators"
+BASES = "stadimeter.bases"
+MESSENGERS = "stadimeter.messengers"
+WORLDS = "stadimeter.worlds"
+PORTS = "stadimeter.ports"
+GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, MESSENGERS, WORLDS, PORTS)
+
+
+class Options(BaseModel):
+    """What a driver's table in the configuration may hold. Drivers derive their own from it.
+
+    Unknown keys are errors, and numbers are finite. Fields that a person writes with a unit use the types of
+    `stadimeter.config.units`; fields that name a pin or a serial port use `Pin` and `SerialPort`, so that two drivers
+    on one of them are noticed.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+@dataclass(slots=True)
+class Shared:
+    """What the drivers of one run share, such as the simulated world or one pin factory.
+
+    Attributes:
+        parts: The shared objects by name.
+        closers: What to call at the end of the run, last first.
+    """
+
+    parts: dict[str, Any] = field(default_factory=dict)
+    closers: list[Callable[[], None]] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverContext:
+    """What a driver gets from the run that it is part of.
+
+    Attributes:
+        name: The part's name in the configuration, such as ``motor``; for error messages.
+        clock: The run's clock.
+        camera_model: The lens that the configuration names; a simulated camera draws its pictures through it.
+        shared: What the drivers of this run share.
+    """
+
+    name: str
+    clock: Clock
+    camera_model: CameraModel | None = None
+    shared: Shared = field(default_factory=Shared)
+
+    def share(self, key: str, make: Callable[[], SharedT]) -> SharedT:
+        """Return the run's one object of that name; make it if this is the first to ask.
+
+        Args:
+            key: A name that the drivers agree on, such as ``pin factory``.
+            make: Makes the object.
+
+        Returns:
+            The one object.
+        """
+        if key not in self.shared.parts:
+            self.shared.parts[key] = make()
+        found: SharedT = self.shared.parts[key]
+        return found
+
+    def at_end(self, close: Callable[[], None]) -> None:
+        """Call ``close`` when the run ends, after every driver was closed.
+
+        Args:
+            close: Releases something that was shared.
+        """
+        self.shared.closers.append(close)
+
+    def port_path(self, port: str) -> str:
+        """Return the path of the serial port that a configuration means.
+
+        Args:
+            port: A path such as ``/dev/serial/by-id/…``, or the name of an entry point in ``stadimeter.ports``,
+                which then makes the port, such as a firmware emulator behind a pseudo-terminal.
+
+        Returns:
+            A path that can be opened.
+
+        Raises:
+            DriverUnavailableError: The entry point cannot be loaded.
+        """
+        if port not in driver_names(PORTS):
+            return port
+        plugin = load_plugin(PORTS, port)
+        path: str = plugin.build(plugin.options(), self)
+        return path
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin(Generic[OptionsT]):
+    """What an entry point names.
+
+    Attributes:
+        options: The model of the driver's table in the configuration.
+        build: Makes the driver from its checked options and the run's context, without touching hardware.
+    """
+
+    options: type[OptionsT]
+    build: Callable[[OptionsT, DriverContext], Any]
+
+
+def driver_names(group: str) -> tuple[str, ...]:
+    """Return the names of the installed drivers of a group, in alphabetical order.
+
+    Args:
+        group: One of `GROUPS`.
+
+    Returns:
+        The names.
+    """
+    return tuple(sorted({entry.name for entry in entry_points(group=group)}))
+
+
+def load_plugin(group: str, name: str) -> Plugin[Any]:
+    """Load the driver of that name.
+
+    Args:
+        group: One of `GROUPS`.
+        name: The driver's name.
+
+    Returns:
+        What its entry point names.
+
+    Raises:
+        DriverNotFoundError: No driver has that name; the message lists those that exist and the likely one.
+        DriverUnavailableError: A library that it needs is not installed.
+        DriverError: The entry point names something that is not a driver.
+    """
+    matching = [entry for entry in entry_points(group=group) if entry.name == name]
+    if not matching:
+        raise DriverNotFoundError(_not_found(group, name))
+    try:
+        plugin = matching[0].load()
+    except ImportError as error:
+        raise DriverUnavailableError(
+            f"the driver '{name}' needs a library that is not installed: {error}; install it and try again"
+        ) from error
+    if not isinstance(plugin, Plugin):
+        raise DriverError(f"the entry point '{name}' in {group} names a {type(plugin).__name__}, not a Plugin")
+    return plugin
+
+
+def _not_found(group: str, name: str) -> str:
+    names = driver_names(group)
+    kind = group.removeprefix("stadimeter.").removesuffix("s")
+    close = difflib.get_close_matches(name, names, n=1)
+    guess = f"; did you mean '{close[0]}'?" if close else "."
+    return f"no {kind} driver is called '{name}'{guess} There are: {', '.join(names) or 'none'}"

@@ -1,0 +1,69 @@
+"""What an actuator or a base receives. Commands are values: a wrong one cannot be made."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from stadimeter.errors import CommandRangeError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelCommand:
+    """How strongly an actuator shall act.
+
+    Attributes:
+        output: The name of the actuator.
+        level: From 0, off, to 1, full.
+        captured_at_s: When the frame was taken that justifies the command, on the run's monotonic clock. None for the
+            safe level, which needs no justification and never grows stale.
+
+    Raises:
+        CommandRangeError: The level is not a number from 0 to 1, or the time is not finite.
+    """
+
+    output: str
+    level: float
+    captured_at_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.level <= 1.0:  # NaN fails this too
+            raise CommandRangeError(f"{self.output}: level {self.level} is not between 0 and 1")
+        _check_time(self.output, self.captured_at_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwistCommand:
+    """How a base shall move.
+
+    Attributes:
+        output: The name of the base.
+        linear_mps: Speed forwards.
+        angular_radps: Rate of turn, positive to the left.
+        captured_at_s: When the frame was taken that justifies the command; None for standing still.
+
+    Raises:
+        CommandRangeError: A value is not finite, or the base would move without a frame that justifies it.
+    """
+
+    output: str
+    linear_mps: float
+    angular_radps: float
+    captured_at_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.linear_mps) and math.isfinite(self.angular_radps)):
+            raise CommandRangeError(
+                f"{self.output}: {self.linear_mps} m/s and {self.angular_radps} rad/s are not both finite"
+            )
+        if self.captured_at_s is None and (self.linear_mps, self.angular_radps) != (0.0, 0.0):
+            raise CommandRangeError(f"{self.output}: a base moves only on a frame, and this command names none")
+        _check_time(self.output, self.captured_at_s)
+
+
+Command = LevelCommand | TwistCommand
+
+
+def _check_time(output: str, captured_at_s: float | None) -> None:
+    if captured_at_s is not None and not math.isfinite(captured_at_s):
+        raise CommandRangeError(f"{output}: capture time {captured_at_s} is not finite")

@@ -1,0 +1,140 @@
+"""What the core decided in one cycle, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from stadimeter.core.command import Command
+from stadimeter.core.track import Track
+
+
+class EventKind(StrEnum):
+    """What kind of thing happened."""
+
+    RAISED = "raised"
+    CLEARED = "cleared"
+    MEASUREMENT_LOST = "measurement_lost"
+    """A rule has waited too long for its target; its output went to the safe value."""
+    MEASUREMENT_BACK = "measurement_back"
+    TARGET_SEEN = "target_seen"
+    TARGET_LOST = "target_lost"
+    FAULT = "fault"
+    FAULT_CLEARED = "fault_cleared"
+
+
+class Severity(StrEnum):
+    """How much an event matters, least first."""
+
+    INFO = "info"
+    WARNING = "warning"
+    ALARM = "alarm"
+    SAFETY = "safety"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Something that happened once and must not be lost.
+
+    Attributes:
+        kind: What happened.
+        source: The rule, target or output it happened to, or ``camera``.
+        at_s: When, on the run's monotonic clock.
+        severity: How much it matters.
+        reason: Why, in words with figures.
+        distance_m: The distance at that moment, if known.
+        sigma_m: Its standard deviation, if known.
+        sequence: Counts the events of the run, from 0.
+    """
+
+    kind: EventKind
+    source: str
+    at_s: float
+    severity: Severity
+    reason: str
+    distance_m: float | None = None
+    sigma_m: float | None = None
+    sequence: int = 0
+
+
+class RuleStatus(StrEnum):
+    """What a rule is doing."""
+
+    IDLE = "idle"
+    """Its condition does not hold."""
+    PENDING = "pending"
+    """Its condition holds, but not yet for long enough."""
+    ACTIVE = "active"
+    CLEARING = "clearing"
+    """Its condition no longer holds, but not yet for long enough."""
+    UNKNOWN = "unknown"
+    """There is nothing to judge by: its target is not seen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RuleTrace:
+    """What one rule did in one cycle, and why.
+
+    Attributes:
+        rule: The rule's name.
+        status: What the rule is doing.
+        reason: Why, in words with figures.
+        output: The output it drives, if any.
+        wins: Whether its request is the one that the output follows.
+    """
+
+    rule: str
+    status: RuleStatus
+    reason: str
+    output: str | None = None
+    wins: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputTrace:
+    """Who commands one output in one cycle, and who would have liked to.
+
+    Attributes:
+        output: The output's name.
+        winner: The rule that commands it, ``safety``, or ``safe`` if nobody asks for anything.
+        reason: Why.
+        losers: The rules that asked too, with less priority.
+    """
+
+    output: str
+    winner: str
+    reason: str
+    losers: tuple[str, ...] = ()
+
+
+class SafetyMode(StrEnum):
+    """Whether outputs may act."""
+
+    STARTING = "starting"
+    """Not enough fresh frames yet: every output is kept at its safe value."""
+    ACTIVE = "active"
+    STALE = "stale"
+    """The newest frame is too old: every output is kept at its safe value."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """What the core decided in one cycle.
+
+    Attributes:
+        commands: Exactly one for each output, in the order of the configuration.
+        events: What happened in this cycle.
+        tracks: Every target's track.
+        safety: Whether outputs may act.
+        safety_reason: Why they may not; empty if they may.
+        rules: What each rule did, in the order of the configuration.
+        outputs: Who commands each output.
+    """
+
+    commands: tuple[Command, ...]
+    events: tuple[Event, ...]
+    tracks: tuple[Track, ...]
+    safety: SafetyMode
+    safety_reason: str
+    rules: tuple[RuleTrace, ...]
+    outputs: tuple[OutputTrace, ...]

@@ -1,0 +1,52 @@
+"""Where a target is in the picture, or why it is not there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Points = NDArray[np.float64]
+
+
+def _no_points() -> Points:
+    return np.empty((0, 2))
+
+
+class DetectionStatus(StrEnum):
+    """What became of looking for a target."""
+
+    FOUND = "found"
+    TRUNCATED = "truncated"
+    """Found, but cut off by the border of the picture, so its size is not known."""
+    NOT_FOUND = "not_found"
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Detection:
+    """Where one target is in one picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
+
+    Attributes:
+        target: The name of the target.
+        status: Whether it was found.
+        reason: Why it was not found or is not whole, in words with figures; empty if it was found.
+        outline_px: Its outline, shape ``(n, 2)``, x and y in pixels: the four corners of a sheet in order around it,
+            or points on the limb of a ball. Empty if it was not found.
+        centre_px: The centre as x, y; meaningless if it was not found.
+        width_px: The apparent width: of a sheet the mean of its two more horizontal sides, of a ball its diameter.
+        height_px: The apparent height: of a sheet the mean of its two more vertical sides, of a ball its diameter.
+        size_sigma_px: The standard deviation of the apparent size.
+        quality: From 0, barely a candidate, to 1, as it should look.
+    """
+
+    target: str
+    status: DetectionStatus
+    reason: str = ""
+    outline_px: Points = field(default_factory=_no_points)
+    centre_px: tuple[float, float] = (0.0, 0.0)
+    width_px: float = 0.0
+    height_px: float = 0.0
+    size_sigma_px: float = 0.0
+    quality: float = 0.0

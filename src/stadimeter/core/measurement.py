@@ -1,0 +1,57 @@
+"""How far away a target is, for one frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class MeasurementStatus(StrEnum):
+    """What became of measuring a target in one frame."""
+
+    MEASURED = "measured"
+    NOT_FOUND = "not_found"
+    TRUNCATED = "truncated"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measurement:
+    """The distance to one target in one frame, or why there is none.
+
+    Distances and angles are None unless the status is ``measured``.
+
+    Attributes:
+        target: The name of the target.
+        status: Whether a distance was measured.
+        captured_at_s: When the frame was taken, on the run's monotonic clock.
+        distance_m: Length of the straight line from the camera to the target's centre.
+        depth_m: The part of that line along the optical axis.
+        sigma_m: Standard deviation of the distance, all known causes included.
+        noise_m: The part of the standard deviation that differs from frame to frame; a filter can reduce this part
+            and no other.
+        bearing_rad: Angle from the optical axis, positive to the right.
+        elevation_rad: Angle from the optical axis, positive upwards.
+        reason: Why there is no distance; empty if there is one.
+    """
+
+    target: str
+    status: MeasurementStatus
+    captured_at_s: float
+    distance_m: float | None = None
+    depth_m: float | None = None
+    sigma_m: float | None = None
+    noise_m: float | None = None
+    bearing_rad: float | None = None
+    elevation_rad: float | None = None
+    reason: str = ""
+
+    @property
+    def position_m(self) -> tuple[float, float, float] | None:
+        """Where the target's centre is in the camera frame: x right, y down, z forward."""
+        if self.depth_m is None or self.bearing_rad is None or self.elevation_rad is None:
+            return None
+        x = self.depth_m * math.tan(self.bearing_rad)
+        y = -math.hypot(self.depth_m, x) * math.tan(self.elevation_rad)
+        return (x, y, self.depth_m)

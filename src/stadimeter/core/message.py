@@ -1,0 +1,24 @@
+"""What a messenger sends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Message:
+    """One message for other programs.
+
+    Attributes:
+        topic: Where it goes, below the messenger's base topic, such as ``target/ball/state``.
+        payload: The text, usually JSON.
+        qos: 0, at most once, or 1, at least once.
+        retain: Whether a broker keeps it for those who subscribe later.
+        expires_s: After how long nobody wants it any more; None for never.
+    """
+
+    topic: str
+    payload: str
+    qos: int = 0
+    retain: bool = False
+    expires_s: int | None = None

@@ -1,0 +1,52 @@
+"""All that the core may know in one cycle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stadimeter.core.measurement import Measurement
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameStamp:
+    """What the core knows of a frame: not its pixels.
+
+    Attributes:
+        sequence: The camera's count of the frame.
+        captured_at_s: When it was taken, on the run's monotonic clock.
+    """
+
+    sequence: int
+    captured_at_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputFault:
+    """An output whose driver failed.
+
+    Attributes:
+        output: The name of the actuator or base.
+        reason: The driver's words.
+    """
+
+    output: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """All that the core may know in one cycle.
+
+    Attributes:
+        now_s: The run's monotonic clock, read once for the cycle.
+        frame: The frame that is new in this cycle, or None if none came.
+        measurements: One for each target that was looked for in that frame; empty without a frame.
+        camera_fault: Why there is no frame, or an empty string.
+        output_faults: The outputs that are out of order at the start of the cycle.
+    """
+
+    now_s: float
+    frame: FrameStamp | None = None
+    measurements: tuple[Measurement, ...] = ()
+    camera_fault: str = ""
+    output_faults: tuple[OutputFault, ...] = ()

@@ -1,0 +1,1 @@
+"""Rules: conditions, alarms, ramps, following; who wins an output, and how fast it may change."""

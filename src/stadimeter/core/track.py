@@ -1,0 +1,59 @@
+"""A target over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class TrackStatus(StrEnum):
+    """Where a target is in its life."""
+
+    SEARCHING = "searching"
+    """It has not been seen yet."""
+    TRACKING = "tracking"
+    """It was measured in the newest frame, or is confirmed and was measured a moment ago."""
+    COASTING = "coasting"
+    """It was not measured in the newest frames; its distance is a prediction, less sure with each frame."""
+    LOST = "lost"
+    """It has not been measured for too long. Its figures are the last ones known and move nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Track:
+    """The filtered distance to one target. Figures are None until the target was seen.
+
+    Attributes:
+        target: The name of the target.
+        status: Where it is in its life.
+        distance_m: Filtered distance, at `as_of_s`.
+        depth_m: The part of it along the optical axis.
+        closing_mps: Speed of approach, positive when the distance shrinks.
+        sigma_m: Standard deviation of the distance.
+        closing_sigma_mps: Standard deviation of the speed of approach.
+        bearing_rad: Filtered bearing, positive to the right.
+        elevation_rad: Filtered elevation, positive upwards.
+        as_of_s: The capture time that the figures are for.
+        measured_at_s: The capture time of the last measurement that was accepted.
+        rejected: How many measurements in a row were refused as outliers.
+        reason: Why it is not tracked, or why the newest measurement was refused.
+    """
+
+    target: str
+    status: TrackStatus = TrackStatus.SEARCHING
+    distance_m: float | None = None
+    depth_m: float | None = None
+    closing_mps: float | None = None
+    sigma_m: float | None = None
+    closing_sigma_mps: float | None = None
+    bearing_rad: float | None = None
+    elevation_rad: float | None = None
+    as_of_s: float | None = None
+    measured_at_s: float | None = None
+    rejected: int = 0
+    reason: str = ""
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether the figures may be acted on: tracked now, or coasting for a moment."""
+        return self.status in {TrackStatus.TRACKING, TrackStatus.COASTING}

@@ -1,0 +1,1 @@
+"""From measurements to tracks: the filter and the life cycle of a target."""

@@ -1,0 +1,32 @@
+"""What a detector is to the rest of the program."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from stadimeter.core.detection import Detection
+from stadimeter.core.frame import Frame
+from stadimeter.core.target import TargetSize
+
+
+class Detector(Protocol):
+    """Finds one target in a frame. It keeps no state, so a frame always gives the same answer."""
+
+    @property
+    def target_size(self) -> TargetSize:
+        """The known size of what it finds."""
+        ...
+
+    def detect(self, frame: Frame) -> Detection:
+        """Look for the target.
+
+        A frame without the target is an ordinary result, not an error.
+
+        Args:
+            frame: The frame; its image is not changed.
+
+        Returns:
+            Where the target is; or that it is cut off by the border; or that it is not there, with a reason that
+            holds the figures: ``largest blob 6 px, limit 12 px``.
+        """
+        ...

@@ -1,0 +1,121 @@
+"""Every error that stadimeter raises on purpose.
+
+::
+
+    StadimeterError
+    ├─ ConfigError (ValueError)              a configuration, camera file or option is wrong; lists every problem
+    ├─ CommandRangeError (ValueError)        a command that no actuator could follow: NaN, or outside its range
+    ├─ CalibrationError (ValueError)         a camera model that cannot be made, or does not fit the pictures
+    ├─ PictureError (ValueError)             a picture or video that cannot be read
+    ├─ JournalError (OSError)                a journal that cannot be written or read
+    ├─ EndOfFramesError                      a recording came to its end: a normal end, not a fault
+    └─ DriverError
+       ├─ DriverNotFoundError (LookupError)      no driver has that name
+       ├─ DriverUnavailableError (ImportError)   the driver exists, but a library that it needs does not
+       ├─ DeviceOpenError (OSError)              a device is absent, busy or not allowed
+       ├─ DeviceClosedError                      a device was used before it was opened or after it was closed
+       ├─ CaptureTimeoutError (TimeoutError)     no fresh frame in time
+       ├─ LinkLostError (ConnectionError)        a device that answered has stopped answering
+       └─ ProtocolError                          bytes that make no sense
+
+Each error is also the built-in that fits it, so that callers may catch either. A message says what is wrong, where,
+and what to do about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+class StadimeterError(Exception):
+    """The root of every error that stadimeter raises on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong in a configuration.
+
+    Attributes:
+        message: What is wrong, with the value, in one sentence.
+        file: The file it stands in, or an empty string for an option of the command line.
+        line: The line in that file, counted from 1, or 0 where it is not known.
+        key: The dotted path of the key, such as ``rules.near.when.below``.
+        hint: What to do about it, or an empty string.
+    """
+
+    message: str
+    file: str = ""
+    line: int = 0
+    key: str = ""
+    hint: str = ""
+
+    def __str__(self) -> str:
+        """Return the problem as one line: ``file:line: key: message (hint)``."""
+        place = ":".join(part for part in (self.file, str(self.line) if self.line else "") if part)
+        text = ": ".join(part for part in (place, self.key, self.message) if part)
+        return f"{text} ({self.hint})" if self.hint else text
+
+
+class ConfigError(StadimeterError, ValueError):
+    """A configuration, a camera file or an option of the command line is wrong.
+
+    Attributes:
+        problems: Every problem found, in the order of the file.
+    """
+
+    def __init__(self, problems: Iterable[Problem] | str) -> None:
+        self.problems = (Problem(problems),) if isinstance(problems, str) else tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class CommandRangeError(StadimeterError, ValueError):
+    """A command holds a value that no actuator could follow: NaN, infinite, or outside its range."""
+
+
+class CalibrationError(StadimeterError, ValueError):
+    """A camera model cannot be made from the given pictures, or does not fit a picture's resolution."""
+
+
+class PictureError(StadimeterError, ValueError):
+    """A picture or a video cannot be read."""
+
+
+class JournalError(StadimeterError, OSError):
+    """A journal cannot be written or read."""
+
+
+class EndOfFramesError(StadimeterError):
+    """A recording has come to its end. A normal end of a run, not a fault."""
+
+
+class DriverError(StadimeterError):
+    """A driver or the device behind it failed."""
+
+
+class DriverNotFoundError(DriverError, LookupError):
+    """No driver of that name is installed."""
+
+
+class DriverUnavailableError(DriverError, ImportError):
+    """The driver exists, but a library that it needs is not installed."""
+
+
+class DeviceOpenError(DriverError, OSError):
+    """A device is absent, in use by another program, or not ours to open."""
+
+
+class DeviceClosedError(DriverError):
+    """A device was used before it was opened or after it was closed."""
+
+
+class CaptureTimeoutError(DriverError, TimeoutError):
+    """A camera delivered no fresh frame in time."""
+
+
+class LinkLostError(DriverError, ConnectionError):
+    """A device that answered before has stopped answering."""
+
+
+class ProtocolError(DriverError):
+    """A device sent bytes that make no sense, or refused a command."""

@@ -1,0 +1,41 @@
+"""What a messenger is to the rest of the program."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from stadimeter.core.message import Message
+
+
+class Messenger(Protocol):
+    """Tells other programs. It never keeps the loop waiting, whatever the network does."""
+
+    def open(self) -> None:
+        """Begin to connect and return at once. A broker that is away is not an error: it is tried again."""
+        ...
+
+    def publish(self, message: Message) -> None:
+        """Hand a message over. Returns at once.
+
+        While there is no connection, messages of QoS 1 wait in a bounded queue and messages of QoS 0 are dropped and
+        counted.
+
+        Args:
+            message: What to send.
+
+        Raises:
+            DeviceClosedError: The messenger is not open.
+        """
+        ...
+
+    def trouble(self) -> str:
+        """Return in words what is wrong with the connection, or an empty string if it stands.
+
+        Returns:
+            Such as ``127.0.0.1:1883 refused the connection; trying again in 4 s``.
+        """
+        ...
+
+    def close(self) -> None:
+        """Say goodbye, wait a moment at most for what is queued, and disconnect. May be called again."""
+        ...

@@ -1,0 +1,1 @@
+"""From a detection to a measurement: pure functions of points, sizes and a camera model."""

@@ -1,0 +1,1 @@
+"""A simulated world, and drivers that live in it. They behave, and have knobs for faults."""

@@ -1,0 +1,32 @@
+"""What every test shares: no thread may outlive its test, and real pictures are found or the test skips."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+REAL_PICTURES = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(autouse=True)
+def no_thread_left_behind() -> Iterator[None]:
+    """Fail a test that leaves a thread running."""
+    before = set(threading.enumerate())
+    yield
+    deadline_s = time.monotonic() + 2.0
+    left = [thread for thread in threading.enumerate() if thread not in before and thread.is_alive()]
+    for thread in left:
+        thread.join(max(0.0, deadline_s - time.monotonic()))
+    assert not [thread.name for thread in left if thread.is_alive()]
+
+
+@pytest.fixture(scope="session")
+def real_pictures() -> Path:
+    """Return the folder of real pictures with known distances; skip where there is none."""
+    if not REAL_PICTURES.is_dir():
+        pytest.skip("the real pictures are not on this machine: no folder shared/data beside the checkout")
+    return REAL_PICTURES
