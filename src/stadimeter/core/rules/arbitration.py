@@ -1,0 +1,27 @@
+"""Who wins an output."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from stadimeter.core.rules.request import Request
+
+
+def arbitrate(requests: Iterable[Request]) -> dict[str, tuple[Request, ...]]:
+    """Sort the requests for each output, the winner first.
+
+    The highest priority wins. Between equals, the one that comes first in the configuration does; a configuration
+    with such equals is refused before it runs.
+
+    Args:
+        requests: What the rules want, in the order of the configuration.
+
+    Returns:
+        For each output that anybody wants something of, the requests for it, the winner first.
+    """
+    by_output: dict[str, list[Request]] = {}
+    for request in requests:
+        by_output.setdefault(request.output, []).append(request)
+    return {
+        output: tuple(sorted(wanted, key=lambda request: -request.priority)) for output, wanted in by_output.items()
+    }

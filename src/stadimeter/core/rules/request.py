@@ -1,0 +1,48 @@
+"""What one rule wants of one output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelRequest:
+    """A rule wants an actuator to act.
+
+    Attributes:
+        rule: The rule's name.
+        output: The actuator's name.
+        priority: Of several requests for one output, the highest wins.
+        level: From 0 to 1.
+        reason: Why.
+    """
+
+    rule: str
+    output: str
+    priority: int
+    level: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwistRequest:
+    """A rule wants a base to move, or to stand still.
+
+    Attributes:
+        rule: The rule's name.
+        output: The base's name.
+        priority: Of several requests for one output, the highest wins.
+        linear_mps: Speed forwards.
+        angular_radps: Rate of turn, positive to the left.
+        reason: Why.
+    """
+
+    rule: str
+    output: str
+    priority: int
+    linear_mps: float
+    angular_radps: float
+    reason: str
+
+
+Request = LevelRequest | TwistRequest

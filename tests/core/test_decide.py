@@ -1,0 +1,214 @@
+"""The decision as a whole: safety, purity, one command for each output."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stadimeter.core.command import LevelCommand, TwistCommand
+from stadimeter.core.decide import decide, initial_state
+from stadimeter.core.decision import SafetyMode
+from stadimeter.core.observation import FrameStamp, Observation, OutputFault
+from stadimeter.core.plan import (
+    AlarmRule,
+    BaseOutput,
+    DistanceCondition,
+    FollowRule,
+    LevelOutput,
+    Plan,
+    RampRule,
+    Safety,
+    Tracking,
+)
+from stadimeter.testing.observing import Rehearsal, measured, missed
+
+PLAN = Plan(
+    targets=("ball",),
+    rules=(
+        AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=0.5)),
+        RampRule(name="far", target="ball", output="motor", start_m=3.0, full_m=6.0, level_min=0.2),
+        FollowRule(name="follow", target="ball", output="base", distance_m=1.0),
+        AlarmRule(
+            name="too-near", target="ball", output="base", priority=200, condition=DistanceCondition(below_m=0.4)
+        ),
+    ),
+    outputs=(LevelOutput(name="motor", safe_level=0.1), LevelOutput(name="buzzer"), BaseOutput(name="base")),
+    tracking=Tracking(confirm_frames=1),
+    safety=Safety(max_frame_age_s=0.2, good_frames=3),
+)
+SAFE = (
+    LevelCommand(output="motor", level=0.1),
+    LevelCommand(output="buzzer", level=0.0),
+    TwistCommand(output="base", linear_mps=0.0, angular_radps=0.0),
+)
+
+
+def run(*distances, frame_s=0.1, **how):
+    rehearsal = Rehearsal(PLAN, frame_s)
+    if distances:
+        rehearsal.see(*distances, **how)
+    return rehearsal
+
+
+def test_nothing_moves_before_enough_fresh_frames():
+    rehearsal = run(5, 5)
+    assert [decision.commands for _, decision in rehearsal.decisions] == [SAFE, SAFE]
+    assert rehearsal.decisions[-1][1].safety_reason == "2 of 3 fresh frames in a row"
+    assert rehearsal.see(5).commands != SAFE
+
+
+def test_commands_name_the_frame_that_justifies_them():
+    rehearsal = run(5, 5, 5, 5)
+    motor, _, base = rehearsal.decisions[-1][1].commands
+    assert motor.captured_at_s == base.captured_at_s == rehearsal.now_s
+
+
+def test_a_camera_that_stops_stops_everything_within_the_frame_age():
+    rehearsal = run(*[5] * 5)
+    assert rehearsal.wait(0.2).commands != SAFE
+    decision = rehearsal.wait(0.1)
+    assert decision.commands == SAFE
+    assert decision.safety is SafetyMode.STALE
+    assert decision.safety_reason == "the newest frame is 300 ms old, limit 200 ms: no frame in time"
+    assert rehearsal.events("camera") == ["fault"]
+
+
+def test_after_a_standstill_it_takes_fresh_frames_again():
+    rehearsal = run(*[5] * 5)
+    rehearsal.wait(1.0)
+    assert rehearsal.see(5, 5).commands == SAFE
+    assert rehearsal.see(5).commands != SAFE
+    assert rehearsal.events("camera") == ["fault", "fault_cleared"]
+
+
+def test_a_driver_that_repeats_an_old_frame_is_a_camera_that_stopped():
+    rehearsal = run(*[5] * 5)
+    old = FrameStamp(sequence=4, captured_at_s=rehearsal.now_s)
+    for late_s in (0.1, 0.2, 0.3):
+        now_s = 0.5 + late_s
+        decision = rehearsal.cycle(
+            Observation(now_s=now_s, frame=old, measurements=(measured("ball", old.captured_at_s, 5.0),))
+        )
+    assert decision.commands == SAFE
+    assert decision.safety is SafetyMode.STALE
+
+
+@pytest.mark.parametrize("stamp", [math.nan, math.inf, 99.0])
+def test_a_frame_from_the_future_or_with_no_time_is_not_believed(stamp):
+    rehearsal = run(*[5] * 5)
+    bad = FrameStamp(sequence=9, captured_at_s=stamp)
+    for late_s in (0.1, 0.2, 0.3):
+        decision = rehearsal.cycle(
+            Observation(now_s=0.5 + late_s, frame=bad, measurements=(measured("ball", stamp, 5.0),))
+        )
+    assert decision.commands == SAFE
+    rehearsal.now_s = 0.8
+    assert rehearsal.see(5, 5, 5).commands != SAFE
+
+
+def test_a_lost_target_stops_the_base_at_once_and_lets_the_motor_go_to_its_safe_level():
+    rehearsal = run(*[5] * 5)
+    decision = rehearsal.see(*[None] * 5)
+    assert decision.safety is SafetyMode.ACTIVE
+    assert decision.commands == SAFE
+    assert decision.outputs[2].winner == "safe"
+
+
+def test_an_output_that_is_out_of_order_is_left_at_its_safe_value_and_the_others_go_on():
+    rehearsal = run(*[5] * 5)
+    now_s = 0.6
+    decision = rehearsal.cycle(
+        Observation(
+            now_s=now_s,
+            frame=FrameStamp(sequence=5, captured_at_s=now_s),
+            measurements=(measured("ball", now_s, 5.0),),
+            output_faults=(OutputFault(output="base", reason="unplugged"),),
+        )
+    )
+    assert decision.commands[2] == SAFE[2]
+    assert decision.outputs[2].winner == "safety"
+    assert decision.outputs[2].losers == ("follow",)
+    assert decision.commands[0].level > 0.5
+    assert rehearsal.events("base") == ["fault"]
+
+
+def test_the_winner_of_an_output_and_its_losers_are_named():
+    rehearsal = run(*[0.3] * 8)
+    decision = rehearsal.decisions[-1][1]
+    assert (decision.outputs[2].winner, decision.outputs[2].losers) == ("too-near", ("follow",))
+    assert {trace.rule: trace.wins for trace in decision.rules} == {
+        "near": True,
+        "far": False,
+        "follow": False,
+        "too-near": True,
+    }
+
+
+def test_a_base_speeds_up_no_faster_than_its_acceleration_allows():
+    rehearsal = run(*[5] * 6)
+    speeds = [decision.commands[2].linear_mps for _, decision in rehearsal.decisions]
+    assert speeds == pytest.approx([0, 0, 0.05, 0.10, 0.15, 0.20])
+
+
+def test_events_are_numbered_through_the_run():
+    rehearsal = run(*[0.3] * 8, *[None] * 8)
+    numbers = [event.sequence for _, decision in rehearsal.decisions for event in decision.events]
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) >= 4
+
+
+def test_the_same_observations_give_the_same_decisions():
+    first, second = run(5, 4, None, 3, 0.4, 0.3, None), run(5, 4, None, 3, 0.4, 0.3, None)
+    assert first.decisions == second.decisions
+
+
+anything = st.one_of(
+    st.none(), st.floats(allow_nan=True, allow_infinity=True), st.floats(0.1, 8), st.floats(0.1, 8), st.just("wait")
+)
+
+
+@settings(max_examples=150)
+@given(
+    st.lists(anything, max_size=40), st.floats(-1.5, 1.5) | st.just(math.nan), st.floats(1e-3, 1) | st.just(math.nan)
+)
+def test_whatever_is_observed_stale_unknown_or_broken_figures_move_nothing(sights, bearing, sigma):
+    rehearsal = run()
+    for sight in sights:
+        waits = sight == "wait"
+        decision = rehearsal.wait(0.1) if waits else rehearsal.see(sight, bearing_rad=bearing, sigma_m=sigma)
+        state = rehearsal.state
+        newest = state.safety.frame
+        assert len(decision.commands) == len(PLAN.outputs)
+        for command, safe in zip(decision.commands, SAFE, strict=True):
+            if command == safe:
+                continue
+            assert decision.safety is SafetyMode.ACTIVE
+            assert newest is not None
+            assert command.captured_at_s == newest.captured_at_s
+            assert rehearsal.now_s - command.captured_at_s <= PLAN.safety.max_frame_age_s + 1e-9
+        base = decision.commands[2]
+        if (base.linear_mps, base.angular_radps) != (0.0, 0.0):
+            assert decision.tracks[0].is_valid
+
+
+def test_time_that_stands_still_does_no_harm():
+    state = initial_state(PLAN)
+    seen = Observation(
+        now_s=1.0, frame=FrameStamp(sequence=0, captured_at_s=1.0), measurements=(measured("ball", 1.0, 5.0),)
+    )
+    for _ in range(5):
+        state, decision = decide(state, seen)
+    assert decision.commands == SAFE
+
+
+def test_a_target_that_no_rule_knows_is_ignored():
+    state = initial_state(PLAN)
+    seen = Observation(
+        now_s=1.0,
+        frame=FrameStamp(sequence=0, captured_at_s=1.0),
+        measurements=(missed("ball", 1.0), measured("ghost", 1.0, 0.1)),
+    )
+    _, decision = decide(state, replace(seen))
+    assert [track.target for track in decision.tracks] == ["ball"]

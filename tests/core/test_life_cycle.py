@@ -1,0 +1,104 @@
+"""The life of a target."""
+
+import math
+
+import pytest
+
+from stadimeter.core.plan import Tracking
+from stadimeter.core.track import TrackStatus
+from stadimeter.core.tracking.life_cycle import new_track, step
+from stadimeter.testing.observing import measured, missed
+
+SETTINGS = Tracking(confirm_frames=2, coast_s=0.3, outliers_max=3, gate_sigmas=4.0)
+
+
+def follow(*sights, state=None, start_s=0.0, frame_s=0.1):
+    """Step a track through distances; None is a frame without the target."""
+    state = state or new_track("ball")
+    for index, sight in enumerate(sights):
+        at_s = start_s + frame_s * (index + 1)
+        seen = missed("ball", at_s) if sight is None else measured("ball", at_s, sight)
+        state = step(state, seen, at_s, SETTINGS)
+    return state
+
+
+def test_a_target_counts_only_when_seen_in_enough_frames_in_a_row():
+    assert follow(2.0).track.status is TrackStatus.SEARCHING
+    assert follow(2.0).track.distance_m is None
+    assert "1 of the 2 frames" in follow(2.0).track.reason
+    assert follow(2.0, None, 2.0).track.status is TrackStatus.SEARCHING
+    assert follow(2.0, 2.0).track.status is TrackStatus.TRACKING
+
+
+def test_two_sights_that_contradict_each_other_are_not_one_target():
+    assert follow(2.0, 9.0).track.status is TrackStatus.SEARCHING
+
+
+def test_a_short_absence_is_bridged_by_prediction_that_grows_less_sure():
+    tracked = follow(2.0, 1.95, 1.9, 1.85, 1.8)
+    coasting = follow(None, None, state=tracked, start_s=0.5)
+    assert coasting.track.status is TrackStatus.COASTING
+    assert coasting.track.distance_m < tracked.track.distance_m
+    assert coasting.track.sigma_m > tracked.track.sigma_m
+    assert coasting.track.reason == "no blob"
+
+
+def test_a_target_that_stays_away_is_lost_and_says_why():
+    lost = follow(None, None, None, None, state=follow(2.0, 2.0), start_s=0.2)
+    assert lost.track.status is TrackStatus.LOST
+    assert lost.track.reason == "not measured for 0.40 s, limit 0.30 s: no blob"
+
+
+def test_a_target_is_lost_even_if_no_frame_comes_at_all():
+    state = step(follow(2.0, 2.0), None, 0.6, SETTINGS)
+    assert state.track.status is TrackStatus.LOST
+    assert "no new frame" in state.track.reason
+
+
+def test_a_lost_target_must_be_confirmed_again():
+    lost = follow(*[None] * 5, state=follow(2.0, 2.0), start_s=0.2)
+    once = follow(3.0, state=lost, start_s=0.8)
+    assert once.track.status is TrackStatus.LOST
+    assert follow(3.0, state=once, start_s=0.9).track.status is TrackStatus.TRACKING
+
+
+def test_an_outlier_does_not_move_the_track():
+    before = follow(*[2.0] * 10)
+    state = follow(7.0, state=before, start_s=1.0)
+    assert state.track.distance_m == pytest.approx(2.0, abs=0.01)
+    assert state.track.rejected == 1
+    assert "outlier 1 of 3: 7.00 m" in state.track.reason
+
+
+def test_several_outliers_in_a_row_mean_that_the_target_jumped():
+    slow = Tracking(confirm_frames=2, coast_s=5.0, outliers_max=3)
+    state = follow(*[2.0] * 10)
+    for index in range(4):
+        at_s = 1.1 + 0.1 * index
+        state = step(state, measured("ball", at_s, 7.0), at_s, slow)
+    assert state.track.status is TrackStatus.TRACKING
+    assert state.track.distance_m == 7.0
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf, 0.0, -1.0])
+def test_a_figure_that_is_no_distance_is_a_frame_without_the_target(broken):
+    state = follow(2.0, 2.0, broken)
+    assert state.track.status is TrackStatus.COASTING
+    assert math.isfinite(state.track.distance_m)
+
+
+def test_a_frame_that_comes_twice_tells_nothing_new():
+    state = follow(2.0, 2.1)
+    assert step(state, measured("ball", 0.2, 2.1), 0.25, SETTINGS) is state
+    assert step(state, measured("ball", 0.15, 9.0), 0.25, SETTINGS) is state
+
+
+def test_what_no_filter_can_reduce_stays_in_the_standard_deviation():
+    from dataclasses import replace
+
+    state = new_track("ball")
+    for index in range(100):
+        at_s = 0.1 * (index + 1)
+        seen = replace(measured("ball", at_s, 2.0, sigma_m=0.01), sigma_m=0.05)
+        state = step(state, seen, at_s, SETTINGS)
+    assert state.track.sigma_m >= math.sqrt(0.05**2 - 0.01**2)

@@ -1,0 +1,99 @@
+"""Ramps and the follow law."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.core.decision import RuleStatus
+from stadimeter.core.plan import FollowRule, RampRule
+from stadimeter.core.rules.follow import follow_twist, step_follow
+from stadimeter.core.rules.ramp import RampState, ramp_level, step_ramp
+from stadimeter.core.track import Track, TrackStatus
+
+FAR = RampRule(name="far", target="ball", output="motor", start_m=3.0, full_m=6.0, level_min=0.25)
+NEAR = RampRule(name="near", target="ball", output="motor", start_m=1.0, full_m=0.2)
+FOLLOW = FollowRule(name="follow", target="ball", output="base", distance_m=1.0)
+
+
+def level(rule, distance_m, sigma_m=0.0, *, is_on=False):
+    return ramp_level(rule, distance_m, sigma_m, is_on=is_on)
+
+
+def test_it_grows_with_distance():
+    assert [level(FAR, d) for d in (1, 3, 4.5, 6, 9)] == pytest.approx([0, 0, 0.625, 1, 1])
+
+
+def test_it_grows_with_nearness_when_full_is_nearer_than_the_start():
+    assert [level(NEAR, d) for d in (2, 1, 0.6, 0.2, 0.1)] == pytest.approx([0, 0, 0.5, 1, 1])
+
+
+def test_just_past_the_start_it_has_its_minimum():
+    assert level(FAR, 3.0001) == pytest.approx(0.25, abs=1e-3)
+
+
+def test_noise_at_the_start_does_not_switch_it_off():
+    assert level(FAR, 2.95, 0.05, is_on=False) == 0.0
+    assert level(FAR, 2.95, 0.05, is_on=True) == 0.25
+    assert level(FAR, 2.85, 0.05, is_on=True) == 0.0
+
+
+def test_it_may_err_on_the_side_that_is_asked_for():
+    from dataclasses import replace
+
+    neutral = level(NEAR, 0.6, 0.1)
+    assert level(replace(NEAR, bias="cautious"), 0.6, 0.1) > neutral > level(replace(NEAR, bias="quiet"), 0.6, 0.1)
+
+
+@given(st.floats(0, 20), st.floats(0, 20), st.floats(0.2, 4))
+def test_it_is_monotonic_and_within_its_limits(a, b, gamma):
+    rule = RampRule(name="r", target="t", start_m=2.0, full_m=8.0, level_min=0.1, level_max=0.9, gamma=gamma)
+    low, high = sorted((a, b))
+    assert 0 <= level(rule, low) <= level(rule, high) <= 0.9
+
+
+@pytest.mark.parametrize("status", [TrackStatus.SEARCHING, TrackStatus.LOST])
+def test_a_ramp_without_its_target_asks_for_nothing(status):
+    track = Track(target="ball", status=status, distance_m=5.0, sigma_m=0.1)
+    state, request, trace = step_ramp(FAR, RampState(is_on=True), track)
+    assert request is None
+    assert trace.status is RuleStatus.UNKNOWN
+    assert not state.is_on
+
+
+def test_a_base_drives_towards_a_far_target_and_turns_to_it():
+    linear, angular = follow_twist(FOLLOW, 1.2, math.radians(20))
+    assert linear == pytest.approx(0.2 * math.cos(math.radians(20)))
+    assert angular == pytest.approx(-1.5 * math.radians(20))
+
+
+def test_a_base_within_the_deadband_stands_still():
+    assert follow_twist(FOLLOW, 1.02, 0.01) == (0.0, 0.0)
+
+
+def test_a_base_does_not_reverse_unless_it_may():
+    from dataclasses import replace
+
+    assert follow_twist(FOLLOW, 0.5, 0.0) == (0.0, 0.0)
+    assert follow_twist(replace(FOLLOW, reverse_max_mps=0.1), 0.5, 0.0) == (-0.1, 0.0)
+
+
+def test_a_base_turns_before_it_drives_to_a_target_behind():
+    linear, angular = follow_twist(FOLLOW, 5.0, math.radians(100))
+    assert linear == 0.0
+    assert angular == -FOLLOW.angular_max_radps
+
+
+@given(st.floats(0, 50), st.floats(-math.pi, math.pi))
+def test_a_base_is_never_asked_for_more_than_its_rule_allows(distance, bearing):
+    linear, angular = follow_twist(FOLLOW, distance, bearing)
+    assert 0 <= linear <= FOLLOW.linear_max_mps
+    assert abs(angular) <= FOLLOW.angular_max_radps
+
+
+def test_following_without_a_finite_bearing_asks_for_nothing():
+    track = Track(target="ball", status=TrackStatus.TRACKING, distance_m=2.0, sigma_m=0.1, bearing_rad=math.nan)
+    request, trace = step_follow(FOLLOW, track)
+    assert request is None
+    assert trace.status is RuleStatus.UNKNOWN
