@@ -1,0 +1,232 @@
+"""A live camera that OpenCV reads: a Video4Linux device such as a USB camera, or a network stream."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+from urllib.parse import urlsplit
+
+# OpenCV waits 10 s for a frame of a Video4Linux device unless this says otherwise, in whole seconds. It is read when
+# OpenCV first waits, so it is in time here even if OpenCV was imported before. A user's own setting is kept.
+os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
+
+import cv2
+import numpy as np
+
+from stadimeter.cameras.frame_stamp import FrameStamp
+from stadimeter.cameras.opencv_settings import CaptureLike, OpenCvOptions, apply_settings, size_differs
+from stadimeter.config.plugins import DriverContext, Plugin
+from stadimeter.core.clock import Clock
+from stadimeter.core.frame import Frame, Image
+from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceOpenError, DriverError, LinkLostError
+
+FIRST_FRAME_S = 3.0
+"""How long a device may take to deliver its first frame: USB cameras start slowly."""
+
+STREAM_OPEN_S = 5.0
+"""How long a stream may take to answer."""
+
+CLOSE_WAIT_S = 1.5
+"""How long `OpenCvCamera.close` waits for a read to end; the driver's own wait for a frame is a second."""
+
+DEVICE_WAIT_S = 1.0
+"""How long OpenCV waits for a device's frame at a time, as set above."""
+
+
+class OpenCapture(Protocol):
+    """Opens a device or stream: ``cv2.VideoCapture``."""
+
+    def __call__(self, source: str, api: int, params: Sequence[int], /) -> CaptureLike:
+        """Return the capture; ``isOpened`` tells whether it succeeded."""
+        ...
+
+
+class OpenCvCamera:
+    """A Video4Linux device or a network stream, read through OpenCV.
+
+    A frame's capture time is the driver's stamp where it can be trusted (see `FrameStamp`), and its arrival for
+    streams. Settings that the device did not take are no error; they are in `settings_differ`.
+
+    OpenCV's capture object may not be used by two threads at a time, so reading and releasing exclude each other. A
+    `close` during a `read` in another thread lets that read end first, which the read time-out bounds. If the read
+    does not end, `close` returns after `CLOSE_WAIT_S` and the reading thread releases the device as soon as it can.
+
+    Args:
+        options: The device and its settings.
+        clock: The run's clock.
+        open_capture: Opens the device; another one than OpenCV's is for tests.
+    """
+
+    def __init__(self, options: OpenCvOptions, clock: Clock, open_capture: OpenCapture = cv2.VideoCapture) -> None:
+        self._options = options
+        self._clock = clock
+        self._open_capture = open_capture
+        self._source = f"/dev/video{options.device}" if isinstance(options.device, int) else options.device
+        self._name = _without_password(self._source) if options.is_stream else self._source
+        self._lock = threading.Lock()
+        self._is_closing = True
+        self._capture: CaptureLike | None = None
+        self._stamp = FrameStamp()
+        self._delivered = 0
+        self._settings_differ: tuple[str, ...] = ()
+
+    @property
+    def is_live(self) -> bool:
+        """True: old frames are worthless."""
+        return True
+
+    @property
+    def settings_differ(self) -> tuple[str, ...]:
+        """What was asked for and not given when the camera was last opened, a sentence each."""
+        return self._settings_differ
+
+    def open(self) -> None:
+        """Open the device, apply its settings and wait for a first picture.
+
+        Raises:
+            DeviceOpenError: It is absent, busy, not ours to open, or gives no picture.
+        """
+        self.close()
+        with self._alone(DeviceOpenError):
+            self._is_closing = False
+            try:
+                self._acquire()
+            except BaseException:
+                self._is_closing = True
+                raise
+
+    def read(self) -> Frame:
+        """Wait for the next frame and return it.
+
+        Returns:
+            The frame.
+
+        Raises:
+            CaptureTimeoutError: No whole picture came within the read time-out.
+            DeviceClosedError: The camera is not open, or was closed meanwhile.
+            LinkLostError: The device or the stream is gone.
+        """
+        with self._alone(CaptureTimeoutError):
+            if self._capture is None or self._is_closing:
+                raise DeviceClosedError(f"the camera {self._name} is not open; open it before reading from it")
+            image = self._next_image(self._capture, self._options.read_timeout)
+            if self._is_closing:
+                raise DeviceClosedError(f"the camera {self._name} was closed while a frame was awaited")
+            captured_at_s = self._stamp.captured_at_s(self._stamp_s(self._capture), self._clock.now_s())
+        self._delivered += 1
+        return Frame(image, captured_at_s, self._delivered - 1)
+
+    def close(self) -> None:
+        """Release the device; wait for a read in another thread to end, for at most `CLOSE_WAIT_S`."""
+        self._is_closing = True
+        if self._lock.acquire(timeout=CLOSE_WAIT_S):
+            try:
+                self._release()
+            finally:
+                self._lock.release()
+
+    @contextmanager
+    def _alone(self, busy: type[DriverError]) -> Iterator[None]:
+        if not self._lock.acquire(timeout=CLOSE_WAIT_S):
+            raise busy(f"the camera {self._name} is still busy with a read that does not end")
+        try:
+            yield
+        finally:
+            if self._is_closing:
+                self._release()
+            self._lock.release()
+
+    def _release(self) -> None:
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+    def _acquire(self) -> None:
+        capture = self._capture = self._opened_stream() if self._options.is_stream else self._opened_device()
+        self._stamp.restart()
+        differ = () if self._options.is_stream else apply_settings(capture, self._options)
+        try:
+            image = self._next_image(capture, FIRST_FRAME_S)
+        except (CaptureTimeoutError, LinkLostError) as error:
+            asked = f" ({'; '.join(differ)})" if differ else ""
+            raise DeviceOpenError(f"the camera {self._name} opens but gives no picture{asked}") from error
+        self._settings_differ = differ + size_differs(image, self._options)
+
+    def _opened_device(self) -> CaptureLike:
+        if not Path(self._source).exists():
+            raise DeviceOpenError(f"there is no camera {self._name}; is it plugged in? See /dev/v4l/by-id for names")
+        if not os.access(self._source, os.R_OK | os.W_OK):
+            raise DeviceOpenError(f"the camera {self._name} is not ours to open; add this user to the group 'video'")
+        capture = self._open_capture(self._source, cv2.CAP_V4L2, ())
+        if not capture.isOpened():
+            raise DeviceOpenError(
+                f"{self._name} cannot be opened as a camera; another program may be using it,"
+                " or it is not the node that gives pictures (take the name that ends in -index0)"
+            )
+        return capture
+
+    def _opened_stream(self) -> CaptureLike:
+        limits = {
+            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: STREAM_OPEN_S,
+            cv2.CAP_PROP_READ_TIMEOUT_MSEC: self._options.read_timeout,
+        }
+        params = [number for key, limit_s in limits.items() for number in (key, max(1, round(1e3 * limit_s)))]
+        capture = self._open_capture(self._source, cv2.CAP_FFMPEG, params)
+        if not capture.isOpened():
+            raise DeviceOpenError(
+                f"the stream {self._name} cannot be opened; is its sender running, and the path right?"
+            )
+        return capture
+
+    def _next_image(self, capture: CaptureLike, limit_s: float) -> Image:
+        began_s = self._clock.now_s()
+        while not self._is_closing:
+            grab_began_s = self._clock.now_s()
+            if capture.grab():
+                if (image := _decoded(capture)) is not None:
+                    return image
+            elif self._clock.now_s() - grab_began_s < 0.5 * min(DEVICE_WAIT_S, self._options.read_timeout):
+                raise LinkLostError(self._loss())
+            waited_s = self._clock.now_s() - began_s
+            if waited_s >= limit_s:
+                raise CaptureTimeoutError(f"the camera {self._name} gave no whole picture for {waited_s:.1f} s")
+        raise DeviceClosedError(f"the camera {self._name} was closed while a frame was awaited")
+
+    def _loss(self) -> str:
+        if self._options.is_stream:
+            return f"the stream {self._name} has ended or its connection is lost"
+        if not Path(self._source).exists():
+            return f"{self._name} is gone; is the camera's cable loose?"
+        return f"the camera {self._name} has stopped answering"
+
+    def _stamp_s(self, capture: CaptureLike) -> float:
+        # A stream's stamps count from its own start, which may by chance look like the monotonic clock.
+        return 0.0 if self._options.is_stream else capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
+
+
+def _decoded(capture: CaptureLike) -> Image | None:
+    """Return the grabbed frame as a colour picture, or None if it is damaged: USB cameras send such ones at times."""
+    try:
+        came, image = capture.retrieve()
+    except cv2.error:
+        return None
+    if not came or image is None or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        return None
+    return np.asarray(image, np.uint8)
+
+
+def _without_password(address: str) -> str:
+    parts = urlsplit(address)
+    place = parts.netloc.rpartition("@")[2]
+    return parts._replace(netloc=place, query="…" if parts.query else "").geturl()
+
+
+def _build(options: OpenCvOptions, context: DriverContext) -> OpenCvCamera:
+    return OpenCvCamera(options, context.clock)
+
+
+PLUGIN = Plugin(OpenCvOptions, _build)

@@ -1,0 +1,166 @@
+"""The options of a camera that OpenCV reads, and how they are applied to a Video4Linux device."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, Protocol, Self
+
+import cv2
+from pydantic import BeforeValidator, Field, model_validator
+
+from stadimeter.config.plugins import Options
+from stadimeter.config.units import Duration, Frequency
+from stadimeter.core.frame import Image
+
+EXPOSURE_UNIT_S = 100e-6
+"""The unit of V4L2_CID_EXPOSURE_ABSOLUTE (Linux Media API, camera control reference)."""
+
+AUTO_EXPOSURE_MANUAL = 1
+AUTO_EXPOSURE_ON = 3
+"""The menu values of V4L2_CID_EXPOSURE_AUTO: manual, and aperture priority, which is what UVC cameras offer."""
+
+
+def _check_device(value: object) -> object:
+    if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
+        return value
+    if isinstance(value, str) and (value.startswith("/") or "://" in value):
+        return value
+    raise ValueError(
+        f"{value!r} is not a camera; write a number such as 0, a path such as '/dev/v4l/by-id/…-index0',"
+        " or an address such as 'rtsp://…'"
+    )
+
+
+class OpenCvOptions(Options):
+    """The options of the ``opencv`` camera.
+
+    Attributes:
+        device: A number, 0 for ``/dev/video0``; a path such as ``/dev/v4l/by-id/…-index0``; or the address of a stream
+            such as ``rtsp://…`` or ``http://…``.
+        width_px: The width to ask for, together with ``height_px``; None takes what the camera gives.
+        height_px: The height to ask for.
+        rate: The frame rate to ask for in hertz; None takes what the camera gives.
+        fourcc: The pixel format to ask a device for. MJPG lets most USB cameras send large pictures at full rate.
+        exposure: The exposure time in seconds; None leaves it to the camera.
+        autofocus: Whether the camera may refocus. It changes the focal length, and so every distance; off unless asked.
+        read_timeout: How long to wait for a frame, in seconds.
+    """
+
+    device: Annotated[int | str, BeforeValidator(_check_device)]
+    width_px: Annotated[int, Field(gt=0, le=20_000)] | None = None
+    height_px: Annotated[int, Field(gt=0, le=20_000)] | None = None
+    rate: Annotated[Frequency, Field(gt=0)] | None = None
+    fourcc: Annotated[str, Field(pattern=r"^[ -~]{4}$")] = "MJPG"
+    exposure: Annotated[Duration, Field(gt=0)] | None = None
+    autofocus: bool = False
+    read_timeout: Annotated[Duration, Field(gt=0, le=60)] = 1.0
+
+    @model_validator(mode="after")
+    def _size_is_whole(self) -> Self:
+        if (self.width_px is None) != (self.height_px is None):
+            raise ValueError("width_px and height_px go together; write both or neither")
+        return self
+
+    @property
+    def is_stream(self) -> bool:
+        """Whether the device is the address of a stream."""
+        return isinstance(self.device, str) and "://" in self.device
+
+
+class CaptureLike(Protocol):
+    """What the driver uses of ``cv2.VideoCapture``."""
+
+    def isOpened(self) -> bool: ...  # noqa: D102, N802 - OpenCV's name and meaning
+    def grab(self) -> bool: ...  # noqa: D102
+    def retrieve(self) -> tuple[bool, Any]: ...  # noqa: D102
+    def get(self, prop: int, /) -> float: ...  # noqa: D102
+    def set(self, prop: int, value: float, /) -> bool: ...  # noqa: D102
+    def release(self) -> None: ...  # noqa: D102
+
+
+def apply_settings(capture: CaptureLike, options: OpenCvOptions) -> tuple[str, ...]:
+    """Apply the options to an open device, in the order that drivers need, and read each one back.
+
+    The pixel format decides which sizes there are, the size which frame rates, the frame rate how long an exposure can
+    be. Drivers substitute silently what they do not have.
+
+    Args:
+        capture: The device.
+        options: What to ask for.
+
+    Returns:
+        A sentence about each setting that the device did not take. The size is not among them: the first picture
+        shows it.
+    """
+    return tuple(
+        sentence
+        for apply in (_apply_format, _apply_size, _apply_rate, _apply_exposure, _apply_focus)
+        for sentence in apply(capture, options)
+    )
+
+
+def size_differs(image: Image, options: OpenCvOptions) -> tuple[str, ...]:
+    """Return a sentence if a picture has another size than was asked for.
+
+    Args:
+        image: A picture from the device.
+        options: What was asked for.
+
+    Returns:
+        One sentence or none.
+    """
+    height_px, width_px = image.shape[:2]
+    if options.width_px is None or (options.width_px, options.height_px) == (width_px, height_px):
+        return ()
+    asked = f"{options.width_px} × {options.height_px}"
+    return (f"asked for pictures of {asked} pixels, the camera gives {width_px} × {height_px}",)
+
+
+def _apply_format(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+    capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*options.fourcc))
+    code = max(0, int(capture.get(cv2.CAP_PROP_FOURCC)))
+    found = (code & 0xFFFFFFFF).to_bytes(4, "little").decode("latin-1")
+    if found != options.fourcc:
+        yield f"asked for the pixel format {options.fourcc}, the camera gives {found if code else 'another'}"
+
+
+def _apply_size(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+    if options.width_px is not None and options.height_px is not None:
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, options.width_px)
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, options.height_px)
+    yield from ()
+
+
+def _apply_rate(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+    if options.rate is None:
+        return
+    capture.set(cv2.CAP_PROP_FPS, options.rate)
+    found_hz = capture.get(cv2.CAP_PROP_FPS)
+    if abs(found_hz - options.rate) > 0.01 * options.rate:
+        yield f"asked for {options.rate:g} frames a second, the camera says {found_hz:g}"
+
+
+def _apply_exposure(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+    if options.exposure is None:
+        capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, AUTO_EXPOSURE_ON)
+        # A camera without the control answers 0 or below; it exposes as it likes, which is what was asked for.
+        if capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) == AUTO_EXPOSURE_MANUAL:
+            yield "asked for automatic exposure, the camera stays at manual"
+        return
+    capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, AUTO_EXPOSURE_MANUAL)
+    if capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) != AUTO_EXPOSURE_MANUAL:
+        yield "asked for manual exposure, the camera does not switch to it"
+    steps = max(1, round(options.exposure / EXPOSURE_UNIT_S))
+    capture.set(cv2.CAP_PROP_EXPOSURE, steps)
+    found_s = capture.get(cv2.CAP_PROP_EXPOSURE) * EXPOSURE_UNIT_S
+    if abs(found_s - steps * EXPOSURE_UNIT_S) > EXPOSURE_UNIT_S / 2:
+        yield f"asked for an exposure of {1e3 * options.exposure:g} ms, the camera says {1e3 * found_s:g} ms"
+
+
+def _apply_focus(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+    capture.set(cv2.CAP_PROP_AUTOFOCUS, float(options.autofocus))
+    is_on = capture.get(cv2.CAP_PROP_AUTOFOCUS) > 0
+    if is_on and not options.autofocus:
+        yield "asked for a fixed focus, the camera keeps refocusing: distances will drift"
+    if options.autofocus and not is_on:
+        yield "asked for autofocus, the camera has none"

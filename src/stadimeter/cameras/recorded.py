@@ -1,0 +1,86 @@
+"""What cameras that play a recording have in common: time passes as the recording says."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from stadimeter.core.clock import Clock
+from stadimeter.core.frame import Frame, Image
+from stadimeter.errors import DeviceClosedError
+
+
+class RecordedCamera(ABC):
+    """A camera that plays a recording at a steady rate.
+
+    The recording starts when the first frame is read: frame ``i`` was captured at ``start + i / rate``. Opening the
+    camera again plays it from the beginning, at later times and with sequence numbers that go on.
+
+    Args:
+        what: The recording in a word or two, for error messages.
+        clock: The run's clock.
+    """
+
+    def __init__(self, what: str, clock: Clock) -> None:
+        self._what = what
+        self._clock = clock
+        self._rate_hz: float | None = None
+        self._started_at_s: float | None = None
+        self._index = 0
+        self._delivered = 0
+
+    @property
+    def is_live(self) -> bool:
+        """False: every frame of a recording counts."""
+        return False
+
+    def open(self) -> None:
+        """Find the recording and go to its beginning.
+
+        Raises:
+            PictureError: It cannot be read.
+        """
+        self.close()
+        self._rate_hz = self._begin()
+        self._started_at_s = None
+        self._index = 0
+
+    def read(self) -> Frame:
+        """Wait until the next frame is due and return it.
+
+        A frame that cannot be read raises once and is then passed over: the next call returns the one after it.
+
+        Returns:
+            The frame.
+
+        Raises:
+            DeviceClosedError: The camera is not open.
+            EndOfFramesError: There are no more frames.
+            PictureError: The recording is damaged at this point.
+        """
+        if self._rate_hz is None:
+            raise DeviceClosedError(f"{self._what}: the camera is not open; open it before reading from it")
+        if self._started_at_s is None:
+            self._started_at_s = self._clock.now_s()
+        captured_at_s = self._started_at_s + self._index / self._rate_hz
+        self._index += 1
+        image, source = self._next()
+        self._clock.sleep_until_s(captured_at_s)
+        self._delivered += 1
+        return Frame(image, captured_at_s, self._delivered - 1, source)
+
+    def close(self) -> None:
+        """Let go of the recording."""
+        self._rate_hz = None
+        self._end()
+
+    @abstractmethod
+    def _begin(self) -> float:
+        """Open the recording and return its frame rate in hertz."""
+
+    @abstractmethod
+    def _next(self) -> tuple[Image, str]:
+        """Return the next picture and where it came from."""
+
+    @abstractmethod
+    def _end(self) -> None:
+        """Close the recording, if it is open."""

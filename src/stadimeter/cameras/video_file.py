@@ -1,0 +1,107 @@
+"""A camera that plays a video file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from stadimeter.cameras.picture import check_file
+from stadimeter.cameras.recorded import RecordedCamera
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.units import Frequency
+from stadimeter.core.clock import Clock
+from stadimeter.core.frame import Image
+from stadimeter.errors import EndOfFramesError, PictureError
+
+SANE_RATES_HZ = (0.01, 1000.0)
+"""A frame rate outside this range in a video's header is a mistake of the program that wrote it."""
+
+ENOUGH_OF_THE_FRAMES = 0.9
+"""A video that ends before this part of the frames it announces is damaged. Headers may be a few frames out."""
+
+
+class VideoFileOptions(Options):
+    """The options of the ``video`` camera.
+
+    Attributes:
+        path: The video file.
+        rate: Its frame rate in hertz; None takes the one that the file names.
+    """
+
+    path: Path
+    rate: Annotated[Frequency, Field(gt=0)] | None = None
+
+
+class VideoFileCamera(RecordedCamera):
+    """Plays a video file once, at a steady frame rate. A turned video is shown upright if its header says so.
+
+    Args:
+        path: The file.
+        rate_hz: Its frame rate; None takes the one that the file names.
+        clock: The run's clock.
+    """
+
+    def __init__(self, path: Path, rate_hz: float | None, clock: Clock) -> None:
+        super().__init__(f"the video {path}", clock)
+        self._path = path
+        self._asked_rate_hz = rate_hz
+        self._capture: cv2.VideoCapture | None = None
+        self._announced = 0.0
+        self._read = 0
+        self._ended = False
+
+    def _begin(self) -> float:
+        check_file(self._path, "video")
+        capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
+        if not capture.isOpened():
+            capture.release()
+            raise PictureError(f"{self._path} is not a video that OpenCV can read, or it is damaged")
+        self._capture = capture
+        self._announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        self._read, self._ended = 0, False
+        return self._asked_rate_hz or self._rate_of(capture)
+
+    def _rate_of(self, capture: cv2.VideoCapture) -> float:
+        rate_hz = capture.get(cv2.CAP_PROP_FPS)
+        low_hz, high_hz = SANE_RATES_HZ
+        if not (math.isfinite(rate_hz) and low_hz <= rate_hz <= high_hz):
+            self._end()
+            raise PictureError(
+                f"the video {self._path} names no sensible frame rate ({rate_hz:g} Hz); set 'rate' for it"
+            )
+        return rate_hz
+
+    def _next(self) -> tuple[Image, str]:
+        if self._capture is None or self._ended:
+            raise EndOfFramesError(f"the video {self._path} is at its end")
+        came, image = self._capture.read()
+        if not came or image is None:
+            raise self._end_or_damage()
+        self._read += 1
+        return np.asarray(image, np.uint8), str(self._path)
+
+    def _end_or_damage(self) -> EndOfFramesError | PictureError:
+        self._ended = True
+        if self._read < ENOUGH_OF_THE_FRAMES * self._announced - 1:
+            return PictureError(
+                f"the video {self._path} ends after {self._read} of {self._announced:.0f} frames:"
+                " it is damaged or cut short"
+            )
+        return EndOfFramesError(f"the video {self._path} is at its end")
+
+    def _end(self) -> None:
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+
+def _build(options: VideoFileOptions, context: DriverContext) -> VideoFileCamera:
+    return VideoFileCamera(options.path, options.rate, context.clock)
+
+
+PLUGIN = Plugin(VideoFileOptions, _build)

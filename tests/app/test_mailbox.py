@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from stadimeter.app.mailbox import Mailbox
+from stadimeter.core.frame import Frame
+
+
+def frame(sequence: int) -> Frame:
+    return Frame(np.zeros((2, 2, 3), np.uint8), float(sequence), sequence)
+
+
+def test_the_newest_frame_wins_and_the_others_are_counted() -> None:
+    mailbox = Mailbox()
+    for sequence in range(3):
+        mailbox.put(frame(sequence))
+    taken = mailbox.take(0.0)
+    assert taken is not None
+    assert taken.sequence == 2
+    assert mailbox.passed_over == 2
+
+
+def test_a_frame_is_delivered_once() -> None:
+    mailbox = Mailbox()
+    mailbox.put(frame(0))
+    assert mailbox.take(0.0) is not None
+    assert mailbox.take(0.0) is None
+    mailbox.put(frame(1))
+    assert mailbox.take(0.0) is not None
+    assert mailbox.passed_over == 0
+
+
+def test_whoever_waits_gets_the_next_frame() -> None:
+    mailbox = Mailbox()
+    taken: list[Frame | None] = []
+    waiter = threading.Thread(target=lambda: taken.append(mailbox.take(10.0)))
+    waiter.start()
+    mailbox.put(frame(5))
+    waiter.join(10.0)
+    assert [item.sequence for item in taken if item] == [5]
+
+
+def test_closing_lets_whoever_waits_go_and_ends_deliveries() -> None:
+    mailbox = Mailbox()
+    taken: list[Frame | None] = []
+    waiter = threading.Thread(target=lambda: taken.append(mailbox.take(30.0)))
+    waiter.start()
+    mailbox.close()
+    waiter.join(10.0)
+    assert taken == [None]
+    mailbox.put(frame(0))
+    assert mailbox.take(0.0) is None

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.cameras.frame_stamp import GOOD_STAMPS_NEEDED, FrameStamp
+
+PERIOD_S = 1 / 30
+LATENCY_S = 0.02
+
+
+def trusted(arrived_at_s: float = 100.0) -> FrameStamp:
+    """Return a judge that has seen good stamps up to that arrival."""
+    stamp = FrameStamp()
+    for number in range(GOOD_STAMPS_NEEDED, -1, -1):
+        arrival_s = arrived_at_s - number * PERIOD_S
+        stamp.captured_at_s(arrival_s - LATENCY_S, arrival_s)
+    assert stamp.is_trusted
+    return stamp
+
+
+def test_good_stamps_are_used_once_a_few_of_them_agree() -> None:
+    stamp = FrameStamp()
+    arrivals_s = [100.0 + number * PERIOD_S for number in range(6)]
+    captured_s = [stamp.captured_at_s(arrival_s - LATENCY_S, arrival_s) for arrival_s in arrivals_s]
+    assert captured_s[0] == arrivals_s[0]
+    assert captured_s[3:] == [arrival_s - LATENCY_S for arrival_s in arrivals_s[3:]]
+
+
+def test_a_driver_without_stamps_gets_arrival_times() -> None:
+    stamp = FrameStamp()
+    assert [stamp.captured_at_s(0.0, second) for second in (0.5, 0.6, 0.7, 0.8, 0.9)] == [0.5, 0.6, 0.7, 0.8, 0.9]
+    assert not stamp.is_trusted
+
+
+def test_a_driver_with_one_stamp_for_all_gets_arrival_times() -> None:
+    stamp = FrameStamp()
+    assert [stamp.captured_at_s(9.9, second) for second in (10.0, 10.1, 10.2, 10.3)] == [10.0, 10.1, 10.2, 10.3]
+
+
+@pytest.mark.parametrize("epoch_s", [1.7e9, 50.0, 98.9], ids=["wall clock", "long ago", "just too old"])
+def test_stamps_of_another_epoch_are_never_trusted(epoch_s: float) -> None:
+    stamp = FrameStamp()
+    for number in range(10):
+        assert stamp.captured_at_s(epoch_s + number, 100.0 + number) == 100.0 + number
+    assert not stamp.is_trusted
+
+
+def test_a_stamp_in_the_future_gives_the_arrival() -> None:
+    stamp = trusted(100.0)
+    assert stamp.captured_at_s(100.5, 100.1) == 100.1
+    assert not stamp.is_trusted
+
+
+def test_a_stamp_that_goes_back_gives_the_arrival() -> None:
+    stamp = trusted(100.0)
+    assert stamp.captured_at_s(99.5, 100.1) == 100.1
+    assert not stamp.is_trusted
+
+
+def test_a_stamp_that_is_no_number_gives_the_arrival() -> None:
+    assert trusted(100.0).captured_at_s(math.nan, 100.1) == 100.1
+
+
+def test_trust_comes_back_after_a_wild_stamp() -> None:
+    stamp = trusted(100.0)
+    stamp.captured_at_s(1e9, 100.1)
+    captured_s = [stamp.captured_at_s(100.1 + n * PERIOD_S, 100.1 + n * PERIOD_S + LATENCY_S) for n in range(1, 6)]
+    assert captured_s[-1] == 100.1 + 5 * PERIOD_S
+
+
+def test_a_frame_that_waited_in_the_queue_is_as_old_as_it_is() -> None:
+    stamp = trusted(100.0)
+    assert stamp.captured_at_s(100.03, 105.0) == 100.03
+
+
+def test_a_picture_that_stands_still_does_not_get_younger() -> None:
+    stamp = trusted(100.0)
+    still_s = stamp.captured_at_s(100.02, 100.04)
+    assert [stamp.captured_at_s(100.02, 100.04 + later) for later in (0.1, 0.5, 3.0)] == [still_s] * 3
+
+
+def test_an_opened_device_is_judged_anew_and_time_does_not_go_back() -> None:
+    stamp = trusted(100.0)
+    last_s = stamp.captured_at_s(100.01, 100.02)
+    stamp.restart()
+    assert not stamp.is_trusted
+    assert stamp.captured_at_s(99.99, 99.995) == last_s
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(0, 0.5), st.one_of(st.floats(-2, 2), st.just(math.nan), st.floats(-1e9, 1e9))), max_size=60
+    )
+)
+def test_capture_times_never_go_back_nor_past_the_arrival(steps: list[tuple[float, float]]) -> None:
+    stamp, arrived_at_s, captured_s = FrameStamp(), 1000.0, [-math.inf]
+    for gap_s, age_s in steps:
+        arrived_at_s += gap_s
+        captured_s.append(stamp.captured_at_s(arrived_at_s - age_s, arrived_at_s))
+        assert captured_s[-1] <= arrived_at_s
+    assert all(earlier <= later for earlier, later in pairwise(captured_s))

@@ -1,0 +1,265 @@
+from __future__ import annotations
+
+import os
+import socket
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.app.clock import MonotonicClock
+from stadimeter.cameras.frame_stamp import GOOD_STAMPS_NEEDED
+from stadimeter.cameras.opencv_device import PLUGIN, OpenCvCamera
+from stadimeter.cameras.opencv_settings import OpenCvOptions
+from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
+from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceOpenError, LinkLostError
+from stadimeter.testing.manual_clock import ManualClock
+
+if TYPE_CHECKING:
+    from conftest import FakeDevice
+
+
+@pytest.fixture
+def clock() -> ManualClock:
+    return ManualClock(1000.0)
+
+
+@pytest.fixture
+def node(tmp_path: Path) -> Path:
+    """Return the path of something that can be opened, in place of a device node."""
+    path = tmp_path / "video0"
+    path.touch()
+    return path
+
+
+def camera_of(device: FakeDevice, node: Path | str, clock: ManualClock, **table: Any) -> OpenCvCamera:
+    return OpenCvCamera(OpenCvOptions.model_validate({"device": str(node), **table}), clock, device)
+
+
+def picture(level: int = 0, shape: tuple[int, ...] = (480, 640, 3)) -> np.ndarray:
+    return np.full(shape, level, np.uint8)
+
+
+def test_waiting_for_a_device_is_bounded_by_a_second() -> None:
+    assert os.environ["OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT"] == "1"
+
+
+def test_a_device_is_opened_as_a_video4linux_device(device: FakeDevice, node: Path, clock: ManualClock) -> None:
+    camera_of(device, node, clock).open()
+    assert device.source[:2] == (str(node), cv2.CAP_V4L2)
+
+
+def test_a_number_means_the_node_of_that_number(device: FakeDevice, clock: ManualClock) -> None:
+    camera = OpenCvCamera(OpenCvOptions(device=947), clock, device)
+    with pytest.raises(DeviceOpenError, match="there is no camera /dev/video947; is it plugged in"):
+        camera.open()
+
+
+def test_a_real_file_that_is_no_camera_is_refused(node: Path, clock: ManualClock) -> None:
+    camera = OpenCvCamera(OpenCvOptions(device=str(node)), clock)
+    with pytest.raises(DeviceOpenError, match="cannot be opened as a camera; another program"):
+        camera.open()
+    with pytest.raises(DeviceClosedError):
+        camera.read()
+
+
+def test_a_stream_that_nobody_sends_is_refused_without_showing_the_password() -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+        address = f"http://me:secret@127.0.0.1:{port}/cam?token=hidden"
+        camera = OpenCvCamera(OpenCvOptions(device=address), MonotonicClock())
+        with pytest.raises(DeviceOpenError, match=f"the stream http://127.0.0.1:{port}/cam") as raised:
+            camera.open()
+    assert "secret" not in str(raised.value)
+    assert "hidden" not in str(raised.value)
+
+
+def test_a_stream_gets_time_limits_and_no_device_settings(device: FakeDevice, clock: ManualClock) -> None:
+    camera_of(device, "rtsp://10.0.0.9/live", clock, read_timeout="700 ms").open()
+    source, api, params = device.source
+    assert (source, api) == ("rtsp://10.0.0.9/live", cv2.CAP_FFMPEG)
+    limits = dict(zip(params[::2], params[1::2], strict=True))
+    assert limits[cv2.CAP_PROP_READ_TIMEOUT_MSEC] == 700
+    assert limits[cv2.CAP_PROP_OPEN_TIMEOUT_MSEC] > 0
+    assert device.calls == []
+
+
+def test_settings_that_were_not_taken_are_told_and_do_no_harm(
+    device: FakeDevice, node: Path, clock: ManualClock
+) -> None:
+    device.fixed.add(cv2.CAP_PROP_FPS)
+    device.values[cv2.CAP_PROP_FPS] = 10
+    camera = camera_of(device, node, clock, width_px=1280, height_px=720, rate="30 Hz")
+    camera.open()
+    rate, size = camera.settings_differ
+    assert "30 frames a second" in rate
+    assert "1280 × 720" in size
+    assert camera.read().width_px == 640
+
+
+def test_settings_are_applied_again_when_the_camera_is_opened_again(
+    device: FakeDevice, node: Path, clock: ManualClock
+) -> None:
+    camera = camera_of(device, node, clock, width_px=640, height_px=480)
+    camera.open()
+    first = list(device.calls)
+    camera.close()
+    assert device.is_released
+    camera.open()
+    assert device.calls == first * 2
+
+
+def test_a_device_that_opens_but_gives_no_picture_is_an_error_that_tells_the_settings(
+    device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.fixed.add(cv2.CAP_PROP_FOURCC)
+    monkeypatch.setattr(device, "grab", lambda: False)
+    with pytest.raises(DeviceOpenError, match=r"opens but gives no picture \(asked for the pixel format MJPG"):
+        camera_of(device, node, clock).open()
+    assert device.is_released
+
+
+def test_a_damaged_picture_is_passed_over(device: FakeDevice, node: Path, clock: ManualClock) -> None:
+    camera = camera_of(device, node, clock)
+    device.images = [picture(1), None, picture(2, (480, 640)), picture(3)]
+    camera.open()
+    assert camera.read().image[0, 0, 0] == 3
+
+
+def test_a_camera_that_gives_only_damaged_pictures_times_out(
+    device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = camera_of(device, node, clock)
+    camera.open()
+    device.images = [None]
+    monkeypatch.setattr(device, "grab", lambda: clock.advance_s(0.1) is None)
+    with pytest.raises(CaptureTimeoutError, match=r"gave no whole picture for 1\.0 s"):
+        camera.read()
+
+
+def test_a_camera_that_stays_silent_times_out_and_may_be_read_again(
+    device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = camera_of(device, node, clock)
+    camera.open()
+    with monkeypatch.context() as silent:
+        silent.setattr(device, "grab", lambda: clock.advance_s(1.0) is not None)
+        with pytest.raises(CaptureTimeoutError, match="no whole picture"):
+            camera.read()
+    assert camera.read().sequence == 0
+
+
+def test_a_longer_time_limit_outlasts_the_wait_of_the_driver(
+    device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = camera_of(device, node, clock, read_timeout="3 s")
+    camera.open()
+    answers = iter([False, False, True])
+
+    def grab() -> bool:
+        clock.advance_s(0.9)
+        return next(answers)
+
+    monkeypatch.setattr(device, "grab", grab)
+    assert camera.read().captured_at_s == pytest.approx(1002.7)
+
+
+def test_a_camera_that_was_pulled_out_is_lost(device: FakeDevice, node: Path, clock: ManualClock) -> None:
+    camera = camera_of(device, node, clock)
+    camera.open()
+    device.is_connected = False
+    with pytest.raises(LinkLostError, match="has stopped answering"):
+        camera.read()
+    node.unlink()
+    with pytest.raises(LinkLostError, match="video0 is gone"):
+        camera.read()
+
+
+def test_a_stamp_of_the_driver_is_the_capture_time(device: FakeDevice, node: Path, clock: ManualClock) -> None:
+    camera = camera_of(device, node, clock)
+    camera.open()
+    for _ in range(GOOD_STAMPS_NEEDED + 1):
+        clock.advance_s(0.1)
+        device.values[cv2.CAP_PROP_POS_MSEC] = 1e3 * (clock.now_s() - 0.03)
+        frame = camera.read()
+    assert frame.captured_at_s == pytest.approx(clock.now_s() - 0.03)
+
+
+def test_a_stream_s_position_is_never_taken_for_a_stamp(device: FakeDevice, clock: ManualClock) -> None:
+    camera = camera_of(device, "rtsp://10.0.0.9/live", clock)
+    camera.open()
+    for _ in range(GOOD_STAMPS_NEEDED + 1):
+        clock.advance_s(0.1)
+        device.values[cv2.CAP_PROP_POS_MSEC] = 1e3 * (clock.now_s() - 0.03)
+        assert camera.read().captured_at_s == clock.now_s()
+
+
+def test_the_device_is_never_released_while_it_is_being_read(
+    device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = camera_of(device, node, clock)
+    camera.open()
+    reading, go_on, released_while_reading = threading.Event(), threading.Event(), []
+
+    def grab() -> bool:
+        reading.set()
+        go_on.wait(5.0)
+        released_while_reading.append(device.is_released)
+        return True
+
+    def read() -> None:
+        with suppress(DeviceClosedError):
+            camera.read()
+
+    monkeypatch.setattr(device, "grab", grab)
+    reader, closer = threading.Thread(target=read), threading.Thread(target=camera.close)
+    reader.start()
+    assert reading.wait(5.0)
+    closer.start()
+    go_on.set()
+    reader.join(5.0)
+    closer.join(5.0)
+    assert released_while_reading == [False]
+    assert device.is_released
+
+
+def test_a_read_that_does_not_end_lets_close_return_and_releases_the_device_itself(
+    device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stadimeter.cameras.opencv_device.CLOSE_WAIT_S", 0.01)
+    camera = camera_of(device, node, clock)
+    camera.open()
+    reading, go_on = threading.Event(), threading.Event()
+    monkeypatch.setattr(device, "grab", lambda: reading.set() is None and go_on.wait(5.0))
+    errors: list[BaseException] = []
+
+    def read() -> None:
+        try:
+            camera.read()
+        except DeviceClosedError as error:
+            errors.append(error)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    assert reading.wait(5.0)
+    camera.close()
+    assert not device.is_released
+    with pytest.raises(DeviceOpenError, match="still busy with a read that does not end"):
+        camera.open()
+    go_on.set()
+    reader.join(5.0)
+    assert device.is_released
+    assert len(errors) == 1
+
+
+def test_the_driver_is_built_from_its_options_without_touching_the_device() -> None:
+    assert load_plugin(CAMERAS, "opencv") is PLUGIN
+    camera = PLUGIN.build(OpenCvOptions(device="/dev/nowhere"), DriverContext(name="camera", clock=ManualClock()))
+    assert camera.is_live
+    with pytest.raises(DeviceOpenError, match="there is no camera /dev/nowhere"):
+        camera.open()

@@ -1,0 +1,197 @@
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from stadimeter.cameras.picture import read_picture
+from stadimeter.core.frame import Image
+from stadimeter.errors import PictureError
+
+KINDS = {
+    "baseline.jpg": [cv2.IMWRITE_JPEG_QUALITY, 95],
+    "progressive.jpg": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1],
+    "restart.jpg": [cv2.IMWRITE_JPEG_RST_INTERVAL, 2],
+    "plain.png": [],
+}
+
+
+def encode(image: np.ndarray, suffix: str, params: list[int] | None = None) -> bytes:
+    done, data = cv2.imencode(suffix, image, params or [])
+    assert done
+    return data.tobytes()
+
+
+def with_exif(jpeg: bytes, exif: bytes) -> bytes:
+    segment = b"Exif\0\0" + exif
+    return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(segment) + 2) + segment + jpeg[2:]
+
+
+def turned(jpeg: bytes, orientation: int) -> bytes:
+    return with_exif(jpeg, b"MM\0*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, orientation, 0, 0))
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(PictureError) as raised:
+        read_picture(path)
+    message = str(raised.value)
+    assert str(path) in message
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif", ".ppm"])
+def test_a_picture_without_loss_comes_back_as_it_was(tmp_path: Path, scene: Image, suffix: str) -> None:
+    path = tmp_path / f"scene{suffix}"
+    path.write_bytes(encode(scene, suffix))
+    assert np.array_equal(read_picture(path), scene)
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("name", KINDS)
+def test_a_whole_file_is_read(tmp_path: Path, scene: Image, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(encode(scene, path.suffix, KINDS[name]))
+    assert np.abs(read_picture(path).astype(int) - scene).mean() < 3
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("name", KINDS)
+@given(part=st.floats(0.01, 1, exclude_max=True))
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_file_that_was_cut_anywhere_is_refused(tmp_path: Path, scene: Image, name: str, part: float) -> None:
+    path = tmp_path / name
+    data = encode(scene, path.suffix, KINDS[name])
+    path.write_bytes(data[: int(part * len(data))])
+    refusal(path)
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("name", KINDS)
+def test_a_file_that_lost_its_last_byte_is_said_to_be_cut_short(tmp_path: Path, scene: Image, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(encode(scene, path.suffix, KINDS[name])[:-1])
+    assert "cut short" in refusal(path)
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("suffix", [".bmp", ".tif", ".ppm", ".webp"])
+@pytest.mark.parametrize("part", [0.3, 0.9])
+def test_other_kinds_that_were_cut_are_refused_too(tmp_path: Path, scene: Image, suffix: str, part: float) -> None:
+    path = tmp_path / f"cut{suffix}"
+    data = encode(scene, suffix)
+    path.write_bytes(data[: int(part * len(data))])
+    refusal(path)
+
+
+@pytest.mark.vision
+def test_the_end_of_a_thumbnail_is_not_taken_for_the_end_of_the_picture(tmp_path: Path, scene: Image) -> None:
+    path = tmp_path / "camera.jpg"
+    thumbnail = encode(scene[::4, ::4], ".jpg")
+    data = with_exif(encode(scene, ".jpg"), b"MM\0*" + struct.pack(">IH", 8, 0) + bytes(4) + thumbnail)
+    path.write_bytes(data)
+    assert read_picture(path).shape == scene.shape
+    path.write_bytes(data[: len(data) * 3 // 4])
+    assert "cut short" in refusal(path)
+
+
+@pytest.mark.vision
+def test_bytes_after_the_end_of_a_jpeg_do_no_harm(tmp_path: Path, scene: Image) -> None:
+    path = tmp_path / "phone.jpg"
+    path.write_bytes(encode(scene, ".jpg") + b"MotionPhoto\xff\x00" * 20)
+    assert read_picture(path).shape == scene.shape
+
+
+@pytest.mark.vision
+def test_a_turned_camera_s_picture_is_turned_upright(tmp_path: Path, scene: Image) -> None:
+    path = tmp_path / "turned.jpg"
+    upright = tmp_path / "upright.jpg"
+    upright.write_bytes(encode(scene, ".jpg"))
+    path.write_bytes(turned(encode(scene, ".jpg"), orientation=6))
+    assert np.array_equal(read_picture(path), cv2.rotate(read_picture(upright), cv2.ROTATE_90_CLOCKWISE))
+
+
+@pytest.mark.vision
+def test_grey_becomes_three_equal_channels(tmp_path: Path, scene: Image) -> None:
+    path = tmp_path / "grey.png"
+    grey = scene[..., 1]
+    path.write_bytes(encode(grey, ".png"))
+    assert np.array_equal(read_picture(path), np.dstack([grey] * 3))
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("channels", [1, 3])
+def test_the_upper_8_of_16_bits_are_kept(tmp_path: Path, channels: int) -> None:
+    path = tmp_path / "deep.png"
+    shape = (20, 30) if channels == 1 else (20, 30, 3)
+    deep = np.random.default_rng(1).integers(0, 65536, shape, dtype=np.uint16)
+    path.write_bytes(encode(deep, ".png"))
+    upper = np.asarray(deep >> 8, int).reshape(20, 30, channels)
+    assert np.abs(read_picture(path) - upper).max() <= 1
+
+
+@pytest.mark.vision
+def test_transparency_is_dropped(tmp_path: Path, scene: Image) -> None:
+    path = tmp_path / "glass.png"
+    path.write_bytes(encode(np.dstack([scene, np.full(scene.shape[:2], 77, np.uint8)]), ".png"))
+    assert np.array_equal(read_picture(path), scene)
+
+
+def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
+    assert "there is no picture" in refusal(tmp_path / "absent.jpg")
+
+
+def test_an_empty_file_is_said_to_be_empty(tmp_path: Path) -> None:
+    path = tmp_path / "empty.jpg"
+    path.touch()
+    assert "is empty" in refusal(path)
+
+
+def test_a_folder_is_said_to_be_a_folder(tmp_path: Path) -> None:
+    assert "is a folder" in refusal(tmp_path)
+
+
+def test_a_pipe_is_refused_without_waiting_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "pipe.jpg"
+    os.mkfifo(path)
+    assert "not a regular file" in refusal(path)
+
+
+@pytest.mark.parametrize("data", [b"hello world\n" * 50, b"\0" * 1000, b"RIFF\x10\0\0\0AVI LIST"])
+def test_a_file_of_another_kind_is_said_not_to_be_a_picture(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "letter.jpg"
+    path.write_bytes(data)
+    assert "not a picture" in refusal(path)
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_a_picture_with_its_end_but_a_broken_middle_does_not_crash(tmp_path: Path, scene: Image, suffix: str) -> None:
+    path = tmp_path / f"broken{suffix}"
+    data = encode(scene, suffix)
+    path.write_bytes(data[:20] + b"\xff" * 40 + data[60:])
+    refusal(path)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read every file")
+def test_a_file_that_may_not_be_read_says_so(tmp_path: Path, scene: Image) -> None:
+    path = tmp_path / "secret.png"
+    path.write_bytes(encode(scene, ".png"))
+    path.chmod(0)
+    assert "Permission denied" in refusal(path)
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("folder", ["chessboard", "seed_sheet", "tags", "charuco"])
+def test_pictures_of_real_cameras_are_whole(real_pictures: Path, folder: str) -> None:
+    paths = [path for path in (real_pictures / folder).rglob("*") if path.suffix.lower() in {".jpg", ".jpeg", ".png"}]
+    assert paths
+    for path in paths:
+        assert read_picture(path).ndim == 3

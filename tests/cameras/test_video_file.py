@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import shutil
+import struct
+import subprocess
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from stadimeter.cameras.video_file import PLUGIN, VideoFileCamera, VideoFileOptions
+from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
+from stadimeter.core.frame import Frame
+from stadimeter.errors import DeviceClosedError, EndOfFramesError, PictureError
+from stadimeter.testing.manual_clock import ManualClock
+
+CODECS = {"ramp.avi": "MJPG", "ramp.mp4": "mp4v"}
+
+
+def write_ramp(path: Path, frames: int = 20, rate_hz: float = 25.0) -> Path:
+    """Write a video that gets brighter by 10 levels a frame."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*CODECS[path.name]), rate_hz, (64, 48))
+    assert writer.isOpened()
+    for number in range(frames):
+        writer.write(np.full((48, 64, 3), 10 * number, np.uint8))
+    writer.release()
+    return path
+
+
+def frames_to_end(camera: VideoFileCamera) -> Iterator[Frame]:
+    camera.open()
+    with suppress(EndOfFramesError):
+        while True:
+            yield camera.read()
+    camera.close()
+
+
+def set_avi_rate(path: Path, rate_hz: int) -> None:
+    """Change the rate in an AVI file's stream header."""
+    data = bytearray(path.read_bytes())
+    scale_at = data.index(b"strh") + 8 + 20
+    data[scale_at : scale_at + 8] = struct.pack("<II", 1, rate_hz)
+    path.write_bytes(data)
+
+
+def refusal(path: Path) -> str:
+    camera = VideoFileCamera(path, None, ManualClock())
+    with pytest.raises(PictureError) as raised:
+        camera.open()
+    message = str(raised.value)
+    assert str(path) in message
+    assert "\n" not in message
+    with pytest.raises(DeviceClosedError):
+        camera.read()
+    return message
+
+
+@pytest.mark.parametrize("name", CODECS)
+def test_every_frame_comes_once_in_order_and_at_its_time(tmp_path: Path, name: str) -> None:
+    clock = ManualClock(7.0)
+    frames = list(frames_to_end(VideoFileCamera(write_ramp(tmp_path / name), None, clock)))
+    assert [round(float(frame.image.mean()) / 10) for frame in frames] == list(range(20))
+    assert [frame.captured_at_s for frame in frames] == pytest.approx([7.0 + number / 25.0 for number in range(20)])
+    assert clock.now_s() == frames[-1].captured_at_s
+    assert {frame.source for frame in frames} == {str(tmp_path / name)}
+
+
+def test_the_end_stays_the_end(tmp_path: Path) -> None:
+    camera = VideoFileCamera(write_ramp(tmp_path / "ramp.avi", frames=2), None, ManualClock())
+    camera.open()
+    camera.read()
+    camera.read()
+    for _ in range(2):
+        with pytest.raises(EndOfFramesError, match=r"ramp\.avi is at its end"):
+            camera.read()
+    camera.close()
+
+
+def test_a_given_rate_replaces_the_file_s(tmp_path: Path) -> None:
+    camera = VideoFileCamera(write_ramp(tmp_path / "ramp.avi", frames=3), 10.0, ManualClock())
+    assert [frame.captured_at_s for frame in frames_to_end(camera)] == pytest.approx([0.0, 0.1, 0.2])
+
+
+def test_a_rate_without_sense_must_be_replaced(tmp_path: Path) -> None:
+    path = write_ramp(tmp_path / "ramp.avi", frames=3)
+    set_avi_rate(path, 5000)
+    assert "frame rate (5000 Hz); set 'rate'" in refusal(path)
+    assert len(list(frames_to_end(VideoFileCamera(path, 30.0, ManualClock())))) == 3
+
+
+def test_a_missing_video_is_said_to_be_missing(tmp_path: Path) -> None:
+    assert "there is no video" in refusal(tmp_path / "absent.mp4")
+
+
+def test_an_empty_video_is_said_to_be_empty(tmp_path: Path) -> None:
+    path = tmp_path / "empty.mp4"
+    path.touch()
+    assert "is empty" in refusal(path)
+
+
+def test_a_folder_is_said_to_be_a_folder(tmp_path: Path) -> None:
+    assert "is a folder" in refusal(tmp_path)
+
+
+def test_a_text_is_said_not_to_be_a_video(tmp_path: Path) -> None:
+    path = tmp_path / "text.mp4"
+    path.write_text("hello\n" * 1000)
+    assert "not a video" in refusal(path)
+
+
+def test_a_video_whose_index_was_cut_off_is_refused(tmp_path: Path) -> None:
+    path = write_ramp(tmp_path / "ramp.mp4")
+    path.write_bytes(path.read_bytes()[:-200])
+    assert "or it is damaged" in refusal(path)
+
+
+@pytest.mark.skipif(not shutil.which("ffmpeg"), reason="needs ffmpeg to move the index to the front")
+def test_a_video_that_ends_long_before_its_header_says_is_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "cut.mp4"
+    whole = write_ramp(tmp_path / "ramp.mp4")
+    subprocess.run(["ffmpeg", "-v", "error", "-i", whole, "-c", "copy", "-movflags", "faststart", path], check=True)
+    data = path.read_bytes()
+    start = data.index(b"mdat")
+    path.write_bytes(data[: start + (len(data) - start) // 2])
+    camera = VideoFileCamera(path, None, ManualClock())
+    frames = frames_to_end(camera)
+    assert next(frames)
+    with pytest.raises(PictureError, match=r"ends after \d+ of 20 frames: it is damaged"):
+        list(frames)
+    with pytest.raises(EndOfFramesError):
+        camera.read()
+    camera.close()
+
+
+def test_the_driver_is_built_from_its_options(tmp_path: Path) -> None:
+    path = write_ramp(tmp_path / "ramp.avi", frames=2)
+    assert load_plugin(CAMERAS, "video") is PLUGIN
+    options = VideoFileOptions.model_validate({"path": str(path), "rate": "5 Hz"})
+    camera = PLUGIN.build(options, DriverContext(name="camera", clock=ManualClock()))
+    assert [frame.captured_at_s for frame in frames_to_end(camera)] == [0.0, 0.2]
+
+
+@pytest.mark.parametrize("table", [{}, {"path": "a.mp4", "rate": "0 Hz"}, {"path": "a.mp4", "fps": 3}])
+def test_options_that_make_no_sense_are_refused(table: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        VideoFileOptions.model_validate(table)
+
+
+def test_the_ball_video_plays_to_its_end(real_pictures: Path) -> None:
+    clock = ManualClock()
+    camera = VideoFileCamera(real_pictures / "ball_video" / "green_ball.mp4", None, clock)
+    count = 0
+    for count, frame in enumerate(frames_to_end(camera), start=1):
+        assert (frame.width_px, frame.height_px) == (640, 480)
+        assert frame.captured_at_s == pytest.approx((count - 1) * 1001 / 24000)
+    assert count == 1004
+    assert clock.now_s() == pytest.approx(1003 / 23.976, abs=0.01)
