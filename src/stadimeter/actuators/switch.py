@@ -1,0 +1,154 @@
+"""Things that are on or off: a lamp, which may also be dimmed, and a relay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.units import Frequency, Pin
+from stadimeter.core.command import LevelCommand
+
+
+class LedOptions(Options):
+    """What a lamp's table in the configuration holds.
+
+    Attributes:
+        pin: The BCM number of the pin.
+        on_at: The level from which it is on.
+        dimmed: Whether it is as bright as the level says, instead of on or off.
+        frequency: Of the pulses that dim it.
+        active_high: Whether a high pin means on.
+    """
+
+    pin: Pin
+    on_at: float = Field(default=0.5, gt=0.0, le=1.0)
+    dimmed: bool = False
+    frequency: Frequency = Field(default=100.0, ge=1.0, le=10_000.0)
+    active_high: bool = True
+
+    @model_validator(mode="after")
+    def _one_way_only(self) -> Self:
+        needless = {"on_at"} if self.dimmed else {"frequency"}
+        for key in sorted(needless & self.model_fields_set):
+            raise ValueError(f"{key} has no meaning with dimmed = {str(self.dimmed).lower()}; leave one of them out")
+        return self
+
+
+class RelayOptions(Options):
+    """What a relay's table in the configuration holds.
+
+    Attributes:
+        pin: The BCM number of the pin.
+        on_at: The level from which it is on.
+        active_high: Whether a high pin means on. Most relay boards switch on when their input is pulled low, so it is
+            not unless you say so. Try it without a load first: with the wrong value the relay is on while all is quiet.
+    """
+
+    pin: Pin
+    on_at: float = Field(default=0.5, gt=0.0, le=1.0)
+    active_high: bool = False
+
+
+class GpiozeroSwitch:
+    """Something on a pin that is on or off, or as bright as the level says.
+
+    It has no deadband of its own: rules that switch have theirs, and delays too.
+
+    Args:
+        pin: Its pin.
+        percent_of: What the pin gets at a level.
+    """
+
+    def __init__(self, pin: OutputPin, percent_of: Callable[[float], int]) -> None:
+        self._pin = pin
+        self._percent_of = percent_of
+
+    def open(self) -> None:
+        """Take the pin, off."""
+        self._pin.open()
+
+    def apply(self, command: LevelCommand) -> LevelCommand:
+        """Switch, or dim.
+
+        Args:
+            command: The level.
+
+        Returns:
+            The command with the level that it really has: 0 or 1, or a whole percent if it is dimmed.
+
+        Raises:
+            DeviceClosedError: It is not open.
+            DriverError: The pin failed.
+        """
+        percent = self._percent_of(command.level)
+        self._pin.write(percent)
+        return replace(command, level=percent / FULL_PERCENT)
+
+    def tick(self, now_s: float) -> None:  # noqa: ARG002 - part of the interface; a switch has no pattern
+        """Do nothing: there is no pattern to move on.
+
+        Args:
+            now_s: The run's monotonic clock.
+
+        Raises:
+            DeviceClosedError: It is not open.
+        """
+        self._pin.check_open()
+
+    def stop(self) -> None:
+        """Switch off at once. Does nothing when closed."""
+        self._pin.off()
+
+    def close(self) -> None:
+        """Switch off, then let go of the pin. May be called any number of times."""
+        self._pin.close()
+
+
+def build_led(options: LedOptions, context: DriverContext) -> GpiozeroSwitch:
+    """Make a lamp.
+
+    Args:
+        options: Its options.
+        context: The run that it is part of.
+
+    Returns:
+        The lamp.
+    """
+    pin = OutputPin(
+        context,
+        options.pin,
+        active_high=options.active_high,
+        frequency_hz=options.frequency if options.dimmed else None,
+    )
+    return GpiozeroSwitch(pin, _nearest_percent if options.dimmed else _on_from(options.on_at))
+
+
+def build_relay(options: RelayOptions, context: DriverContext) -> GpiozeroSwitch:
+    """Make a relay.
+
+    Args:
+        options: Its options.
+        context: The run that it is part of.
+
+    Returns:
+        The relay.
+    """
+    return GpiozeroSwitch(OutputPin(context, options.pin, active_high=options.active_high), _on_from(options.on_at))
+
+
+def _nearest_percent(level: float) -> int:
+    return math.floor(level * FULL_PERCENT + 0.5)
+
+
+def _on_from(on_at: float) -> Callable[[float], int]:
+    return lambda level: FULL_PERCENT if level >= on_at else 0
+
+
+LED_PLUGIN = Plugin(options=LedOptions, build=build_led)
+RELAY_PLUGIN = Plugin(options=RelayOptions, build=build_relay)
