@@ -1,0 +1,167 @@
+"""safe-outputs against a real pseudo-terminal and pretended pins."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import termios
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """A serial port whose other end we hold."""
+
+    master: int
+    slave: int
+    path: str
+
+    def received(self) -> bytes:
+        os.set_blocking(self.master, False)
+        try:
+            return os.read(self.master, 4096)
+        except BlockingIOError:
+            return b""
+
+    def fill(self) -> None:
+        """Write until nothing more fits, as when a base has stopped reading."""
+        os.set_blocking(self.slave, False)
+        while select.select([], [self.slave], [], 0.05)[1]:  # the kernel moves bytes on between its own buffers
+            try:
+                os.write(self.slave, b"x")
+            except BlockingIOError:
+                continue
+
+
+@pytest.fixture
+def port() -> Iterator[Port]:
+    master, slave = os.openpty()
+    yield Port(master, slave, os.ttyname(slave))
+    os.close(slave)
+    os.close(master)
+
+
+class Bench:
+    """Runs safe-outputs with pretended pin programs that write down how they were called."""
+
+    def __init__(self, script: Path, folder: Path) -> None:
+        self._script = script
+        self._folder = folder
+        self._log = folder / "calls"
+        (folder / "bin").mkdir()
+
+    def add(self, tool: str, ends_with: int = 0) -> None:
+        program = self._folder / "bin" / tool
+        program.write_text(f'#!/bin/sh\necho "{tool} $*" >>"{self._log}"\ncat >/dev/null\nexit {ends_with}\n')
+        program.chmod(0o755)
+
+    def run(self, conf: str | None) -> str:
+        """Run it and return what it complained about."""
+        file = self._folder / "safe-outputs.conf"
+        if conf is not None:
+            file.write_text(conf)
+        path = f"{self._folder / 'bin'}:{os.environ['PATH']}"
+        result = subprocess.run(
+            ["sh", str(self._script), str(file)],
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
+            timeout=20,
+            check=False,
+        )
+        assert (result.returncode, result.stdout) == (0, "")
+        return result.stderr
+
+    @property
+    def calls(self) -> list[str]:
+        return self._log.read_text().splitlines() if self._log.exists() else []
+
+
+@pytest.fixture
+def bench(deploy: Path, tmp_path: Path) -> Bench:
+    return Bench(deploy / "safe-outputs", tmp_path)
+
+
+def test_pins_are_driven_to_their_safe_level(bench: Bench) -> None:
+    bench.add("pinctrl")
+    assert bench.run("# the motor\npin 18\n\npin 5 high\npin 27 low") == ""
+    assert bench.calls == ["pinctrl set 18 op dl", "pinctrl set 5 op dh", "pinctrl set 27 op dl"]
+
+
+@pytest.mark.parametrize("pinctrl_is_there", [True, False])
+def test_where_pinctrl_is_missing_or_fails_its_forerunner_is_used(bench: Bench, pinctrl_is_there: bool) -> None:
+    if pinctrl_is_there:
+        bench.add("pinctrl", ends_with=1)
+    bench.add("raspi-gpio")
+    assert bench.run("pin 18\n") == ""
+    assert bench.calls[-1] == "raspi-gpio set 18 op dl"
+
+
+def test_a_base_is_sent_a_stop_at_its_speed(bench: Bench, port: Port) -> None:
+    assert bench.run(f"serial {port.path} 57600\n") == ""
+    assert port.received() == b"\rm 0 0\r"
+    assert termios.tcgetattr(port.slave)[4:6] == [termios.B57600, termios.B57600]
+
+
+def test_the_stop_is_not_lost_in_a_command_that_was_cut_off(bench: Bench, port: Port) -> None:
+    os.write(port.slave, b"m 300 30")
+    bench.run(f"serial {port.path} 57600\n")
+    commands = port.received().split(b"\r")
+    assert commands == [b"m 300 30", b"m 0 0", b""]
+
+
+def test_the_speed_of_a_base_may_be_left_out_and_the_last_line_may_be_unfinished(bench: Bench, port: Port) -> None:
+    assert bench.run(f"serial {port.path}") == ""
+    assert port.received() == b"\rm 0 0\r"
+
+
+def test_a_line_that_fails_does_not_keep_the_others_from_being_tried(bench: Bench, port: Port) -> None:
+    bench.add("pinctrl")
+    complaints = bench.run(
+        "pin 99\npin x\npin\npin 18 sideways\nservo 3\n"
+        f"serial /dev/no-such-port 57600\nserial {bench._folder} 57600\n"
+        f"serial {port.path} fast\nserial {port.path} 57601\n"
+        f"serial {port.path} 57600\npin 18\n"
+    ).splitlines()
+    assert bench.calls == ["pinctrl set 18 op dl"]
+    assert port.received() == b"\rm 0 0\r"
+    for part in ("'99'", "'x'", "''", "sideways", "servo 3", "/dev/no-such-port", "'fast'", "57601"):
+        assert any(part in line for line in complaints), part
+    assert all(line.startswith(("safe-outputs: ", "stty: ", "Try 'stty")) for line in complaints)
+
+
+def test_a_port_that_takes_nothing_does_not_hold_up_the_pins(bench: Bench, port: Port) -> None:
+    bench.add("pinctrl")
+    bench.add("stty")  # the real one makes room in a pseudo-terminal
+    port.fill()
+    complaints = bench.run(f"serial {port.path} 57600\npin 18\n")
+    assert "the stop was not sent" in complaints
+    assert bench.calls[-1] == "pinctrl set 18 op dl"
+
+
+def test_pins_that_nothing_can_drive_are_complained_about(bench: Bench) -> None:
+    bench.add("pinctrl", ends_with=1)
+    bench.add("raspi-gpio", ends_with=1)
+    assert "pin 18: not driven low" in bench.run("pin 18\n")
+
+
+def test_without_a_configuration_it_says_that_nothing_was_done(bench: Bench) -> None:
+    assert "nothing was switched off" in bench.run(None)
+
+
+def test_the_example_switches_nothing_until_it_is_edited_and_its_lines_are_right(
+    bench: Bench, deploy: Path, port: Port
+) -> None:
+    bench.add("pinctrl")
+    example = (deploy / "safe-outputs.conf").read_text()
+    assert bench.run(example) == ""
+    assert bench.calls == []
+    edited = [line.removeprefix("# ") for line in example.splitlines() if line.startswith(("# pin", "# serial"))]
+    assert bench.run("\n".join(edited).replace("/dev/robot-base", port.path)) == ""
+    assert bench.calls == ["pinctrl set 18 op dl", "pinctrl set 5 op dh"]
+    assert port.received() == b"\rm 0 0\r"
