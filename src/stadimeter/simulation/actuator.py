@@ -1,0 +1,117 @@
+"""An actuator without hardware."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+from pydantic import Field
+
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.core.command import LevelCommand
+from stadimeter.errors import DeviceClosedError
+
+
+class SimulatedActuatorOptions(Options):
+    """What the table of a simulated actuator may hold.
+
+    Attributes:
+        steps: How many levels above off the device can do; None for any. 1 makes it a switch.
+        history: How many changes of level it remembers.
+    """
+
+    steps: int | None = Field(default=None, ge=1)
+    history: int = Field(default=10_000, ge=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelChange:
+    """A change of level.
+
+    Attributes:
+        at_s: When, on the run's clock.
+        level: The level from then on.
+    """
+
+    at_s: float
+    level: float
+
+
+class SimulatedActuator:
+    """An actuator that remembers what it did.
+
+    Args:
+        options: The actuator's table in the configuration.
+        context: The run that it is part of.
+
+    Attributes:
+        level: The level that it acts with.
+        changes: When the level changed to what, oldest first. Bounded: the oldest are forgotten.
+    """
+
+    def __init__(self, options: SimulatedActuatorOptions, context: DriverContext) -> None:
+        self.level = 0.0
+        self.changes: deque[LevelChange] = deque(maxlen=options.history)
+        self._steps = options.steps
+        self._name = context.name
+        self._clock = context.clock
+        self._is_open = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is open."""
+        return self._is_open
+
+    def open(self) -> None:
+        """Be ready, switched off. Does nothing when open."""
+        self._is_open = True
+
+    def apply(self, command: LevelCommand) -> LevelCommand:
+        """Act as commanded.
+
+        Args:
+            command: The level to act with.
+
+        Returns:
+            The command with the level rounded to the nearest of the device's steps.
+
+        Raises:
+            DeviceClosedError: The actuator is not open.
+        """
+        self._check_open()
+        level = round(command.level * self._steps) / self._steps if self._steps else command.level
+        self._set(level)
+        return replace(command, level=level)
+
+    def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; this device has no patterns
+        """Do nothing: it has no patterns.
+
+        Args:
+            now_s: The run's monotonic clock.
+
+        Raises:
+            DeviceClosedError: The actuator is not open.
+        """
+        self._check_open()
+
+    def stop(self) -> None:
+        """Switch off at once. Does nothing when closed."""
+        if self._is_open:
+            self._set(0.0)
+
+    def close(self) -> None:
+        """Switch off and be closed. May be called any number of times."""
+        self.stop()
+        self._is_open = False
+
+    def _set(self, level: float) -> None:
+        if level != self.level:
+            self.level = level
+            self.changes.append(LevelChange(at_s=self._clock.now_s(), level=level))
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceClosedError(f"the simulated actuator '{self._name}' is not open")
+
+
+PLUGIN = Plugin(SimulatedActuatorOptions, SimulatedActuator)

@@ -1,0 +1,137 @@
+"""A robot base without a serial port: it drives the simulated robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.units import Duration, Speed
+from stadimeter.core.command import TwistCommand
+from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
+from stadimeter.simulation.world import shared_world
+
+
+def _check_speed(speed_mps: float) -> float:
+    if speed_mps == 0:
+        raise ValueError("a base whose wheels cannot turn goes nowhere; write a speed such as '0.5 m/s'")
+    return speed_mps
+
+
+class SimulatedBaseOptions(Options):
+    """What the table of a simulated base may hold.
+
+    Attributes:
+        max_wheel_speed: No wheel runs faster.
+        auto_stop: The wheels stop when no command came for this long, as firmware does; 0 for never.
+    """
+
+    max_wheel_speed: Annotated[Speed, AfterValidator(_check_speed)] = 0.5
+    auto_stop: Duration = 2.0
+
+
+class SimulatedBase:
+    """A base that drives the simulated robot.
+
+    **It stops by itself** ``auto_stop`` after the last command. It honours the knob ``base_unplugged``: the link is
+    then lost until the base is opened again, and the wheels run on until they stop by themselves.
+
+    Args:
+        options: The base's table in the configuration.
+        context: The run that it is part of.
+
+    Raises:
+        ConfigError: The run has no world.
+    """
+
+    def __init__(self, options: SimulatedBaseOptions, context: DriverContext) -> None:
+        self._name = context.name
+        self._clock = context.clock
+        self._world = shared_world(context)
+        self._max_wheel_mps = options.max_wheel_speed
+        self._auto_stop_s = options.auto_stop or math.inf
+        self._is_open = False
+        self._is_lost = False
+
+    def open(self) -> None:
+        """Connect, and make the robot stand. Does nothing when open.
+
+        Raises:
+            DeviceOpenError: The base is unplugged.
+        """
+        if self._is_open:
+            return
+        if self._world.faults.base_unplugged:
+            raise DeviceOpenError(f"the simulated base '{self._name}' is unplugged")
+        self._is_open, self._is_lost = True, False
+        self._drive(0.0, 0.0)
+
+    def apply(self, command: TwistCommand) -> TwistCommand:
+        """Move as commanded.
+
+        Args:
+            command: How to move.
+
+        Returns:
+            The motion, slowed down along the same curve if a wheel would run too fast.
+
+        Raises:
+            DeviceClosedError: The base is not open.
+            LinkLostError: The base was unplugged.
+        """
+        self._check_link()
+        half_track_m = self._world.robot.track_width_m / 2
+        left_mps = command.linear_mps - command.angular_radps * half_track_m
+        right_mps = command.linear_mps + command.angular_radps * half_track_m
+        share = min(1.0, self._max_wheel_mps / max(abs(left_mps), abs(right_mps), self._max_wheel_mps))
+        self._drive(left_mps * share, right_mps * share)
+        return replace(command, linear_mps=command.linear_mps * share, angular_radps=command.angular_radps * share)
+
+    def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; the world's clock is the same
+        """Notice that the base was unplugged.
+
+        Args:
+            now_s: The run's monotonic clock.
+
+        Raises:
+            DeviceClosedError: The base is not open.
+            LinkLostError: The base was unplugged.
+        """
+        self._check_link()
+
+    def stop(self) -> None:
+        """Stand still at once. Does nothing when closed.
+
+        Raises:
+            LinkLostError: The base was unplugged, so it stops only by itself.
+        """
+        if self._is_open:
+            self._check_link()
+            self._drive(0.0, 0.0)
+
+    def close(self) -> None:
+        """Stop and disconnect. May be called any number of times.
+
+        Raises:
+            LinkLostError: The base was unplugged; it is closed all the same.
+        """
+        try:
+            self.stop()
+        finally:
+            self._is_open = False
+
+    def _drive(self, left_mps: float, right_mps: float) -> None:
+        self._world.robot.drive_wheels(left_mps, right_mps, self._clock.now_s() + self._auto_stop_s)
+
+    def _check_link(self) -> None:
+        if not self._is_open:
+            raise DeviceClosedError(f"the simulated base '{self._name}' is not open")
+        self._is_lost = self._is_lost or self._world.faults.base_unplugged
+        if self._is_lost:
+            raise LinkLostError(f"the simulated base '{self._name}' no longer answers: it was unplugged")
+
+
+PLUGIN = Plugin(SimulatedBaseOptions, SimulatedBase)

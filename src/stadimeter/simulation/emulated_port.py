@@ -1,0 +1,147 @@
+"""A serial port with an emulated microcontroller behind it.
+
+The port is a pseudo-terminal, so the driver under it opens, locks and reads it as it would a real one. A
+pseudo-terminal has no baud rate, no DTR that resets a board, and no bit errors: only bytes can be tried on it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import threading
+import tty
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Protocol
+
+from stadimeter.core.clock import Clock
+
+SERVED_EVERY_S = 0.01
+_MOST_BYTES_A_READ = 4096
+
+
+class Firmware(Protocol):
+    """A microcontroller's program, as far as its serial line shows it."""
+
+    def receive(self, data: bytes, now_s: float) -> bytes:
+        """Take bytes from the host and return the answer, both at that time."""
+        ...
+
+    def step(self, now_s: float) -> None:
+        """Live until that time."""
+        ...
+
+
+class EmulatedPort:
+    """A pseudo-terminal whose other end an emulated firmware serves, each `SERVED_EVERY_S` of the run's clock.
+
+    Its path stays the same when the cable is pulled and plugged in again, as below ``/dev/serial/by-id``. It may be
+    used from several threads: a real clock serves it from one of its own.
+
+    Args:
+        firmware: The program behind the port. Its board has its own power and lives on without the cable.
+        clock: The run's clock.
+        is_plugged: Asked at each service whether the cable is in.
+        after_step: Called after each service; moves what the firmware drives.
+
+    Raises:
+        OSError: The system has no pseudo-terminal left.
+    """
+
+    def __init__(
+        self,
+        firmware: Firmware,
+        clock: Clock,
+        is_plugged: Callable[[], bool] = lambda: True,
+        after_step: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._firmware = firmware
+        self._is_plugged = is_plugged
+        self._after_step = after_step
+        self._lock = threading.Lock()
+        self._cable: _Cable | None = None
+        self._folder = TemporaryDirectory(prefix="stadimeter-port-")
+        self._link = Path(self._folder.name) / "emulated"
+        self._plug_in()
+        self._cancel = clock.call_every(SERVED_EVERY_S, self.serve)
+
+    @property
+    def path(self) -> str:
+        """The path that a host opens. There is nothing there while the cable is out."""
+        return str(self._link)
+
+    def serve(self, now_s: float) -> None:
+        """Let the firmware live until now, carry bytes both ways, and move what it drives.
+
+        Args:
+            now_s: The run's clock.
+        """
+        with self._lock:
+            self._firmware.step(now_s)
+            self._follow_the_cable()
+            if self._cable:
+                self._cable.write(self._firmware.receive(self._cable.read(), now_s))
+            self._after_step()
+
+    def say(self, data: bytes) -> None:
+        """Send bytes to the host that it did not ask for: what a boot loader prints, or noise.
+
+        Args:
+            data: The bytes. They are lost while the cable is out.
+        """
+        with self._lock:
+            if self._cable:
+                self._cable.write(data)
+
+    def close(self) -> None:
+        """End the service and give the pseudo-terminal back. May be called any number of times."""
+        self._cancel()
+        with self._lock:
+            self._pull_out()
+            self._folder.cleanup()
+
+    def _follow_the_cable(self) -> None:
+        if self._is_plugged() and not self._cable:
+            self._plug_in()
+        elif self._cable and not self._is_plugged():
+            self._pull_out()
+
+    def _plug_in(self) -> None:
+        self._cable = _Cable()
+        self._link.symlink_to(self._cable.host_path)
+
+    def _pull_out(self) -> None:
+        if self._cable:
+            self._link.unlink()
+            self._cable.close()
+            self._cable = None
+
+
+class _Cable:
+    """A pseudo-terminal: one end for the board, one for the host. Closing it hangs up on the host."""
+
+    def __init__(self) -> None:
+        # The host's end stays open here too: without any opener the system would forget that it is raw, and echo.
+        self._board_fd, self._host_fd = pty.openpty()
+        tty.setraw(self._host_fd)
+        os.set_blocking(self._board_fd, False)
+        self.host_path = os.ttyname(self._host_fd)
+
+    def read(self) -> bytes:
+        """Return what the host has sent, which may be nothing."""
+        try:
+            return os.read(self._board_fd, _MOST_BYTES_A_READ)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Send what fits. As on a wire, what a host does not read in time is lost."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._board_fd, data)
+
+    def close(self) -> None:
+        """Give both ends back."""
+        os.close(self._board_fd)
+        os.close(self._host_fd)

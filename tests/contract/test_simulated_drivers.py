@@ -1,0 +1,36 @@
+"""The simulated camera keeps the contract. The other simulated drivers stand beside their real counterparts."""
+
+from __future__ import annotations
+
+import pytest
+
+from stadimeter.app.clock import MonotonicClock
+from stadimeter.cameras.protocol import Camera
+from stadimeter.config.plugins import CAMERAS, WORLDS, DriverContext, load_plugin
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.clock import Clock
+from stadimeter.testing.camera_contract import CameraContract
+from stadimeter.testing.manual_clock import ManualClock
+
+LENS = CameraModel.with_focal_length(150.0, 160, 120)
+
+
+def in_a_world(clock: Clock) -> DriverContext:
+    context = DriverContext(name="it", clock=clock, camera_model=LENS)
+    plugin = load_plugin(WORLDS, "simulated")
+    plugin.build(plugin.options(), context)
+    return context
+
+
+class TestSimulatedCamera(CameraContract):
+    @pytest.fixture(params=[ManualClock, MonotonicClock], ids=["stepped", "real"])
+    def clock(self, request: pytest.FixtureRequest) -> Clock:
+        made: Clock = request.param()
+        return made
+
+    @pytest.fixture(params=[True, False], ids=["drawn", "black"])
+    def camera(self, clock: Clock, request: pytest.FixtureRequest) -> Camera:
+        plugin = load_plugin(CAMERAS, "simulated")
+        options = plugin.options.model_validate({"rate": "1 kHz", "render": request.param})
+        camera: Camera = plugin.build(options, in_a_world(clock))
+        return camera

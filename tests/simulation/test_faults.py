@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+from dataclasses import fields
+
+import pytest
+
+from stadimeter.simulation.faults import KNOBS, Faults, FaultSchedule
+from stadimeter.simulation.options import FaultKind, ScheduledFault
+
+
+def fault(kind: str, at: str, lasts: str | None = None) -> ScheduledFault:
+    return ScheduledFault.model_validate({"kind": kind, "at": at, "for": lasts} if lasts else {"kind": kind, "at": at})
+
+
+def test_every_kind_of_fault_has_its_own_knob() -> None:
+    assert set(KNOBS) == set(FaultKind)
+    assert sorted(KNOBS.values()) == sorted(field.name for field in fields(Faults))
+
+
+@pytest.mark.parametrize("kind", list(FaultKind))
+def test_a_scheduled_fault_begins_and_ends_in_time(kind: FaultKind) -> None:
+    faults, schedule = Faults(), FaultSchedule([fault(kind, "12 s", "2 s")], start_s=100.0)
+    states = {}
+    for now_s in (111.9, 112.0, 113.9, 114.0):
+        schedule.turn(faults, now_s)
+        states[now_s] = getattr(faults, KNOBS[kind])
+        assert sum(getattr(faults, knob) for knob in KNOBS.values()) == states[now_s], "another knob was turned"
+    assert states == {111.9: False, 112.0: True, 113.9: True, 114.0: False}
+
+
+def test_a_fault_without_a_duration_lasts() -> None:
+    faults, schedule = Faults(), FaultSchedule([fault("broker-gone", "1 s")], start_s=0.0)
+    schedule.turn(faults, 1e9)
+    assert faults.broker_gone
+
+
+def test_overlapping_faults_of_one_kind_are_one() -> None:
+    planned = [
+        fault("hide-target", "1 s", "4 s"),
+        fault("hide-target", "2 s", "1 s"),
+        fault("hide-target", "4 s", "3 s"),
+    ]
+    faults, schedule = Faults(), FaultSchedule(planned, start_s=0.0)
+    hidden = []
+    for now_s in range(9):
+        schedule.turn(faults, float(now_s))
+        hidden.append(faults.target_hidden)
+    assert hidden == [False, True, True, True, True, True, True, False, False]
+
+
+def test_a_fault_that_came_and_went_unasked_is_over() -> None:
+    faults, schedule = Faults(), FaultSchedule([fault("block-camera", "1 s", "1 s")], start_s=0.0)
+    schedule.turn(faults, 10.0)
+    assert not faults.camera_blocked
+
+
+def test_a_knob_turned_by_hand_stays_until_its_next_scheduled_time() -> None:
+    faults, schedule = Faults(), FaultSchedule([fault("hide-target", "5 s", "1 s")], start_s=0.0)
+    faults.target_hidden = True
+    schedule.turn(faults, 4.0)
+    assert faults.target_hidden
+    schedule.turn(faults, 6.0)
+    assert not faults.target_hidden
