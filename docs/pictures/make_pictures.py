@@ -1,0 +1,46 @@
+"""Make the pictures of the documentation: `make pictures`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.demonstration import demo_configuration
+from stadimeter.app.loop import Loop
+from stadimeter.cli.live_view import LiveView
+from stadimeter.cli.live_view_svg import save_svg
+from stadimeter.cli.viewing import chart_limits_m
+from stadimeter.core.frame import Frame
+
+HERE = Path(__file__).parent
+
+LIVE_VIEW_SECONDS = 34.0
+"""The live view is taken after this long in the demonstration."""
+
+
+def live_view_picture(path: Path, seconds: float, width: int = 120, height: int = 35) -> None:
+    """Run the demonstration as fast as it goes, and take a picture of its live view.
+
+    Args:
+        path: The SVG file to write.
+        seconds: After how long in the simulated world the picture is taken.
+        width: Columns of the terminal in the picture.
+        height: Its rows.
+    """
+    loop = Loop(build(demo_configuration(), speed=None))
+    limits_m = chart_limits_m(loop.parts.configuration.plan)
+    view = LiveView("stadimeter demo", trouble=loop.trouble, limits_m=limits_m)
+
+    def watch(record: CycleRecord, _frame: Frame | None) -> None:
+        view.update(record)
+        if record.observation.now_s >= seconds:
+            save_svg(view, path, width, height, title="make demo")  # while the run still goes on
+            loop.stop("the picture is taken")
+
+    loop.listeners.append(watch)
+    loop.run()
+
+
+if __name__ == "__main__":
+    live_view_picture(HERE / "live-view.svg", LIVE_VIEW_SECONDS)
