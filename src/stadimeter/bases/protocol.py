@@ -22,6 +22,7 @@ class MobileBase(Protocol):
 
         Raises:
             DeviceOpenError: The port is absent, busy or not ours to open, or nothing answers.
+            ProtocolError: The base answers, but will not drive.
         """
         ...
 

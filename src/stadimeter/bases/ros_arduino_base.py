@@ -1,0 +1,244 @@
+"""A robot base with an Arduino that runs ros_arduino_bridge, on a serial port.
+
+**This base stops by itself 2 s after the last command, and that time cannot be set over the wire.** A robot at
+0.5 m/s rolls on for a metre if this computer dies. To shorten it, change ``AUTO_STOP_INTERVAL`` in the sketch.
+
+The firmware takes the left wheel first. Its own Python driver sends the right one first, so a robot that was wired to
+suit that driver turns the wrong way here: set ``swap_sides``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Self
+
+from pydantic import PositiveInt, model_validator
+
+from stadimeter.bases import ros_arduino_codec as codec
+from stadimeter.bases.acknowledgements import Acknowledgements
+from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelTicks
+from stadimeter.bases.ros_arduino_handshake import BASE_IS_OFF, Handshake
+from stadimeter.bases.serial_link import SerialLink
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.units import Duration, Length, SerialPort, Speed
+from stadimeter.core.command import TwistCommand
+from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError
+
+LOST_AFTER_S = 0.5
+
+
+class RosArduinoOptions(Options):
+    """What the table of such a base may hold.
+
+    Attributes:
+        port: The serial port, best as ``/dev/serial/by-id/…``; or ``emulated-ros-arduino-bridge``.
+        baud: ``BAUDRATE`` of the sketch.
+        wheel_diameter: Diameter of the driven wheels.
+        ticks_per_turn: Encoder ticks while a wheel turns once, all edges and the gear counted.
+        track_width: Distance between the middles of the two driven wheels.
+        max_wheel_speed: No wheel is asked to run faster.
+        swap_sides: Whether the firmware's left motor drives the right wheel.
+        invert_left: Whether the left wheel turns backwards when told to turn forwards.
+        invert_right: The same for the right wheel.
+        boot_wait: How long the Arduino, which opening the port resets, may take until it answers.
+    """
+
+    port: SerialPort
+    baud: PositiveInt = 57600
+    wheel_diameter: Length
+    ticks_per_turn: PositiveInt
+    track_width: Length
+    max_wheel_speed: Speed = 0.5
+    swap_sides: bool = False
+    invert_left: bool = False
+    invert_right: bool = False
+    boot_wait: Duration = 4.0
+
+    @model_validator(mode="after")
+    def _speeds_can_be_told(self) -> Self:
+        drive = self.drive()
+        if not 1 <= drive.max_ticks <= codec.MAX_TICKS_PER_FRAME:
+            raise ValueError(
+                f"max_wheel_speed of {self.max_wheel_speed:g} m/s is {self.max_wheel_speed / drive.tick_mps:.3g} "
+                f"encoder ticks in {codec.FRAME_S * 1e3:.0f} ms; the firmware takes 1 to {codec.MAX_TICKS_PER_FRAME}: "
+                "check it together with wheel_diameter and ticks_per_turn"
+            )
+        return self
+
+    def drive(self) -> DifferentialDrive:
+        """Return the kinematics that these figures describe."""
+        return DifferentialDrive(
+            track_width_m=self.track_width,
+            ticks_per_metre=self.ticks_per_turn / (math.pi * self.wheel_diameter),
+            max_wheel_mps=self.max_wheel_speed,
+            frame_s=codec.FRAME_S,
+        )
+
+
+class RosArduinoBase:
+    """A `MobileBase` over the serial protocol of ros_arduino_bridge.
+
+    Every command is one write, and nothing waits in a queue of ours: a port that does not take a frame is an error.
+
+    Args:
+        options: The base's table in the configuration.
+        context: The run that it is part of.
+    """
+
+    def __init__(self, options: RosArduinoOptions, context: DriverContext) -> None:
+        self._options = options
+        self._context = context
+        self._clock = context.clock
+        self._drive = options.drive()
+        self._link: SerialLink | None = None
+        self._parser = codec.ReplyParser()
+        self._awaited = Acknowledgements()
+        self._frame_cut_short = False
+        self._refusals_to_ignore = 0
+
+    def open(self) -> None:
+        """Open the port, wait until the base answers, and make it stand. Does nothing when open.
+
+        Raises:
+            DeviceOpenError: The port is absent, busy or not ours to open, or nothing answers on it.
+            ProtocolError: The base answers, but its sketch was built without motors.
+        """
+        if self._link:
+            return
+        link = SerialLink(self._context.port_path(self._options.port), self._options.baud)
+        link.open()
+        try:
+            Handshake(link=link, clock=self._clock, boot_wait_s=self._options.boot_wait).run()
+        except LinkLostError as error:
+            link.close()
+            raise DeviceOpenError(f"the base vanished while it was greeted: {error}") from error
+        except BaseException:
+            link.close()
+            raise
+        self._begin(link)
+
+    def apply(self, command: TwistCommand) -> TwistCommand:
+        """Move as commanded.
+
+        Args:
+            command: How to move.
+
+        Returns:
+            What was sent: limited to the fastest wheel speed along the same curve, and rounded to whole encoder ticks.
+
+        Raises:
+            DeviceClosedError: The base is not open.
+            LinkLostError: The port is gone, takes no bytes, or nothing was answered for `LOST_AFTER_S`.
+            ProtocolError: The base refused a command.
+        """
+        link = self._opened()
+        now_s = self._clock.now_s()
+        self._read_replies(link)
+        self._check_silence(link, now_s)
+        ticks = self._drive.ticks(Motion(linear_mps=command.linear_mps, angular_radps=command.angular_radps))
+        self._send(link, codec.encode_drive(*self._arguments(ticks)), now_s)
+        sent = self._drive.motion(ticks)
+        return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps)
+
+    def tick(self, now_s: float) -> None:
+        """Read answers, and repeat a stop that was not acknowledged, also while the link counts as lost.
+
+        Args:
+            now_s: The run's monotonic clock.
+
+        Raises:
+            DeviceClosedError: The base is not open.
+            LinkLostError: The port is gone, takes no bytes, or nothing was answered for `LOST_AFTER_S`.
+            ProtocolError: The base refused a command.
+        """
+        link = self._opened()
+        self._read_replies(link)
+        if self._awaited.stop_is_overdue(now_s):
+            self._awaited.repeating()
+            self._send(link, codec.STOP, now_s)
+        self._check_silence(link, now_s)
+
+    def stop(self) -> None:
+        """Stand still at once. Does nothing when closed.
+
+        Raises:
+            LinkLostError: The stop could not be sent.
+        """
+        if self._link:
+            self._send(self._link, codec.STOP, self._clock.now_s())
+
+    def close(self) -> None:
+        """Stop, wait shortly until the stop has left the computer, and release the port.
+
+        Raises:
+            LinkLostError: The stop could not be sent; the port is released all the same.
+        """
+        link = self._link
+        if not link:
+            return
+        try:
+            self.stop()
+            link.drain()
+        finally:
+            self._link = None
+            link.close()
+
+    def _begin(self, link: SerialLink) -> None:
+        self._link = link
+        self._parser = codec.ReplyParser()
+        self._awaited = Acknowledgements()
+        self._frame_cut_short = False
+        self._refusals_to_ignore = 0
+
+    def _opened(self) -> SerialLink:
+        if self._link is None:
+            raise DeviceClosedError(f"the base '{self._context.name}' is not open")
+        return self._link
+
+    def _arguments(self, ticks: WheelTicks) -> tuple[int, int]:
+        """Return the firmware's first and second argument, as the motors are wired."""
+        left = -ticks.left if self._options.invert_left else ticks.left
+        right = -ticks.right if self._options.invert_right else ticks.right
+        return (right, left) if self._options.swap_sides else (left, right)
+
+    def _send(self, link: SerialLink, frame: bytes, now_s: float) -> None:
+        if self._frame_cut_short:
+            frame = self._after_a_cut(frame, now_s)
+        self._awaited.sent(now_s, stop=frame.endswith(codec.STOP))  # noted first: a stop that fails is tried again
+        self._frame_cut_short = True
+        link.write(frame)
+        self._frame_cut_short = False
+
+    def _after_a_cut(self, frame: bytes, now_s: float) -> bytes:
+        """Return the frame behind an end of line.
+
+        The firmware may hold the beginning of a frame that the port took only in part. A stop appended to ``m 10``
+        would make it spin. So that remainder is ended first: it is done or refused, and this frame follows at once.
+        """
+        self._refusals_to_ignore += 1
+        self._awaited.sent(now_s, stop=False)
+        return codec.END + frame
+
+    def _read_replies(self, link: SerialLink) -> None:
+        for reply in self._parser.feed(link.read()):
+            if isinstance(reply, codec.Acknowledged):
+                self._awaited.acknowledged()
+            elif isinstance(reply, codec.Refused):
+                self._take_refusal(link)
+
+    def _take_refusal(self, link: SerialLink) -> None:
+        self._awaited.refused()
+        if self._refusals_to_ignore:
+            self._refusals_to_ignore -= 1
+            return
+        raise ProtocolError(f"the base at {link.path} refused a motor command; if it always does, {BASE_IS_OFF}")
+
+    def _check_silence(self, link: SerialLink, now_s: float) -> None:
+        if self._awaited.silent_for_s(now_s) > LOST_AFTER_S:
+            raise LinkLostError(
+                f"the base at {link.path} has acknowledged nothing for {LOST_AFTER_S} s; check its cable and its power"
+            )
+
+
+PLUGIN = Plugin(RosArduinoOptions, RosArduinoBase)

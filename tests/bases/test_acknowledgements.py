@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+from stadimeter.bases.acknowledgements import Acknowledgements
+
+
+def test_a_stop_is_overdue_a_tenth_of_a_second_after_it_was_sent() -> None:
+    awaited = Acknowledgements()
+    awaited.sent(1.0, stop=True)
+    assert not awaited.stop_is_overdue(1.05)
+    assert awaited.stop_is_overdue(1.11)
+
+
+def test_the_answer_to_an_earlier_command_does_not_pass_for_the_stops() -> None:
+    awaited = Acknowledgements()
+    awaited.sent(0.9, stop=False)
+    awaited.sent(1.0, stop=True)
+    awaited.acknowledged()
+    assert awaited.stop_is_overdue(1.2)
+    awaited.acknowledged()
+    assert not awaited.stop_is_overdue(1.2)
+
+
+def test_a_refused_stop_stays_overdue() -> None:
+    awaited = Acknowledgements()
+    awaited.sent(1.0, stop=True)
+    awaited.refused()
+    assert awaited.stop_is_overdue(1.2)
+
+
+def test_a_new_drive_command_takes_the_stop_back() -> None:
+    awaited = Acknowledgements()
+    awaited.sent(1.0, stop=True)
+    awaited.sent(1.05, stop=False)
+    assert not awaited.stop_is_overdue(2.0)
+
+
+def test_silence_counts_from_the_first_command_after_the_last_answer() -> None:
+    awaited = Acknowledgements()
+    assert awaited.silent_for_s(5.0) == 0.0
+    awaited.sent(5.0, stop=False)
+    awaited.sent(5.1, stop=False)
+    assert awaited.silent_for_s(5.4) == 5.4 - 5.0
+
+
+def test_one_lost_answer_does_not_count_as_a_lost_link_for_ever() -> None:
+    awaited = Acknowledgements()
+    awaited.sent(1.0, stop=False)
+    awaited.sent(1.1, stop=False)
+    awaited.acknowledged()
+    assert awaited.silent_for_s(100.0) == 0.0
+
+
+def test_a_repeated_stop_is_acknowledged_by_the_next_answer_even_if_earlier_ones_were_lost() -> None:
+    awaited = Acknowledgements()
+    for tenth in range(5):
+        awaited.sent(tenth / 10, stop=False)
+    awaited.sent(0.5, stop=True)
+    awaited.repeating()
+    awaited.sent(0.6, stop=True)
+    awaited.acknowledged()
+    assert not awaited.stop_is_overdue(9.0)

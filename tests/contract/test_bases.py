@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import fcntl
+import math
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from stadimeter.bases.protocol import MobileBase
+from stadimeter.config.plugins import BASES, DriverContext, load_plugin
+from stadimeter.errors import DeviceClosedError
+from stadimeter.simulation.options import WorldOptions
+from stadimeter.simulation.ros_arduino_firmware import emulated_ros_arduino
+from stadimeter.simulation.world import World
+from stadimeter.testing.base_contract import BaseContract, BaseStand
+from stadimeter.testing.manual_clock import ManualClock
+
+TRACK_WIDTH_M = 0.16
+
+
+@pytest.fixture
+def context() -> Iterator[DriverContext]:
+    clock = ManualClock()
+    made = DriverContext(name="base", clock=clock)
+    world = WorldOptions(track_width="16 cm", ticks_per_metre=1440 / (math.pi * 0.065))
+    made.share("world", lambda: World(world, clock))
+    yield made
+    for close in reversed(made.shared.closers):
+        close()
+
+
+def true_motion(context: DriverContext) -> tuple[float, float]:
+    left_mps, right_mps = context.shared.parts["world"].robot.wheels_mps
+    return ((left_mps + right_mps) / 2, (right_mps - left_mps) / TRACK_WIDTH_M)
+
+
+class TestRosArduinoBase(BaseContract):
+    """Over a real pseudo-terminal to the emulated firmware, which turns the wheels of the simulated robot."""
+
+    @pytest.fixture
+    def stand(self, context: DriverContext) -> BaseStand:
+        plugin = load_plugin(BASES, "ros-arduino-bridge")
+        options = plugin.options(
+            port="emulated-ros-arduino-bridge",
+            wheel_diameter="65 mm",
+            ticks_per_turn=1440,
+            track_width="16 cm",
+            max_wheel_speed="0.5 m/s",
+        )
+        path = emulated_ros_arduino(context).port.path
+        return BaseStand(
+            base=plugin.build(options, context),
+            clock=context.clock,
+            is_held=lambda: is_locked(path),
+            motion=lambda: true_motion(context),
+        )
+
+
+class TestSimulatedBase(BaseContract):
+    """In the simulated world, without a port."""
+
+    @pytest.fixture
+    def stand(self, context: DriverContext) -> BaseStand:
+        plugin = load_plugin(BASES, "simulated")
+        base = plugin.build(plugin.options(), context)
+        return BaseStand(
+            base=base,
+            clock=context.clock,
+            is_held=lambda: is_connected(base),
+            motion=lambda: true_motion(context),
+        )
+
+
+def is_connected(base: MobileBase) -> bool:
+    try:
+        base.tick(0.0)
+    except DeviceClosedError:
+        return False
+    return True
+
+
+def is_locked(path: str) -> bool:
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
