@@ -1,0 +1,33 @@
+"""Exit codes, and how errors are told: one clear line each on standard error, never a traceback for what a user did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from stadimeter.errors import ConfigError, StadimeterError
+
+DONE = 0
+NOT_FOUND = 1
+WRONG = 2
+
+
+@contextmanager
+def told_plainly() -> Iterator[None]:
+    """Turn every error that stadimeter raises on purpose into its lines on standard error and exit code 2.
+
+    Yields:
+        Nothing.
+    """
+    try:
+        yield
+    except ConfigError as error:
+        for problem in error.problems:
+            typer.echo(f"error: {problem}", err=True)
+        raise typer.Exit(WRONG) from error
+    except StadimeterError as error:
+        for line in str(error).splitlines():
+            typer.echo(f"error: {line}", err=True)
+        raise typer.Exit(WRONG) from error

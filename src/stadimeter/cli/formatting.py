@@ -1,0 +1,207 @@
+"""Figures for people: distances with as many digits as their standard deviation supports, in the unit they chose."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass
+
+from stadimeter.config.units import FOOT_M, INCH_M
+from stadimeter.errors import ConfigError
+
+UNKNOWN = "—"
+"""Stands where there is no figure."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LengthUnit:
+    """A unit of length to show distances in.
+
+    Attributes:
+        symbol: What is written behind the figure.
+        size_m: One of it in metres.
+        decimals_max: No figure is shown with more decimals than this, however sure it is.
+    """
+
+    symbol: str
+    size_m: float
+    decimals_max: int
+
+
+METRE = LengthUnit(symbol="m", size_m=1.0, decimals_max=3)
+CENTIMETRE = LengthUnit(symbol="cm", size_m=0.01, decimals_max=1)
+FOOT = LengthUnit(symbol="ft", size_m=FOOT_M, decimals_max=2)
+INCH = LengthUnit(symbol="in", size_m=INCH_M, decimals_max=1)
+
+LENGTH_UNITS = {unit.symbol: unit for unit in (METRE, CENTIMETRE, FOOT, INCH)}
+
+
+def length_unit(symbol: str) -> LengthUnit:
+    """Return the unit with a symbol.
+
+    Args:
+        symbol: ``m``, ``cm``, ``ft`` or ``in``.
+
+    Returns:
+        The unit.
+
+    Raises:
+        ConfigError: Distances are not shown in that unit.
+    """
+    if symbol in LENGTH_UNITS:
+        return LENGTH_UNITS[symbol]
+    close = difflib.get_close_matches(symbol, LENGTH_UNITS, n=1)
+    guess = f"; did you mean {close[0]!r}?" if close else ""
+    raise ConfigError(f"distances are shown in {', '.join(LENGTH_UNITS)}, not in {symbol!r}{guess}")
+
+
+def format_distance(distance_m: float | None, sigma_m: float | None = None, unit: LengthUnit = METRE) -> str:
+    """Write a distance with its standard deviation, both up to the first digit of the latter.
+
+    Args:
+        distance_m: The distance, or None if there is none.
+        sigma_m: Its standard deviation; None or 0 leaves the ``±`` away.
+        unit: The unit to show.
+
+    Returns:
+        Such as ``2.43 m ± 0.04``; a dash if there is no distance, or one that is not a number, or no end to its
+        standard deviation.
+    """
+    number, plus_minus = distance_figures(distance_m, sigma_m, unit)
+    if number == UNKNOWN:
+        return UNKNOWN
+    return f"{number} {unit.symbol} ± {plus_minus}" if plus_minus else f"{number} {unit.symbol}"
+
+
+def distance_figures(distance_m: float | None, sigma_m: float | None, unit: LengthUnit) -> tuple[str, str]:
+    """Return the two figures of `format_distance` without the unit.
+
+    Args:
+        distance_m: The distance, or None if there is none.
+        sigma_m: Its standard deviation, if known.
+        unit: The unit to show.
+
+    Returns:
+        The distance and its standard deviation; the latter is empty where none is shown, the former a dash where
+        there is no distance.
+    """
+    if distance_m is None:
+        return UNKNOWN, ""
+    value, sigma = distance_m / unit.size_m, (sigma_m or 0.0) / unit.size_m
+    if not (math.isfinite(value) and math.isfinite(sigma) and sigma >= 0):
+        return UNKNOWN, ""
+    decimals = _decimals_of(sigma, unit.decimals_max)
+    shown_sigma = max(sigma, 10.0**-unit.decimals_max)  # a tiny one is rounded up: nothing is shown as ± 0
+    return _fixed(value, decimals), _fixed(shown_sigma, decimals) if sigma else ""
+
+
+def format_feet_and_inches(distance_m: float | None, sigma_m: float | None = None) -> str:
+    """Write a distance as people with a tape measure say it.
+
+    Args:
+        distance_m: The distance, or None if there is none.
+        sigma_m: Its standard deviation; beyond half a foot the inches are left away.
+
+    Returns:
+        Such as ``7 ft 11.7 in``; a dash if there is none.
+    """
+    if distance_figures(distance_m, sigma_m, INCH)[0] == UNKNOWN or distance_m is None:
+        return UNKNOWN
+    sigma_in = (sigma_m or 0.0) / INCH_M
+    if sigma_in > 6:
+        return f"{_fixed(distance_m / FOOT_M, _decimals_of(sigma_in / 12, 0))} ft"
+    decimals = max(0, _decimals_of(sigma_in, INCH.decimals_max))
+    inches = round(abs(distance_m) / INCH_M, decimals)
+    sign = "-" if distance_m < 0 and inches else ""
+    return f"{sign}{int(inches // 12)} ft {_fixed(inches % 12, decimals)} in"
+
+
+def format_speed(speed_mps: float | None, sigma_mps: float | None = None, unit: LengthUnit = METRE) -> str:
+    """Write a speed with the digits that its standard deviation supports, two decimals at most.
+
+    Args:
+        speed_mps: The speed, or None if there is none.
+        sigma_mps: Its standard deviation, if known; it is not shown.
+        unit: The unit of length to show.
+
+    Returns:
+        Such as ``0.21 m/s``, or a dash.
+    """
+    if speed_mps is None:
+        return UNKNOWN
+    value, sigma = speed_mps / unit.size_m, (sigma_mps or 0.0) / unit.size_m
+    if not (math.isfinite(value) and math.isfinite(sigma) and sigma >= 0):
+        return UNKNOWN
+    return f"{_fixed(value, _decimals_of(sigma, min(2, unit.decimals_max)))} {unit.symbol}/s"
+
+
+def format_closing(closing_mps: float | None, sigma_mps: float | None = None, unit: LengthUnit = METRE) -> str:
+    """Say whether a target comes nearer, and how fast.
+
+    Args:
+        closing_mps: Speed of approach, positive when the distance shrinks; None if unknown.
+        sigma_mps: Its standard deviation; a speed that is not twice as large counts as none.
+        unit: The unit of length to show.
+
+    Returns:
+        Such as ``closing 0.21 m/s``, ``leaving 0.21 m/s`` or ``steady``; empty if unknown.
+    """
+    speed = format_speed(None if closing_mps is None else abs(closing_mps), sigma_mps, unit)
+    if closing_mps is None or speed == UNKNOWN:
+        return ""
+    if abs(closing_mps) <= 2 * (sigma_mps or 0.0) or abs(closing_mps) < 0.005:
+        return "steady"
+    return f"closing {speed}" if closing_mps > 0 else f"leaving {speed}"
+
+
+def format_bearing(bearing_rad: float | None) -> str:
+    """Write a bearing in whole degrees.
+
+    Args:
+        bearing_rad: The bearing, positive to the right; None if unknown.
+
+    Returns:
+        Such as ``3° left`` or ``ahead``; empty if unknown, or if it is no angle at all.
+    """
+    if bearing_rad is None or not abs(bearing_rad) <= math.tau:
+        return ""
+    degrees = round(math.degrees(bearing_rad))
+    if degrees == 0:
+        return "ahead"
+    return f"{abs(degrees)}° {'right' if degrees > 0 else 'left'}"
+
+
+def format_level(level: float) -> str:
+    """Write an actuator's level, from 0 to 1, in per cent; one that is not off never reads as 0."""
+    percent = round(level * 100)
+    return "<1 %" if level > 0 and percent == 0 else f"{percent} %"
+
+
+def format_turn(angular_radps: float) -> str:
+    """Write a rate of turn, positive to the left, such as ``0.10 rad/s``."""
+    return f"{_fixed(angular_radps, 2)} rad/s"
+
+
+def format_time(time_s: float) -> str:
+    """Write a time in a run: ``12.3 s``, and from ten minutes on ``10:07`` or ``1:02:03``."""
+    if time_s < 600:
+        return f"{_fixed(time_s, 1)} s"
+    minutes, seconds = divmod(int(time_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes}:{seconds:02}"
+
+
+def format_age(age_s: float) -> str:
+    """Write the age of a frame: ``34 ms``, and from one second on ``2.1 s``."""
+    return f"{round(age_s * 1000)} ms" if age_s < 1 else f"{_fixed(age_s, 1)} s"
+
+
+def _decimals_of(sigma: float, decimals_max: int) -> int:
+    """Return the place of the first digit of ``sigma`` once rounded to it: 0.04 gives 2, 0.096 gives 1, 12 gives -1."""
+    if sigma == 0:
+        return decimals_max
+    return min(decimals_max, -int(f"{sigma:.0e}".partition("e")[2]))
+
+
+def _fixed(value: float, decimals: int) -> str:
+    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"  # adding zero turns -0.0 into 0.0

@@ -1,0 +1,96 @@
+"""The characters that the views draw with, and what stands for them where a terminal knows only ASCII."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rich.text import Text
+
+_ASCII_WORDS = str.maketrans(
+    {
+        "±": "+/-", "°": " deg", "…": "...", "²": "2", "—": "-", "–": "-", "→": "->", "≥": ">=", "≤": "<=", "·": "-",
+        "σ": "sigma", "µ": "u", "×": "x",
+    }
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Glyphs:
+    """One set of characters, each one column wide.
+
+    Attributes:
+        ascii_only: Whether everything must be ASCII.
+        line: Draws headings.
+        bar: The full part of a bar.
+        bar_rest: The empty part of a bar.
+        left_end: The left end of the bearing's scale.
+        right_end: Its right end.
+        middle: Its middle.
+        mark: Where the target is on it.
+        beyond_left: The target is further to the left than the scale.
+        beyond_right: It is further to the right.
+        forwards: A base drives forwards.
+        backwards: It drives backwards.
+        standing: It stands.
+        turns_left: It turns to the left.
+        turns_right: It turns to the right.
+        axis: The vertical axis of a chart.
+        tick: A labelled place on it.
+        corner: Its lower end.
+        dots: The states of a rule: idle, pending, active, clearing, unknown.
+    """
+
+    ascii_only: bool = False
+    line: str = "─"
+    bar: str = "━"
+    bar_rest: str = "─"
+    left_end: str = "├"
+    right_end: str = "┤"
+    middle: str = "┼"
+    mark: str = "●"
+    beyond_left: str = "◀"
+    beyond_right: str = "▶"
+    forwards: str = "▲"
+    backwards: str = "▼"
+    standing: str = "■"
+    turns_left: str = "↺"
+    turns_right: str = "↻"
+    axis: str = "│"
+    tick: str = "┤"
+    corner: str = "└"
+    dots: str = "○◔●◑?"
+
+    def words(self, text: str) -> str:
+        """Return a text as it can be shown: one line, no control characters, ASCII if it must be.
+
+        Args:
+            text: Any text, such as a reason in a driver's words.
+
+        Returns:
+            The text that is safe to print.
+        """
+        shown = "".join(character if character.isprintable() else " " for character in text)
+        if not self.ascii_only:
+            return shown
+        return shown.translate(_ASCII_WORDS).encode("ascii", "replace").decode("ascii")
+
+    def fit(self, text: Text, width: int) -> Text:
+        """Return a line cut or filled to a width.
+
+        Args:
+            text: The line; it is changed.
+            width: How many columns it shall take.
+
+        Returns:
+            The same line.
+        """
+        text.truncate(width, overflow="crop" if self.ascii_only else "ellipsis", pad=True)
+        return text
+
+
+UNICODE = Glyphs()
+ASCII = Glyphs(
+    ascii_only=True, line="-", bar="=", bar_rest=".", left_end="[", right_end="]", middle="|", mark="o",
+    beyond_left="<", beyond_right=">", forwards="^", backwards="v", standing="#", turns_left="<", turns_right=">",
+    axis="|", tick="+", corner="+", dots=".o*o?",
+)  # fmt: skip

@@ -1,0 +1,87 @@
+"""Shows what is wrong in a configuration beside the line that it is about."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Literal
+
+from rich.console import Console
+from rich.text import Text
+
+from stadimeter.config.toml_lines import Place, key_places
+from stadimeter.errors import Problem
+
+Kind = Literal["error", "warning"]
+
+_COLOURS = {"error": "red", "warning": "yellow"}
+
+
+def print_problems(console: Console, problems: Iterable[Problem], kind: Kind) -> None:
+    """Print each problem with its line, underlined, and what to do about it.
+
+    Args:
+        console: Where to.
+        problems: The problems.
+        kind: How bad they are.
+    """
+    texts: dict[str, str] = {}
+    for problem in problems:
+        text = texts.setdefault(problem.file, _read(problem.file))
+        console.print(_title(problem, kind))
+        margin = " " * (len(str(problem.line)) + 2)
+        for line in _fragment(problem, text, kind):
+            console.print(line)
+        if problem.hint:
+            console.print(Text.assemble(f"{margin}  ", (problem.hint, "green")))
+
+
+def _title(problem: Problem, kind: Kind) -> Text:
+    place = f"{problem.file}:{problem.line}" if problem.line else problem.file
+    return Text.assemble(
+        (f"{place}: " if place else "", "bold"),
+        (f"{kind}: ", f"bold {_COLOURS[kind]}"),
+        (f"{problem.key}: " if problem.key else "", "cyan"),
+        problem.message,
+    )
+
+
+def _fragment(problem: Problem, text: str, kind: Kind) -> list[Text]:
+    lines = text.split("\n")
+    if not 0 < problem.line <= len(lines):
+        return []
+    line = lines[problem.line - 1].replace("\t", " ")
+    number = f"  {problem.line}"
+    begin, end = _span(problem, text, line)
+    return [
+        Text.assemble((f"{number} | ", "dim"), line),
+        Text.assemble((f"{' ' * len(number)} | ", "dim"), " " * begin, ("^" * max(1, end - begin), _COLOURS[kind])),
+    ]
+
+
+def _span(problem: Problem, text: str, line: str) -> tuple[int, int]:
+    """Return the columns to underline: those of the key, or else the whole line without its margin and comment."""
+    place = _place(problem, text)
+    if place is not None and place.line == problem.line:
+        return place.column, place.end_column
+    return len(line) - len(line.lstrip()), len(line.rstrip())
+
+
+def _place(problem: Problem, text: str) -> Place | None:
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return None
+    by_key = {".".join(map(str, path)): place for path, place in key_places(text).items()}
+    key = problem.key
+    while key and key not in by_key:
+        key = key.rpartition(".")[0]
+    return by_key.get(key)
+
+
+def _read(file: str) -> str:
+    try:
+        return Path(file).read_bytes().decode("utf-8-sig").replace("\r\n", "\n") if file else ""
+    except (OSError, UnicodeDecodeError):
+        return ""

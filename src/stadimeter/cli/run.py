@@ -1,0 +1,107 @@
+"""The commands that run the loop: ``run`` and ``demo``."""
+
+from __future__ import annotations
+
+import json
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.demonstration import demo_configuration
+from stadimeter.app.journal import JournalWriter
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.signals import stopping_on_signals
+from stadimeter.cli.exits import told_plainly
+from stadimeter.cli.run_summary import in_words, summarise
+from stadimeter.cli.viewing import View, show
+from stadimeter.config.loader import load_configuration
+
+ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, a TOML file.")]
+Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S", help="End after this long.")]
+Frames = Annotated[int | None, typer.Option("--frames", min=1, metavar="N", help="End after this many frames.")]
+JournalFile = Annotated[
+    Path | None, typer.Option("--journal", metavar="FILE", help="Record every cycle, for `stadimeter replay`.")
+]
+Speed = Annotated[
+    float,
+    typer.Option("--speed", min=0.0, help="How fast recordings and simulations run: 1 is real time, 0 has no brake."),
+]
+Unit = Annotated[Literal["m", "cm", "ft", "in"], typer.Option("--unit", help="The unit to show distances in.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands.
+
+    Args:
+        app: The command line.
+    """
+    app.command("run")(run)
+    app.command("demo")(demo)
+
+
+def run(
+    config: ConfigFile,
+    frames: Frames = None,
+    seconds: Seconds = None,
+    journal: JournalFile = None,
+    watch: Annotated[bool, typer.Option("--watch", help="Show the live view instead of lines.")] = False,
+    speed: Speed = 1.0,
+    unit: Unit = "m",
+    as_json: Annotated[bool, typer.Option("--json", help="Print nothing but one JSON object, at the end.")] = False,
+) -> None:
+    """Measure, decide and act, until told to stop.
+
+    Opens the camera and every output that CONFIG names, and runs its rules on every frame. Prints a line a second,
+    and each event at once. A recording ends when its frames do; Ctrl-C, SIGTERM and SIGHUP stop every output first
+    and then end the run.
+
+    [bold]Examples[/bold]
+
+      stadimeter run config/distance-alert.toml --watch
+
+      stadimeter run config/follow-ball.toml --seconds 60 --journal run.jsonl
+
+    [bold]Exit code[/bold]: 0 the run ended as it should; 2 a device, the configuration or the journal is wrong.
+    """
+    view: View = "json" if as_json else "live" if watch else "plain"
+    with told_plainly():
+        loop = Loop(build(load_configuration(config), speed=speed or None))
+        _run(loop, Limits(frames=frames, seconds=seconds), journal, view, config.name, unit)
+
+
+def demo(
+    seconds: Seconds = None,
+    plain: Annotated[bool, typer.Option("--plain", help="Print lines instead of the live view.")] = False,
+    journal: JournalFile = None,
+    speed: Speed = 1.0,
+    unit: Unit = "m",
+) -> None:
+    """Watch a simulated ball being measured, followed and reported. Needs no hardware.
+
+    A ball rolls through a simulated room. A camera on a simulated robot measures its distance in the pictures that it
+    takes. Rules drive a vibration motor, a buzzer and the robot's base (through real serial bytes to an emulated
+    firmware) and send alerts to a simulated broker. Now and then the ball hides or the camera freezes, and everything
+    stops. Ctrl-C ends it.
+
+    The configuration is config/demo.toml: copy it, change it, and `stadimeter run` it.
+    """
+    with told_plainly():
+        loop = Loop(build(demo_configuration(), speed=speed or None))
+        _run(loop, Limits(seconds=seconds), journal, "plain" if plain else "live", "demo", unit)
+
+
+def _run(loop: Loop, limits: Limits, journal: Path | None, view: View, title: str, unit: str) -> None:
+    with ExitStack() as closing:
+        closing.enter_context(stopping_on_signals(loop.stop))
+        if journal is not None:
+            loop.journal = JournalWriter(journal, loop.parts.configuration.text)
+            closing.callback(loop.journal.close)
+        closing.enter_context(show(loop, view, title, unit))
+        loop.run(limits)
+    for trouble in loop.troubles:
+        typer.echo(f"warning: while ending: {trouble}", err=True)
+    summary = summarise(loop.health, loop.ending)
+    typer.echo(json.dumps(summary) if view == "json" else in_words(summary))

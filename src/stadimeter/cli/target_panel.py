@@ -1,0 +1,147 @@
+"""The part of the live view for one target: its distance, large; where it is; and the last half minute."""
+
+from __future__ import annotations
+
+import math
+
+from rich.text import Text
+
+from stadimeter.cli.big_digits import big_digits
+from stadimeter.cli.formatting import (
+    FOOT,
+    UNKNOWN,
+    LengthUnit,
+    distance_figures,
+    format_bearing,
+    format_closing,
+    format_distance,
+    format_feet_and_inches,
+    format_time,
+)
+from stadimeter.cli.glyphs import Glyphs
+from stadimeter.cli.snapshot import Snapshot, heading
+from stadimeter.cli.strip_chart import StripChart
+from stadimeter.core.track import Track, TrackStatus
+
+STATUS_STYLES = {
+    TrackStatus.SEARCHING: "yellow",
+    TrackStatus.TRACKING: "green",
+    TrackStatus.COASTING: "yellow",
+    TrackStatus.LOST: "red",
+}
+
+BEARING_END_RAD = math.radians(30)
+"""The bearing's scale reaches this far to either side: about what a common lens sees."""
+
+BIG_WIDTH, BIG_ROWS = 48, 14
+"""From this size on there is room for large digits."""
+
+
+def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
+    """Show one target in the room that there is.
+
+    Args:
+        snapshot: All that is shown.
+        track: The target's track.
+        width: How many columns there are.
+        rows: How many rows there are.
+        glyphs: The characters to draw with.
+
+    Returns:
+        At most `rows` lines.
+    """
+    figures = _Figures(snapshot, track, glyphs)
+    if rows < 2:
+        return [glyphs.fit(figures.one_line(), width)][:rows]
+    is_big = rows >= BIG_ROWS and width >= BIG_WIDTH and not glyphs.ascii_only
+    top = [
+        heading(track.target, width, glyphs, (track.status.value, f"bold {STATUS_STYLES[track.status]}")),
+        *(figures.large() if is_big else [figures.normal()]),
+    ]
+    chart = StripChart(
+        width=width,
+        height=rows - len(top),
+        unit=snapshot.unit,
+        limits_m=tuple(snapshot.limits_m.get(track.target, ())),
+        glyphs=glyphs,
+    )
+    now_s = snapshot.record.observation.now_s if snapshot.record else 0.0
+    return [glyphs.fit(line, width) for line in (*top, *chart.render(snapshot.samples.get(track.target, ()), now_s))]
+
+
+class _Figures:
+    """The words and figures about one target."""
+
+    def __init__(self, snapshot: Snapshot, track: Track, glyphs: Glyphs) -> None:
+        self._snapshot = snapshot
+        self._unit: LengthUnit = snapshot.unit
+        self._track = track
+        self._glyphs = glyphs
+        colour = STATUS_STYLES[track.status]
+        self._style = f"bold {colour}" if track.is_valid else f"dim {colour}"
+
+    def one_line(self) -> Text:
+        status = (f" {self._track.status.value} ", STATUS_STYLES[self._track.status])
+        line = Text.assemble(" ", (self._words(self._track.target), "bold"), " ", self._distance(), status)
+        return line.append_text(Text("  ").join(self._whereabouts()))
+
+    def normal(self) -> Text:
+        return Text("  ").join((Text.assemble(" ", self._distance(), " "), *self._whereabouts()))
+
+    def large(self) -> list[Text]:
+        number, plus_minus = distance_figures(self._track.distance_m, self._track.sigma_m, self._unit)
+        unit = "" if number == UNKNOWN else self._unit.symbol
+        beside = Text.assemble((f"{unit} ± {plus_minus}" if plus_minus else unit, self._style), self._also())
+        rows = zip(big_digits(number), (beside, *self._whereabouts()), strict=True)
+        return [Text.assemble(" ", (digits, self._style), "  ", words) for digits, words in rows]
+
+    def _distance(self) -> Text:
+        words = format_distance(self._track.distance_m, self._track.sigma_m, self._unit)
+        return Text.assemble((self._words(words), self._style), self._also())
+
+    def _also(self) -> Text:
+        """Return the same in feet and inches, for people who chose feet."""
+        if self._unit is not FOOT or self._track.distance_m is None:
+            return Text()
+        return Text(f" ({format_feet_and_inches(self._track.distance_m, self._track.sigma_m)})", "dim")
+
+    def _whereabouts(self) -> tuple[Text, Text]:
+        """Return how it moves and where it is, or since when and why that is not known."""
+        reason = Text(self._words(self._track.reason), "italic yellow")
+        if not self._track.is_valid:
+            return Text(self._last_seen(), "italic"), reason
+        speed = format_closing(self._track.closing_mps, self._track.closing_sigma_mps, self._unit)
+        bearing = self._words(format_bearing(self._track.bearing_rad))
+        scale = bearing_scale(self._track.bearing_rad, self._glyphs)
+        return Text(f"{speed:<16}"), Text.assemble(f"{bearing:<9} ", scale, "  ", reason)
+
+    def _last_seen(self) -> str:
+        if self._track.measured_at_s is None or self._snapshot.record is None:
+            return ""
+        return f"last seen {format_time(self._snapshot.record.observation.now_s - self._track.measured_at_s)} ago"
+
+    def _words(self, text: str) -> str:
+        return self._glyphs.words(text)
+
+
+def bearing_scale(bearing_rad: float | None, glyphs: Glyphs, width: int = 17) -> Text:
+    """Draw where a target is between left and right.
+
+    Args:
+        bearing_rad: Its bearing, positive to the right; None if unknown.
+        glyphs: The characters to draw with.
+        width: How many columns the scale takes, an odd number.
+
+    Returns:
+        Such as ``├──●────┼───────┤``; empty if unknown.
+    """
+    if bearing_rad is None or not math.isfinite(bearing_rad):
+        return Text()
+    inner = width - 2
+    cells = [glyphs.left_end, *(glyphs.line * inner), glyphs.right_end]
+    cells[width // 2] = glyphs.middle
+    share = bearing_rad / BEARING_END_RAD
+    place = width // 2 + round(max(-1.0, min(1.0, share)) * (inner // 2))
+    mark = glyphs.mark if abs(share) <= 1 else glyphs.beyond_right if share > 0 else glyphs.beyond_left
+    before, after = "".join(cells[:place]), "".join(cells[place + 1 :])
+    return Text.assemble((before, "dim"), (mark, "bold bright_cyan"), (after, "dim"))

@@ -1,0 +1,84 @@
+"""How a run is shown while it goes on: the live view, lines, or nothing but troubles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Literal
+
+import typer
+
+from stadimeter.app.loop import Loop
+from stadimeter.cli.live_view import LiveView
+from stadimeter.cli.plain_view import PlainView
+from stadimeter.core.plan import AlarmRule, AnyRule, DistanceCondition, FollowRule, Plan, RampRule
+
+View = Literal["live", "plain", "json"]
+
+
+@contextmanager
+def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
+    """Show a run.
+
+    Args:
+        loop: The run.
+        view: How.
+        title: What runs.
+        unit: The unit of distances.
+
+    Yields:
+        Nothing; the view ends with the context.
+    """
+    if view == "live":
+        limits_m = chart_limits_m(loop.parts.configuration.plan)
+        with LiveView(title, unit=unit, trouble=loop.trouble, limits_m=limits_m) as live:
+            loop.listeners.append(lambda record, _frame: live.update(record))
+            yield
+        return
+    if view == "plain":
+        plain = PlainView(typer.echo, unit=unit, trouble=loop.trouble)
+        loop.listeners.append(lambda record, _frame: plain.update(record))
+    else:
+        loop.listeners.append(_TroubleTeller(loop))
+    yield
+
+
+class _TroubleTeller:
+    """Tells on standard error what is wrong outside the loop, once for each change."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+        self._said = ""
+
+    def __call__(self, *_: object) -> None:
+        trouble = self._loop.trouble()
+        if trouble and trouble != self._said:
+            typer.echo(f"warning: {trouble}", err=True)
+        self._said = trouble
+
+
+def chart_limits_m(plan: Plan) -> dict[str, list[float]]:
+    """Return the distances at which rules begin, for marking them in a chart.
+
+    Args:
+        plan: The rules.
+
+    Returns:
+        For each target the distances in metres, nearest first.
+    """
+    limits_m: dict[str, set[float]] = {target: set() for target in plan.targets}
+    for rule in plan.rules:
+        limits_m[rule.target].update(_limits_m(rule))
+    return {target: sorted(values) for target, values in limits_m.items()}
+
+
+def _limits_m(rule: AnyRule) -> tuple[float, ...]:
+    match rule:
+        case AlarmRule(condition=DistanceCondition(above_m=above_m, below_m=below_m)):
+            return tuple(limit_m for limit_m in (above_m, below_m) if limit_m is not None)
+        case RampRule():
+            return (rule.start_m,)
+        case FollowRule():
+            return (rule.distance_m,)
+        case _:
+            return ()

@@ -1,0 +1,128 @@
+"""The command `check` prints every error beside its line, or what the configuration does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner, Result
+
+from stadimeter.cli import check
+
+CONFIGURATIONS = Path(__file__).parents[2] / "config"
+
+WRONG = """\
+[camera]
+driver = "opencvv"
+model = { width_px = 640, height_px = 480, fx_px = 600.0, fy_px = 600.0, cx_px = 319.5, cy_px = 239.5 }
+[targets.ball]
+detector = "ball"
+diameter = "0 cm"
+hsv = "29,86,6:64,255,255"
+
+[rules.near]
+actuator = "motor"
+when = { belwo = "50 cm" }  # a comment
+"""
+
+
+def run_check(*arguments: str) -> Result:
+    app = typer.Typer()
+    check.register(app)
+    return CliRunner().invoke(app, [*arguments])
+
+
+@pytest.fixture
+def wrong(tmp_path: Path) -> Path:
+    file = tmp_path / "wrong.toml"
+    file.write_text(WRONG, encoding="utf-8")
+    return file
+
+
+def test_errors_stand_beside_their_lines_underlined(wrong: Path) -> None:
+    result = run_check(str(wrong))
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.splitlines() == [
+        (
+            f"{wrong}:2: error: camera.driver: no camera driver is called 'opencvv'; did you mean 'opencv'? "
+            "There are: images, opencv, simulated, video"
+        ),
+        '  2 | driver = "opencvv"',
+        "    | ^^^^^^^^^^^^^^^^^^",
+        f"{wrong}:6: error: targets.ball.diameter: '0 cm' is not a length above zero",
+        '  6 | diameter = "0 cm"',
+        "    | ^^^^^^^^^^^^^^^^^",
+        f"{wrong}:10: error: rules.near.actuator: there is no actuator 'motor'",
+        '  10 | actuator = "motor"',
+        "     | ^^^^^^^^^^^^^^^^^^",
+        f"{wrong}:11: error: rules.near.when.belwo: unknown key 'belwo'",
+        '  11 | when = { belwo = "50 cm" }  # a comment',
+        "     |          ^^^^^^^^^^^^^^^",
+        "       did you mean 'below'?",
+        f"4 errors: {wrong} cannot be used",
+    ]
+
+
+def test_a_syntax_error_shows_its_whole_line(tmp_path: Path) -> None:
+    file = tmp_path / "broken.toml"
+    file.write_text("[camera]\n  rate = 30 Hz\n", encoding="utf-8")
+    result = run_check(str(file))
+    assert result.exit_code == 2
+    assert result.stderr.splitlines()[1:3] == ["  2 |   rate = 30 Hz", "    |   ^^^^^^^^^^^^"]
+
+
+def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:
+    result = run_check(str(tmp_path / "nowhere.toml"))
+    assert result.exit_code == 2
+    assert result.stderr.splitlines()[0] == f"{tmp_path / 'nowhere.toml'}: error: there is no such file"
+
+
+def test_a_sound_configuration_is_told_in_words() -> None:
+    file = CONFIGURATIONS / "distance-alert.toml"
+    result = run_check(str(file))
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    assert (
+        "`far` vibrates `motor` when `ball` is further than 3.05 m (10.0 ft), full at 6.10 m (20.0 ft); off when lost."
+        in result.stdout
+    )
+    assert result.stdout.splitlines()[-1] == f"{file} can be used"
+
+
+def test_warnings_are_shown_and_counted(tmp_path: Path) -> None:
+    file = tmp_path / "quiet.toml"
+    text = (CONFIGURATIONS / "distance-alert.toml").read_text(encoding="utf-8")
+    file.write_text(f"{text}level = 0\n", encoding="utf-8")
+    result = run_check(str(file))
+    assert result.exit_code == 0
+    assert f"{len(text.splitlines()) + 1}: warning: rules.near.level: level 0 holds 'buzzer' still" in result.stdout
+    assert result.stdout.splitlines()[-1] == f"{file} can be used, with 1 warning"
+
+
+def test_json_lists_the_problems_for_programs(wrong: Path) -> None:
+    result = run_check(str(wrong), "--json")
+    assert result.exit_code == 2
+    assert result.stderr == ""
+    record = json.loads(result.stdout)
+    assert record["usable"] is False
+    assert record["describes"] == []
+    assert len(record["problems"]) == 4
+    assert record["problems"][3] == {
+        "message": "unknown key 'belwo'",
+        "file": str(wrong),
+        "line": 11,
+        "key": "rules.near.when.belwo",
+        "hint": "did you mean 'below'?",
+    }
+
+
+def test_json_of_a_sound_configuration_says_what_it_does() -> None:
+    result = run_check(str(CONFIGURATIONS / "follow-ball.toml"), "--json")
+    assert result.exit_code == 0
+    record = json.loads(result.stdout)
+    assert record["usable"] is True
+    assert record["problems"] == record["warnings"] == []
+    assert any("keeps `base` 1.00 m" in sentence for sentence in record["describes"])

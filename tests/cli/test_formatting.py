@@ -1,0 +1,145 @@
+"""Figures for people."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.cli.formatting import (
+    CENTIMETRE,
+    FOOT,
+    INCH,
+    LENGTH_UNITS,
+    METRE,
+    UNKNOWN,
+    LengthUnit,
+    format_age,
+    format_bearing,
+    format_closing,
+    format_distance,
+    format_feet_and_inches,
+    format_level,
+    format_speed,
+    format_time,
+    format_turn,
+    length_unit,
+)
+from stadimeter.errors import ConfigError
+
+units = st.sampled_from(list(LENGTH_UNITS.values()))
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "sigma_m", "unit", "text"),
+    [
+        (2.4321, 0.041, METRE, "2.43 m ± 0.04"),
+        (2.4321, 0.35, METRE, "2.4 m ± 0.3"),  # half to even, as Python rounds
+        (2.4321, 0.096, METRE, "2.4 m ± 0.1"),  # rounding reaches the next digit
+        (2.4321, 0.0041, METRE, "2.432 m ± 0.004"),
+        (2.4321, 0.00001, METRE, "2.432 m ± 0.001"),  # never ± 0
+        (2.4321, 0.0, METRE, "2.432 m"),
+        (2.4321, None, METRE, "2.432 m"),
+        (103.4, 12.0, METRE, "100 m ± 10"),
+        (8.9996, 0.04, METRE, "9.00 m ± 0.04"),
+        (2.4321, 0.041, CENTIMETRE, "243 cm ± 4"),
+        (2.4321, 0.12, CENTIMETRE, "240 cm ± 10"),
+        (2.4321, 0.041, FOOT, "8.0 ft ± 0.1"),
+        (0.9144, 0.006, INCH, "36.0 in ± 0.2"),
+        (0.0, 0.01, METRE, "0.00 m ± 0.01"),
+        (None, 0.01, METRE, UNKNOWN),
+        (math.nan, 0.01, METRE, UNKNOWN),
+        (2.4, math.nan, METRE, UNKNOWN),
+        (2.4, math.inf, METRE, UNKNOWN),
+        (2.4, -0.1, METRE, UNKNOWN),
+        (1e308, 0.1, INCH, UNKNOWN),
+    ],
+)
+def test_a_distance_has_the_digits_that_its_standard_deviation_supports(
+    distance_m: float | None, sigma_m: float | None, unit: LengthUnit, text: str
+) -> None:
+    assert format_distance(distance_m, sigma_m, unit) == text
+
+
+@given(st.floats(0, 1e6), st.floats(1e-9, 1e4), units)
+def test_no_digit_is_shown_beyond_the_first_one_of_sigma(distance_m: float, sigma_m: float, unit: LengthUnit) -> None:
+    number, plus_minus = re.fullmatch(r"([\d.]+) \w+ ± ([\d.]+)", format_distance(distance_m, sigma_m, unit)).groups()
+    assert len(plus_minus.replace(".", "").strip("0")) == 1
+    assert len(number.partition(".")[2]) == len(plus_minus.partition(".")[2])
+    assert abs(float(number) - distance_m / unit.size_m) <= float(plus_minus) / 2 * 1.1 + 1e-6
+
+
+@given(st.floats() | st.none(), st.floats() | st.none(), units)
+def test_whatever_the_figures_no_nan_and_no_infinity_is_shown(
+    value: float | None, sigma: float | None, unit: LengthUnit
+) -> None:
+    texts = [
+        format_distance(value, sigma, unit),
+        format_feet_and_inches(value, sigma),
+        format_speed(value, sigma, unit),
+        format_closing(value, sigma, unit),
+        format_bearing(value),
+    ]
+    assert not re.search(r"nan|inf|-0(\.0+)? ", " ".join(texts))
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "sigma_m", "text"),
+    [
+        (2.4321, 0.005, "7 ft 11.8 in"),
+        (2.4321, 0.03, "8 ft 0 in"),  # not 7 ft 12 in
+        (2.4321, 0.5, "8 ft"),
+        (0.3048 * 6 - 1e-6, 0.003, "6 ft 0.0 in"),
+        (None, None, UNKNOWN),
+    ],
+)
+def test_feet_and_inches(distance_m: float | None, sigma_m: float | None, text: str) -> None:
+    assert format_feet_and_inches(distance_m, sigma_m) == text
+
+
+@given(st.floats(0, 1e4), st.floats(0, 0.15))
+def test_there_are_never_twelve_inches_beside_the_feet(distance_m: float, sigma_m: float) -> None:
+    feet, inches = re.fullmatch(r"(\d+) ft ([\d.]+) in", format_feet_and_inches(distance_m, sigma_m)).groups()
+    assert float(inches) < 12
+    assert abs(int(feet) * 12 + float(inches) - distance_m / 0.0254) <= 0.501
+
+
+@pytest.mark.parametrize(
+    ("closing_mps", "sigma_mps", "text"),
+    [
+        (0.213, 0.02, "closing 0.21 m/s"),
+        (-0.213, 0.02, "leaving 0.21 m/s"),
+        (0.213, 0.2, "steady"),
+        (0.5, 0.11, "closing 0.5 m/s"),
+        (0.0, None, "steady"),
+        (None, None, ""),
+    ],
+)
+def test_a_speed_of_approach_is_told_only_when_it_is_clear(
+    closing_mps: float | None, sigma_mps: float | None, text: str
+) -> None:
+    assert format_closing(closing_mps, sigma_mps) == text
+
+
+def test_angles_levels_and_turns() -> None:
+    assert [format_bearing(math.radians(angle)) for angle in (-3.2, 0.2, 12)] == ["3° left", "ahead", "12° right"]
+    assert [format_level(level) for level in (0.0, 0.001, 0.62, 1.0)] == ["0 %", "<1 %", "62 %", "100 %"]
+    assert [format_turn(turn) for turn in (0.1, -0.001)] == ["0.10 rad/s", "0.00 rad/s"]
+
+
+def test_times_and_ages() -> None:
+    assert [format_time(time_s) for time_s in (12.34, 599.9, 607.0, 3723.0)] == [
+        "12.3 s",
+        "599.9 s",
+        "10:07",
+        "1:02:03",
+    ]
+    assert [format_age(age_s) for age_s in (0.034, 2.06)] == ["34 ms", "2.1 s"]
+
+
+def test_an_unknown_unit_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match="m, cm, ft, in, not in 'feet'"):
+        length_unit("feet")

@@ -1,0 +1,321 @@
+"""The live view, read as a person reads it: from the screen."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Callable
+
+import pytest
+from rich.console import Console
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.cli.big_digits import big_digits
+from stadimeter.cli.live_screen import grant_rows
+from stadimeter.cli.live_view import LiveView
+from stadimeter.core.command import LevelCommand, TwistCommand
+from stadimeter.core.decision import Event, EventKind, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.observation import OutputFault
+from stadimeter.core.track import Track, TrackStatus
+from stadimeter.errors import ConfigError
+
+SIZES = [(80, 24), (120, 35), (200, 50)]
+
+
+def screen(view: LiveView, width: int = 80, height: int = 24, *, encoding: str = "utf-8") -> list[str]:
+    """Print a view on a terminal without colours and return its rows."""
+    raw = io.BytesIO()
+    console = Console(
+        file=io.TextIOWrapper(raw, encoding),
+        width=width,
+        height=height,
+        no_color=True,
+        legacy_windows=False,
+        _environ={},
+    )
+    console.print(view.render())
+    console.file.flush()
+    return raw.getvalue().decode(encoding).split("\n")[:-1]
+
+
+def row_with(words: str, rows: list[str]) -> str:
+    (row,) = [row for row in rows if words in row]
+    return row
+
+
+def shown(*records: CycleRecord, **options: object) -> LiveView:
+    view = LiveView("test run", **options)
+    for record in records:
+        view.update(record)
+    return view
+
+
+def event(number: int, at_s: float = 0.0) -> Event:
+    return Event(
+        kind=EventKind.RAISED,
+        source=f"rule-{number}",
+        at_s=at_s,
+        severity=Severity.ALARM,
+        reason=f"reason {number}",
+        sequence=number,
+    )
+
+
+def test_the_distance_is_shown_with_its_standard_deviation(make_record: Callable[..., CycleRecord]) -> None:
+    row = row_with("2.43 m ± 0.04", screen(shown(make_record())))
+    assert "closing 0.21 m/s" in row
+    assert "3° left   ├──────●┼───────┤" in row
+
+
+def test_a_large_terminal_shows_the_distance_in_large_digits(make_record: Callable[..., CycleRecord]) -> None:
+    rows = screen(shown(make_record()), 120, 35)
+    top = next(number for number, row in enumerate(rows) if "m ± 0.04" in row)
+    for offset, digits in enumerate(big_digits("2.43")):
+        assert digits in rows[top + offset]
+
+
+def test_feet_come_with_feet_and_inches(make_record: Callable[..., CycleRecord]) -> None:
+    assert row_with("8.0 ft ± 0.1 (8 ft 0 in)", screen(shown(make_record(), unit="ft")))
+
+
+def test_the_top_line_tells_mode_rate_age_and_time(make_record: Callable[..., CycleRecord]) -> None:
+    view = shown(*(make_record(1000.0 + number * 0.1) for number in range(124)))
+    top = screen(view)[0]
+    assert re.search(r"test run +ACTIVE +10\.0 fps  age 34 ms  12\.3 s", top)
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_why_outputs_may_not_act_is_told_below(
+    make_record: Callable[..., CycleRecord], width: int, height: int
+) -> None:
+    record = make_record(
+        safety=SafetyMode.STALE, safety_reason="the frame is 0.4 s old", frame=None, camera_fault="no frame in 0.1 s"
+    )
+    rows = screen(shown(record, trouble=lambda: "the broker is away"), width, height)
+    assert "STALE" in rows[0]
+    assert [row.strip() for row in rows[1:4]] == [
+        "! the frame is 0.4 s old",
+        "! no frame in 0.1 s",
+        "! the broker is away",
+    ]
+
+
+def test_a_cycle_without_a_frame_is_no_alarm_while_outputs_act(make_record: Callable[..., CycleRecord]) -> None:
+    record = make_record(frame=None, camera_fault="no frame in 0.1 s")
+    assert not any("no frame in" in row for row in screen(shown(record)))
+
+
+def test_a_lost_target_says_since_when_and_why(
+    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
+) -> None:
+    track = make_track(status=TrackStatus.LOST, measured_at_s=7.0, reason="largest blob 6 px, limit 12 px")
+    for width, height in SIZES:
+        rows = screen(shown(make_record(10.0, tracks=(track,))), width, height)
+        assert any("ball lost" in row for row in rows)
+        assert row_with("last seen 3.0 s ago", rows)
+        assert row_with("largest blob 6 px, limit 12 px", rows)
+        assert not any("closing" in row for row in rows)
+
+
+def test_a_target_that_was_never_seen_has_no_distance(make_record: Callable[..., CycleRecord]) -> None:
+    rows = screen(shown(make_record(tracks=(Track(target="ball", reason="no round blob"),))))
+    assert "—" in row_with("no round blob", rows)
+
+
+def test_the_chart_has_a_gap_where_the_target_was_lost(
+    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
+) -> None:
+    lost, seen = (make_track(status=status) for status in (TrackStatus.LOST, TrackStatus.TRACKING))
+    records = [make_record(number / 10, tracks=(lost if 100 <= number < 200 else seen,)) for number in range(301)]
+    rows = screen(shown(*records))
+    (line,) = [row.partition("┤")[2] for row in rows if row.startswith("2.4 m ┤")]
+    assert re.fullmatch(r"\S{20,} {20,}\S{20,}", line.strip())
+
+
+def test_distances_leave_the_chart_after_half_a_minute(
+    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
+) -> None:
+    records = [make_record(number / 10, tracks=(make_track(9.0 if number < 50 else 2.0),)) for number in range(400)]
+    assert any(row.startswith(("10 m", " 8 m")) for row in screen(shown(*records[:300])))
+    assert not any(re.match(r" *([4-9]|10)(\.\d)? m ┤", row) for row in screen(shown(*records)))
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_every_rule_is_shown_with_its_state_its_output_and_its_reason(
+    make_record: Callable[..., CycleRecord], width: int, height: int
+) -> None:
+    rows = screen(shown(make_record()), width, height)
+    assert "active    → buzzer" in row_with(" too-near ", rows)
+    assert "idle      · motor" in row_with(" too-far ", rows)
+    assert "unknown   → base" in row_with(" follow    unknown", rows)
+    assert "pending   × base overruled" in row_with(" keep-off  pending", rows)
+    assert "clearing  alert only" in row_with(" report ", rows)
+    for reason in ("P 0.97", "2.43 m is not beyond 3.05 m", "for 0.2 s of 0.5 s", "clears in 0.4 s"):
+        assert row_with(reason, rows)
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_every_output_is_shown_with_its_value_its_winner_and_its_losers(
+    make_record: Callable[..., CycleRecord], width: int, height: int
+) -> None:
+    rows = screen(shown(make_record()), width, height)
+    bars = [row_with(value, rows).count("━") for value in ("100 %", "62 %")]
+    assert bars[1] / bars[0] == pytest.approx(0.62, abs=0.05)
+    assert "▲  0.21 m/s ↺  0.10 rad/s" in row_with("rad/s", rows)
+    assert row_with("by follow over keep-off: 1.43 m too far", rows)
+    assert row_with("safe value: nothing asks for more", rows)
+
+
+def test_a_base_shows_which_way_it_goes_and_turns(make_record: Callable[..., CycleRecord]) -> None:
+    back = TwistCommand(output="base", linear_mps=-0.1, angular_radps=-0.3, captured_at_s=0.0)
+    still = TwistCommand(output="base", linear_mps=0.0, angular_radps=0.0)
+    assert "▼ -0.10 m/s ↻ -0.30 rad/s" in row_with("rad/s", screen(shown(make_record(commands=(back,)))))
+    assert "■  0.00 m/s    0.00 rad/s" in row_with("rad/s", screen(shown(make_record(commands=(still,)))))
+
+
+def test_an_output_out_of_order_says_so_in_the_driver_s_words(make_record: Callable[..., CycleRecord]) -> None:
+    motor = LevelCommand(output="motor", level=0.5, captured_at_s=0.0)
+    record = make_record(
+        commands=(motor,), applied=(), output_faults=(OutputFault(output="motor", reason="pin 18 is busy"),)
+    )
+    assert re.search(r"motor +out of order  pin 18 is busy", row_with("out of order", screen(shown(record))))
+
+
+def test_a_driver_that_does_less_than_asked_is_seen(make_record: Callable[..., CycleRecord]) -> None:
+    asked, done = (LevelCommand(output="motor", level=level, captured_at_s=0.0) for level in (0.9, 0.5))
+    rounded = LevelCommand(output="motor", level=0.896, captured_at_s=0.0)
+    assert "50 %" in row_with("asked for 90 %", screen(shown(make_record(commands=(asked,), applied=(done,)))))
+    assert not any("asked for" in row for row in screen(shown(make_record(commands=(asked,), applied=(rounded,)))))
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_the_newest_event_is_the_first_shown(make_record: Callable[..., CycleRecord], width: int, height: int) -> None:
+    records = [make_record(float(number), events=(event(number, float(number)),)) for number in range(40)]
+    rows = screen(shown(*records), width, height)
+    start = next(number for number, row in enumerate(rows) if "─ events ─" in row)
+    assert "39.0 s  rule-39 raised: reason 39" in rows[start + 1]
+    assert "38.0 s  rule-38 raised: reason 38" in rows[start + 2]
+
+
+def test_what_does_something_is_shown_first_when_not_all_rules_have_room(
+    make_record: Callable[..., CycleRecord],
+) -> None:
+    rules = tuple(RuleTrace(rule=f"rule-{number:02}", status=RuleStatus.IDLE, reason="") for number in range(30))
+    last = RuleTrace(rule="the-last", status=RuleStatus.ACTIVE, reason="danger", output="buzzer", wins=True)
+    rows = screen(shown(make_record(rules=(*rules, last))))
+    assert row_with("the-last", rows)
+    assert re.search(r"and \d+ more", "\n".join(rows))
+
+
+def test_several_targets_share_the_room(
+    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
+) -> None:
+    tracks = tuple(make_track(1.0 + number, target=f"ball-{number}") for number in range(9))
+    for width, height in [*SIZES, (40, 12)]:
+        rows = screen(shown(make_record(tracks=tracks)), width, height)
+        names = [number for number in range(9) if any(f"ball-{number}" in row for row in rows)]
+        assert names == list(range(9)) or any("more" in row for row in rows)
+
+
+def hostile(make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]) -> CycleRecord:
+    nasty = "\x1b[2J\r\n\t[bold]日本語 ± x\x07\u200b" * 20
+    return make_record(
+        tracks=(make_track(target=nasty, reason=nasty, bearing_rad=math.pi, sigma_m=1e300), Track(target="other")),
+        rules=(RuleTrace(rule=nasty, status=RuleStatus.PENDING, reason=nasty, output=nasty),),
+        outputs=(OutputTrace(output=nasty, winner=nasty, reason=nasty, losers=(nasty,)),),
+        events=(event(1),),
+        safety=SafetyMode.STARTING,
+        safety_reason=nasty,
+    )
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+@pytest.mark.parametrize(
+    ("width", "height"), [(1, 1), (5, 3), (20, 5), (40, 12), (60, 16), (80, 24), (99, 40), (100, 8), (132, 43)]
+)
+def test_at_any_size_the_view_fills_the_screen_and_no_more(
+    make_record: Callable[..., CycleRecord],
+    make_track: Callable[..., Track],
+    width: int,
+    height: int,
+    encoding: str,
+) -> None:
+    for view in (shown(), shown(make_record()), shown(hostile(make_record, make_track))):
+        rows = screen(view, width, height, encoding=encoding)
+        assert len(rows) == height
+        assert all(len(row) <= width for row in rows)
+        assert all(character.isprintable() for row in rows for character in row)
+
+
+def test_a_terminal_without_unicode_gets_the_same_in_ascii(make_record: Callable[..., CycleRecord]) -> None:
+    rows = screen(shown(make_record()), encoding="ascii")
+    assert row_with("2.43 m +/- 0.04", rows)
+    assert "active    -> buzzer" in row_with(" too-near ", rows)
+    assert "?" not in "".join(row for row in rows if "unknown" not in row)
+
+
+def test_without_a_colour_no_colour_is_sent_and_states_are_still_told_apart(
+    make_record: Callable[..., CycleRecord],
+) -> None:
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=True, width=80, height=24, no_color=True, _environ={})
+    console.print(shown(make_record()).render())
+    codes = {code for sequence in re.findall(r"\x1b\[([\d;]*)m", file.getvalue()) for code in sequence.split(";")}
+    assert codes <= {"", "0", "1", "2", "3"}  # bold, dim, italic
+
+
+def test_drawing_is_driven_by_real_time_and_leaves_the_terminal_as_it_was(
+    make_record: Callable[..., CycleRecord],
+) -> None:
+    file, now_s = io.StringIO(), [0.0]
+    console = Console(file=file, force_terminal=True, width=80, height=24, _environ={"TERM": "xterm"})
+    with LiveView("test run", console=console, real_time_s=lambda: now_s[0]) as view:
+        drawn = []
+        for number in range(100):
+            now_s[0] = number * 0.01
+            before = len(file.getvalue())
+            view.update(make_record(float(number)))
+            drawn.append(len(file.getvalue()) > before)
+    assert 9 <= drawn.count(True) <= 11
+    assert file.getvalue().startswith("\x1b[?1049h")
+    assert file.getvalue().rstrip("\r\n").endswith(("\x1b[?1049l", "\x1b[?25h", "\x1b[?1049l\x1b[?25h"))
+
+
+def test_a_slow_computer_draws_less_often(make_record: Callable[..., CycleRecord]) -> None:
+    now_s = [0.0]
+
+    class SlowFile(io.StringIO):
+        def flush(self) -> None:
+            now_s[0] += 0.1
+
+    file = SlowFile()
+    console = Console(file=file, force_terminal=True, width=80, height=24, _environ={"TERM": "xterm"})
+    with LiveView("test run", console=console, real_time_s=lambda: now_s[0]) as view:
+        began_s, drawing_s = now_s[0], 0.0
+        while now_s[0] < began_s + 20:
+            before_s = now_s[0]
+            view.update(make_record(now_s[0]))
+            drawing_s += now_s[0] - before_s
+            now_s[0] += 0.01
+    assert 0 < drawing_s / 20 <= 0.25
+
+
+def test_an_error_in_the_run_gives_the_terminal_back(make_record: Callable[..., CycleRecord]) -> None:
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=True, width=80, height=24, _environ={"TERM": "xterm"})
+    view = LiveView("test run", console=console)
+    with pytest.raises(ZeroDivisionError), view:
+        view.update(1 / 0)
+    assert "\x1b[?1049l" in file.getvalue()
+
+
+def test_an_unknown_unit_is_refused() -> None:
+    with pytest.raises(ConfigError, match="furlong"):
+        LiveView("test run", unit="furlong")
+
+
+def test_rows_go_to_the_first_claims_first_and_headings_come_all_or_none() -> None:
+    claims = [("rules", 2), ("headings", 3), ("rules", 2), ("chart", 10)]
+    assert grant_rows(4, claims, {"rules": 3}) == {"rules": 3, "chart": 1}
+    assert grant_rows(9, claims, {"rules": 3}) == {"rules": 3, "headings": 3, "chart": 3}
