@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field
 
 from stadimeter.cameras.picture import PICTURE_SUFFIXES, read_picture
 from stadimeter.cameras.recorded import RecordedCamera
+from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Frequency
 from stadimeter.core.clock import Clock
@@ -32,7 +33,7 @@ class ImageFilesOptions(Options):
         rate: How many pictures are shown in a second of the run's clock, in hertz.
     """
 
-    paths: Annotated[tuple[str, ...], BeforeValidator(_one_or_many), Field(min_length=1)]
+    paths: Annotated[tuple[FilePath, ...], BeforeValidator(_one_or_many), Field(min_length=1)]
     rate: Annotated[Frequency, Field(gt=0)] = 1.0
 
 
@@ -92,7 +93,7 @@ def _pictures_in(folder: Path) -> list[Path]:
 
 
 def _build(options: ImageFilesOptions, context: DriverContext) -> ImageFilesCamera:
-    return ImageFilesCamera(options.paths, options.rate, context.clock)
+    return ImageFilesCamera(tuple(str(path) for path in options.paths), options.rate, context.clock)
 
 
 PLUGIN = Plugin(ImageFilesOptions, _build)

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from stadimeter.cameras.picture import check_file
 from stadimeter.cameras.recorded import RecordedCamera
+from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Frequency
 from stadimeter.core.clock import Clock
@@ -33,7 +34,7 @@ class VideoFileOptions(Options):
         rate: Its frame rate in hertz; None takes the one that the file names.
     """
 
-    path: Path
+    path: FilePath
     rate: Annotated[Frequency, Field(gt=0)] | None = None
 
 

@@ -34,7 +34,7 @@ def print_problems(console: Console, problems: Iterable[Problem], kind: Kind) ->
         for line in _fragment(problem, text, kind):
             console.print(line)
         if problem.hint:
-            console.print(Text.assemble(f"{margin}  ", (problem.hint, "green")))
+            console.print(Text.assemble(f"{margin}   ", (problem.hint, "green")))
 
 
 def _title(problem: Problem, kind: Kind) -> Text:

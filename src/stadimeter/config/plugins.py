@@ -163,6 +163,8 @@ def load_plugin(group: str, name: str) -> Plugin[Any]:
         raise DriverUnavailableError(
             f"the driver '{name}' needs a library that is not installed: {error}; install it and try again"
         ) from error
+    except AttributeError as error:
+        raise DriverError(f"the entry point '{name}' in {group} names something that is not there: {error}") from error
     if not isinstance(plugin, Plugin):
         raise DriverError(f"the entry point '{name}' in {group} names a {type(plugin).__name__}, not a Plugin")
     return plugin

@@ -26,6 +26,11 @@ SPEEDS_MPS = {"mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0, "km/h": 1 / 3.6, "in/s": I
 ACCELERATIONS_MPS2 = {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 1e-2, "ft/s2": FOOT_M}
 ANGLES_RAD = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 TURN_RATES_RADPS = {"rad/s": 1.0, "deg/s": math.pi / 180, "°/s": math.pi / 180}
+TURN_ACCELERATIONS_RADPS2 = {
+    f"{turn}/{time}": size
+    for turn, size in (("rad", 1.0), ("deg", math.pi / 180), ("°", math.pi / 180))
+    for time in ("s2", "s^2", "s²")
+}
 FREQUENCIES_HZ = {"Hz": 1.0, "hz": 1.0, "kHz": 1e3}
 
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
@@ -107,6 +112,11 @@ def parse_turn_rate(text: object) -> float:
     return _not_negative(text, TURN_RATES_RADPS, "60 deg/s")
 
 
+def parse_turn_acceleration(text: object) -> float:
+    """Read a change of the rate of turn such as ``"200 deg/s2"``, return it in rad/s²; ValueError if it is below 0."""
+    return _not_negative(text, TURN_ACCELERATIONS_RADPS2, "200 deg/s2")
+
+
 def parse_frequency(text: object) -> float:
     """Read a frequency such as ``"100 Hz"``, return it in hertz; raises ValueError if it is none, or below 0."""
     return _not_negative(text, FREQUENCIES_HZ, "100 Hz")
@@ -140,6 +150,7 @@ Speed = Annotated[float, BeforeValidator(parse_speed)]
 Acceleration = Annotated[float, BeforeValidator(parse_acceleration)]
 Angle = Annotated[float, BeforeValidator(parse_angle)]
 TurnRate = Annotated[float, BeforeValidator(parse_turn_rate)]
+TurnAcceleration = Annotated[float, BeforeValidator(parse_turn_acceleration)]
 Frequency = Annotated[float, BeforeValidator(parse_frequency)]
 Pin = Annotated[int, BeforeValidator(_parse_pin), PinMark()]
 SerialPort = Annotated[str, PortMark()]

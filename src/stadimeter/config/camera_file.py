@@ -1,0 +1,188 @@
+"""The camera file: a camera model as a small TOML text that a person can read."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from stadimeter.config import plain_words
+from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.findings import problems
+from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error
+from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.errors import CalibrationError, ConfigError, Problem
+
+
+def _date_text(value: object) -> object:
+    return value.isoformat() if isinstance(value, dt.date) else value
+
+
+Pixels = Annotated[int, Field(gt=0, strict=True)]
+FocalPixels = Annotated[float, Field(gt=0)]
+
+
+class CameraTable(BaseModel):
+    """What a camera file, or a ``model`` table in a configuration, may hold.
+
+    Attributes:
+        width_px: Width of the pictures that it is for.
+        height_px: Height of the pictures that it is for.
+        fx_px: Focal length in pixels, horizontally.
+        fy_px: Focal length in pixels, vertically; None for square pixels.
+        cx_px: Where the optical axis meets the picture, horizontally; None for the middle.
+        cy_px: The same, vertically.
+        focal_relative_sigma: Standard deviation of the focal length, as a share of it.
+        method: How it was made.
+        date: When, as an ISO 8601 date.
+        notes: The figures that it came from, one a line.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    width_px: Pixels
+    height_px: Pixels
+    fx_px: FocalPixels
+    fy_px: FocalPixels | None = None
+    cx_px: float | None = None
+    cy_px: float | None = None
+    focal_relative_sigma: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    method: str = ""
+    date: Annotated[str, BeforeValidator(_date_text)] = ""
+    notes: tuple[str, ...] = ()
+
+    def to_model(self) -> CameraModel:
+        """Return the camera model; raises CalibrationError if there is none with these values."""
+        return CameraModel(
+            width_px=self.width_px,
+            height_px=self.height_px,
+            fx_px=self.fx_px,
+            fy_px=self.fx_px if self.fy_px is None else self.fy_px,
+            cx_px=(self.width_px - 1) / 2 if self.cx_px is None else self.cx_px,
+            cy_px=(self.height_px - 1) / 2 if self.cy_px is None else self.cy_px,
+            focal_relative_sigma=self.focal_relative_sigma,
+            provenance=Provenance(method=self.method, date=self.date, notes=self.notes),
+        )
+
+
+def camera_model_from_table(table: Mapping[str, Any]) -> CameraModel:
+    """Make a camera model from a table of a configuration, which holds the same keys as a camera file.
+
+    Args:
+        table: The table.
+
+    Returns:
+        The model.
+
+    Raises:
+        ConfigError: It lists every key that is wrong, without file and line.
+    """
+    return _model(table, "", {})
+
+
+def load_camera_model(path: Path) -> CameraModel:
+    """Read a camera file.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The model.
+
+    Raises:
+        ConfigError: It lists everything that is wrong, each with its line where that is known.
+    """
+    text = _read(path)
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        message, line = syntax_error(error, text)
+        raise ConfigError([Problem(f"this is not valid TOML: {message}", str(path), line)]) from error
+    return _model(table, str(path), key_places(text))
+
+
+def save_camera_model(path: Path, model: CameraModel) -> None:
+    """Write a camera file, or leave what was there as it was: never half a file.
+
+    Args:
+        path: The file; one that exists is replaced.
+        model: The model.
+
+    Raises:
+        ConfigError: It cannot be written there.
+    """
+    try:
+        write_atomically(path, _text(model).encode())
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        problem = Problem(f"the camera file cannot be written: {reason}", str(path), hint="choose another with -o")
+        raise ConfigError([problem]) from error
+
+
+def _text(model: CameraModel) -> str:
+    provenance = model.provenance
+    notes = "".join(f"    {_quoted(note)},\n" for note in provenance.notes)
+    return f"""\
+# A camera for stadimeter. Made by: {_one_line(provenance.method) or "hand"}.
+
+# The pictures that it is for; for others of the same aspect it is scaled.
+width_px = {model.width_px}
+height_px = {model.height_px}
+
+# Focal length, and where the optical axis meets the picture, from the centre of its top left pixel.
+fx_px = {model.fx_px!r}
+fy_px = {model.fy_px!r}
+cx_px = {model.cx_px!r}
+cy_px = {model.cy_px!r}
+
+# Standard deviation of the focal length as a share of it: {100 * model.focal_relative_sigma:.2g} %.
+focal_relative_sigma = {model.focal_relative_sigma!r}
+
+method = {_quoted(provenance.method)}
+date = {_quoted(provenance.date)}
+
+# The figures that it came from: P how large the target appeared, D how far away it was, W how large it is,
+# F the focal length that this picture gives.
+notes = [
+{notes}]
+"""
+
+
+def _quoted(text: str) -> str:
+    """Return a TOML basic string: JSON's escapes are among TOML's, but the delete character needs one here too."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
+
+
+def _one_line(text: str) -> str:
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+    except FileNotFoundError as error:
+        hint = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
+        raise ConfigError([Problem("there is no such camera file", str(path), hint=hint)]) from error
+    except IsADirectoryError as error:
+        raise ConfigError([Problem("this is a directory, not a camera file", str(path))]) from error
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise ConfigError([Problem("this is not UTF-8 text", str(path), line, hint="is it a camera file?")]) from error
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ConfigError([Problem(f"the camera file cannot be read: {reason}", str(path))]) from error
+
+
+def _model(table: Mapping[str, Any], file: str, places: Mapping[KeyPath, Place]) -> CameraModel:
+    try:
+        return CameraTable.model_validate(dict(table)).to_model()
+    except ValidationError as error:
+        found = plain_words.findings(error, CameraTable, table, ())
+        raise ConfigError(problems(found, file, places)) from error
+    except CalibrationError as error:
+        raise ConfigError([Problem(str(error), file)]) from error

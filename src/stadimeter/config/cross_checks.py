@@ -1,0 +1,234 @@
+"""What the parts of a configuration may not say together."""
+
+from __future__ import annotations
+
+import os
+import typing
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from pydantic import BaseModel
+
+from stadimeter.config.draft import BASE_NAME, Draft
+from stadimeter.config.findings import Finding, did_you_mean_or_list
+from stadimeter.config.rule_checks import rule_findings, written_findings
+from stadimeter.config.rule_models import RuleTable
+from stadimeter.config.toml_lines import KeyPath
+from stadimeter.config.units import PinMark, PortMark
+
+_IN_A_WORLD = {"camera": ("simulated",), "targets": ("ideal",), "base": ("simulated",)}
+"""Drivers that show, know or move what is in the simulated world, by section."""
+
+Check = Callable[[Draft], Iterator[Finding]]
+
+
+def error_findings(draft: Draft) -> Iterator[Finding]:
+    """Find what makes a configuration unusable.
+
+    Args:
+        draft: What could be read of it.
+
+    Yields:
+        What is wrong.
+    """
+    for check in _ERRORS:
+        yield from check(draft)
+
+
+def warning_findings(draft: Draft) -> Iterator[Finding]:
+    """Find what is allowed and hardly meant.
+
+    Args:
+        draft: A configuration without errors.
+
+    Yields:
+        What to look at again.
+    """
+    for check in _WARNINGS:
+        yield from check(draft)
+
+
+def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
+    for name, table in draft.tables("rules").items():
+        yield from written_findings(name, table)
+    for name, rule in draft.rules.items():
+        yield from rule_findings(name, rule)
+
+
+def _targets_exist(draft: Draft) -> Iterator[Finding]:
+    names = draft.names("targets")
+    for rule_name, rule in draft.rules.items():
+        if rule.target is None:
+            if len(names) > 1:
+                message = f"which of the targets {', '.join(names)} does the rule '{rule_name}' watch?"
+                yield Finding(("rules", rule_name, "target"), message, f'add target = "{names[0]}"')
+        elif rule.target not in names:
+            hint = did_you_mean_or_list(rule.target, names)
+            yield Finding(("rules", rule_name, "target"), f"there is no target '{rule.target}'", hint)
+
+
+def _outputs_exist(draft: Draft) -> Iterator[Finding]:
+    names = draft.names("actuators")
+    for rule_name, rule in draft.rules.items():
+        at = ("rules", rule_name, "actuator")
+        if rule.actuator == BASE_NAME:
+            if BASE_NAME not in draft.table:
+                yield Finding(at, "the rule drives the base, but there is no section [base]", "add one")
+        elif rule.actuator is not None and rule.actuator not in names:
+            known = [*names, *([BASE_NAME] if BASE_NAME in draft.table else [])]
+            hint = did_you_mean_or_list(rule.actuator, known)
+            yield Finding(at, f"there is no actuator '{rule.actuator}'", hint)
+
+
+def _outputs_fit(draft: Draft) -> Iterator[Finding]:
+    for name, rule in draft.rules.items():
+        at = ("rules", name, "actuator")
+        if rule.follow and rule.actuator != BASE_NAME:
+            driven = f"not '{rule.actuator}'" if rule.actuator else "and this rule names nothing"
+            yield Finding(at, f"only the base can follow, {driven}", f'write actuator = "{BASE_NAME}"')
+        if rule.ramp and rule.actuator == BASE_NAME:
+            yield Finding(at, "a ramp cannot drive the base", "drive an actuator, or write follow in place of ramp")
+        if rule.ramp and "actuator" not in draft.tables("rules")[name]:
+            yield Finding(at, "a ramp needs an actuator to drive", 'add one, such as actuator = "motor"')
+
+
+def _priorities_differ(draft: Draft) -> Iterator[Finding]:
+    first: dict[tuple[str, int], str] = {}
+    for name, rule in draft.rules.items():
+        is_readable = draft.tables("rules")[name].get("priority", rule.priority) == rule.priority
+        if rule.actuator is None or not is_readable:
+            continue
+        earlier = first.setdefault((rule.actuator, rule.priority), name)
+        if earlier != name:
+            message = f"'{earlier}' and '{name}' both drive '{rule.actuator}' with priority {rule.priority}"
+            hint = f"give the one that shall win a higher one, such as priority = {rule.priority + 100}"
+            yield Finding(("rules", name, "priority"), message, hint)
+
+
+def _pins_once(draft: Draft) -> Iterator[Finding]:
+    yield from _used_once(draft, PinMark, "pin", lambda pin: pin)
+
+
+def _ports_once(draft: Draft) -> Iterator[Finding]:
+    # One device has several names below /dev/serial.
+    yield from _used_once(draft, PortMark, "serial port", os.path.realpath)
+
+
+def _used_once(draft: Draft, mark: type, kind: str, identity: Callable[[Any], object]) -> Iterator[Finding]:
+    users: dict[object, list[tuple[KeyPath, object]]] = defaultdict(list)
+    for table, part in draft.parts():
+        for path, value in _marked(part.options, mark):
+            users[identity(value)].append(((*table, *path), value))
+    for (first, _), *others in users.values():
+        for path, value in others:
+            message = f"{kind} {value} is used twice: by {_dotted(first)} and by {_dotted(path)}"
+            yield Finding(path, message, "each needs its own")
+
+
+def _marked(options: BaseModel, mark: type) -> Iterator[tuple[KeyPath, object]]:
+    for name, field in type(options).model_fields.items():
+        value, key = getattr(options, name), field.alias or name
+        if isinstance(value, BaseModel):
+            yield from (((key, *path), inner) for path, inner in _marked(value, mark))
+        elif value is not None and _bears(field.metadata, field.annotation, mark):
+            yield (key,), value
+
+
+def _bears(metadata: list[Any], annotation: Any, mark: type) -> bool:
+    if any(isinstance(entry, mark) for entry in metadata):
+        return True
+    inner = typing.get_args(annotation)
+    return any(isinstance(entry, mark) or _bears([], entry, mark) for entry in inner)
+
+
+def _world_around(draft: Draft) -> Iterator[Finding]:
+    for table, part in draft.parts():
+        if "world" not in draft.table and part.driver in _IN_A_WORLD.get(str(table[0]), ()):
+            key = "detector" if table[0] == "targets" else "driver"
+            message = f"'{part.driver}' needs a simulated world to be in, and there is no section [world]"
+            yield Finding((*table, key), message, "add one; it may be empty")
+
+
+def _lens_known(draft: Draft) -> Iterator[Finding]:
+    camera = draft.table.get("camera")
+    if draft.names("rules") and isinstance(camera, dict) and "model" not in camera:
+        hint = 'run `stadimeter calibrate distance PICTURE@DISTANCE -o camera.toml` and add model = "camera.toml"'
+        yield Finding(("camera", "model"), "rules need distances, and distances need a camera model", hint)
+
+
+def _leases_long_enough(draft: Draft) -> Iterator[Finding]:
+    age_s = draft.safety.max_frame_age
+    leases: list[tuple[KeyPath, float]] = [
+        (("actuators", name), table.lease) for name, table in draft.actuator_tables.items()
+    ]
+    leases += [((BASE_NAME,), draft.base_table.lease)] if draft.base_table else []
+    for at, lease_s in leases:
+        if lease_s < age_s:
+            message = (
+                f"the lease {lease_s:g} s is shorter than max_frame_age {age_s:g} s: it stops on frames still good"
+            )
+            yield Finding((*at, "lease"), message, "make it longer, or safety.max_frame_age shorter")
+
+
+def _rules_matter(draft: Draft) -> Iterator[Finding]:
+    if not draft.rules:
+        yield Finding(("rules",), "there is no rule, so nothing is ever done", "add one, such as [rules.near]")
+    for name, rule in draft.rules.items():
+        yield from (Finding(("rules", name, *path), text, hint) for path, text, hint in _without_effect(rule))
+
+
+def _without_effect(rule: RuleTable) -> Iterator[tuple[tuple[str, ...], str, str]]:
+    if rule.when and rule.actuator == BASE_NAME and "level" in rule.model_fields_set:
+        yield ("level",), "a rule with when stops the base, whatever its level", "leave it out"
+    elif rule.when and rule.actuator and rule.level == 0:
+        yield (
+            ("level",),
+            f"level 0 holds '{rule.actuator}' still while the alarm is active",
+            "leave it out if not meant",
+        )
+    if not rule.when and "policy" in rule.lost.model_fields_set:
+        yield (
+            ("lost", "policy"),
+            "without its target a ramp or follow rule always goes to the safe value",
+            "leave it out",
+        )
+
+
+def _alerts_heard(draft: Draft) -> Iterator[Finding]:
+    for name, rule in draft.rules.items():
+        if rule.actuator is None and rule.when and "messenger" not in draft.table:
+            message = f"nobody hears the alert '{name}': it drives nothing, and there is no messenger"
+            yield Finding(("rules", name), message, "add an actuator to it, or a section [messenger]")
+
+
+def _outputs_driven(draft: Draft) -> Iterator[Finding]:
+    driven = {rule.actuator for rule in draft.rules.values()}
+    paths: list[KeyPath] = [("actuators", name) for name in draft.names("actuators")]
+    paths += [(BASE_NAME,)] if BASE_NAME in draft.table else []
+    for path in paths:
+        if draft.rules and path[-1] not in driven:
+            yield Finding(path, f"no rule drives '{path[-1]}'", "it stays in its safe state")
+
+
+def _dotted(path: KeyPath) -> str:
+    return ".".join(str(part) for part in path)
+
+
+_ERRORS: tuple[Check, ...] = (
+    _rules_by_themselves,
+    _targets_exist,
+    _outputs_exist,
+    _outputs_fit,
+    _priorities_differ,
+    _pins_once,
+    _ports_once,
+    _world_around,
+    _lens_known,
+)
+_WARNINGS: tuple[Check, ...] = (
+    _leases_long_enough,
+    _rules_matter,
+    _alerts_heard,
+    _outputs_driven,
+)

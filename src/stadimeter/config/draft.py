@@ -1,0 +1,246 @@
+"""Reads every part of a configuration for itself, so that one broken part does not hide what is wrong in another."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from stadimeter.config import driver_tables, models
+from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
+from stadimeter.config.driver_tables import CommonT, DriverChoice, DriverKind, DriverTable, read_driver_table, validate
+from stadimeter.config.findings import Finding, did_you_mean_or_list
+from stadimeter.config.paths import validation_context
+from stadimeter.config.plain_words import shown
+from stadimeter.config.rule_models import RuleTable
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.errors import CalibrationError, ConfigError, Problem
+
+BASE_NAME = "base"
+"""What rules call the base."""
+
+_NAME = re.compile(r"[A-Za-z0-9_-]+")
+_TAKEN = {"targets": {"camera"}, "actuators": {"camera", BASE_NAME}, "rules": {"safety", "safe"}}
+"""Names that mean something else in events and traces."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Draft:
+    """A configuration as far as it could be read.
+
+    Attributes:
+        table: The whole file as the TOML parser read it.
+        findings: What is wrong.
+        file_problems: What is wrong in a camera file that it names.
+        camera: The camera.
+        camera_model: The lens.
+        targets: The targets that could be read.
+        actuators: The actuators whose driver could be read.
+        base: The base, if its driver could be read.
+        messenger: The messenger.
+        world: The simulated world.
+        actuator_tables: What every actuator has, by name.
+        base_table: What every base has.
+        tracking: How targets are tracked.
+        safety: When outputs may act.
+        rules: The rules that could be read, by name.
+    """
+
+    table: Mapping[str, Any]
+    findings: list[Finding] = field(default_factory=list)
+    file_problems: list[Problem] = field(default_factory=list)
+    camera: DriverChoice | None = None
+    camera_model: CameraModel | None = None
+    targets: list[DriverChoice] = field(default_factory=list)
+    actuators: list[DriverChoice] = field(default_factory=list)
+    base: DriverChoice | None = None
+    messenger: DriverChoice | None = None
+    world: DriverChoice | None = None
+    actuator_tables: dict[str, models.ActuatorTable] = field(default_factory=dict)
+    base_table: models.BaseTable | None = None
+    tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
+    safety: models.SafetyTable = field(default_factory=models.SafetyTable)
+    rules: dict[str, RuleTable] = field(default_factory=dict)
+
+    def names(self, section: str) -> tuple[str, ...]:
+        """Return the names that a section declares, whether or not what they stand for could be read.
+
+        Args:
+            section: Such as ``actuators``.
+
+        Returns:
+            The names, in the order of the file.
+        """
+        return tuple(self.tables(section))
+
+    def tables(self, section: str) -> dict[str, Mapping[str, Any]]:
+        """Return the tables of a section as they were written.
+
+        Args:
+            section: Such as ``rules``.
+
+        Returns:
+            The tables by name; without what is not a table.
+        """
+        tables = self.table.get(section, {})
+        if not isinstance(tables, Mapping):
+            return {}
+        return {name: table for name, table in tables.items() if isinstance(table, Mapping)}
+
+    def parts(self) -> Iterator[tuple[tuple[str, ...], DriverChoice]]:
+        """Go through every driver that could be read.
+
+        Yields:
+            The path of its table, and the driver.
+        """
+        single = (("camera", self.camera), ("base", self.base), ("messenger", self.messenger), ("world", self.world))
+        yield from (((section,), choice) for section, choice in single if choice is not None)
+        yield from ((("targets", choice.name), choice) for choice in self.targets)
+        yield from ((("actuators", choice.name), choice) for choice in self.actuators)
+
+
+def read_draft(table: Mapping[str, Any], file: Path) -> Draft:
+    """Read every part of a configuration.
+
+    Args:
+        table: The file as the TOML parser read it.
+        file: The file; paths are relative to its folder.
+
+    Returns:
+        What could be read, and every finding.
+    """
+    return _Reader(table, file).read()
+
+
+class _Reader:
+    """Fills a draft, part by part.
+
+    Attributes:
+        draft: What was read so far.
+        context: The validation context.
+        folder: What paths are relative to.
+    """
+
+    def __init__(self, table: Mapping[str, Any], file: Path) -> None:
+        self.draft = Draft(table=table)
+        self.context = validation_context(file)
+        self.folder = file.parent
+
+    def read(self) -> Draft:
+        self._sections()
+        self._camera()
+        self._targets()
+        self._outputs()
+        self._messenger_and_world()
+        self._settings()
+        self._rules()
+        return self.draft
+
+    def _sections(self) -> None:
+        for section in self.draft.table:
+            if section not in models.SECTIONS:
+                hint = did_you_mean_or_list(section, models.SECTIONS)
+                self._found((section,), f"unknown section '{section}'", hint)
+
+    def _camera(self) -> None:
+        read = self._single("camera", driver_tables.CAMERA)
+        if read is not None:
+            self.draft.camera = read.choice
+            self._camera_model(read.common.model if read.common else None)
+        elif "camera" not in self.draft.table:
+            self._found(("camera",), "the section [camera] is missing", 'add one, such as driver = "opencv"')
+
+    def _camera_model(self, value: object) -> None:
+        try:
+            if isinstance(value, str):
+                self._camera_file(self.folder / Path(value).expanduser())
+            elif isinstance(value, Mapping):
+                self.draft.camera_model = camera_model_from_table(dict(value))
+            elif value is not None:
+                self._found(("camera", "model"), f"{shown(value)} is neither a camera file nor a table")
+        except ConfigError as error:
+            for problem in error.problems:
+                key = tuple(problem.key.split(".")) if problem.key else ()
+                self._found(("camera", "model", *key), problem.message, problem.hint)
+        except CalibrationError as error:
+            self._found(("camera", "model"), str(error))
+
+    def _camera_file(self, file: Path) -> None:
+        if not file.is_file():
+            hint = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
+            self._found(("camera", "model"), f"there is no camera file {file}", hint)
+            return
+        try:
+            self.draft.camera_model = load_camera_model(file)
+        except ConfigError as error:
+            self.draft.file_problems += error.problems
+
+    def _targets(self) -> None:
+        for name, table in self._named("targets"):
+            read = self._driver(driver_tables.TARGET, ("targets", name), table)
+            self.draft.targets += [read.choice] if read.choice else []
+        if not self.draft.table.get("targets"):
+            self._found(("targets",), "there is no target", "add one, such as [targets.ball]")
+
+    def _outputs(self) -> None:
+        for name, table in self._named("actuators"):
+            read = self._driver(driver_tables.ACTUATOR, ("actuators", name), table)
+            self.draft.actuators += [read.choice] if read.choice else []
+            if read.common is not None:
+                self.draft.actuator_tables[name] = read.common
+        base = self._single("base", driver_tables.BASE)
+        if base is not None:
+            self.draft.base, self.draft.base_table = base.choice, base.common
+
+    def _messenger_and_world(self) -> None:
+        messenger = self._single("messenger", driver_tables.MESSENGER)
+        world = self._single("world", driver_tables.WORLD)
+        self.draft.messenger = messenger.choice if messenger else None
+        self.draft.world = world.choice if world else None
+
+    def _settings(self) -> None:
+        tracking = self._validated(models.TrackingTable, ("tracking",), self._table("tracking") or {})
+        safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
+        self.draft.tracking = tracking or self.draft.tracking
+        self.draft.safety = safety or self.draft.safety
+
+    def _rules(self) -> None:
+        for name, table in self._named("rules"):
+            rule = self._validated(RuleTable, ("rules", name), table)
+            if rule is not None:
+                self.draft.rules[name] = rule
+
+    def _single(self, section: str, kind: DriverKind[CommonT]) -> DriverTable[CommonT] | None:
+        table = self._table(section)
+        return None if table is None else self._driver(kind, (section,), table)
+
+    def _driver(self, kind: DriverKind[CommonT], at: tuple[str, ...], table: Mapping[str, Any]) -> DriverTable[CommonT]:
+        read = read_driver_table(kind, at, table, self.context)
+        self.draft.findings += read.findings
+        return read
+
+    def _validated(self, model: type[CommonT], at: tuple[str, ...], table: Mapping[str, Any]) -> CommonT | None:
+        return validate(model, table, at, self.context, self.draft.findings)
+
+    def _named(self, section: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+        tables = self._table(section, f"[{section}.NAME]") or {}
+        for name, table in tables.items():
+            if not isinstance(table, Mapping):
+                self._found((section, name), f"'{name}' is not a table", f"write it below [{section}.NAME]")
+            elif not _NAME.fullmatch(name) or name in _TAKEN[section]:
+                why = "the program uses it itself" if name in _TAKEN[section] else "use letters, digits, - and _ only"
+                self._found((section, name), f"'{name}' cannot be a name here", why)
+            else:
+                yield name, table
+
+    def _table(self, section: str, form: str = "") -> Mapping[str, Any] | None:
+        table = self.draft.table.get(section)
+        if table is None or isinstance(table, Mapping):
+            return table
+        self._found((section,), f"'{section}' is not a table", f"write it as {form or f'[{section}]'}")
+        return None
+
+    def _found(self, path: tuple[str, ...], message: str, hint: str = "") -> None:
+        self.draft.findings.append(Finding(path, message, hint))

@@ -1,0 +1,180 @@
+"""The tables that name a driver: what belongs to every driver of the kind, and what is the driver's own."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from stadimeter.config import models, plain_words, plugins
+from stadimeter.config.findings import Finding, did_you_mean
+from stadimeter.config.plain_words import shown
+from stadimeter.config.plugins import Options, Plugin
+from stadimeter.config.toml_lines import KeyPath
+from stadimeter.errors import DriverError
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+CommonT = TypeVar("CommonT", bound=models.Section)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverChoice:
+    """A driver that a configuration names.
+
+    Attributes:
+        name: The part's name in the configuration, such as ``motor``.
+        driver: The driver's name, such as ``vibration-motor``.
+        plugin: The driver.
+        options: Its options, checked.
+    """
+
+    name: str
+    driver: str
+    plugin: Plugin[Any]
+    options: Options
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverKind(Generic[CommonT]):
+    """A kind of part.
+
+    Attributes:
+        group: The entry points that its drivers are found in.
+        common: The keys that it has whatever its driver.
+        key: The key that names the driver.
+        default: The driver where none is named; empty if one must be.
+    """
+
+    group: str
+    common: type[CommonT]
+    key: str = "driver"
+    default: str = ""
+
+
+CAMERA = DriverKind(group=plugins.CAMERAS, common=models.CameraTable)
+TARGET = DriverKind(group=plugins.DETECTORS, common=models.TargetTable, key="detector")
+ACTUATOR = DriverKind(group=plugins.ACTUATORS, common=models.ActuatorTable)
+BASE = DriverKind(group=plugins.BASES, common=models.BaseTable)
+MESSENGER = DriverKind(group=plugins.MESSENGERS, common=models.MessengerTable)
+WORLD = DriverKind(group=plugins.WORLDS, common=models.WorldTable, default="simulated")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverTable(Generic[CommonT]):
+    """A table that names a driver, as far as it could be read.
+
+    Attributes:
+        choice: The driver and its options, or None if they cannot be used.
+        common: The keys that every driver of the kind has, or None if they cannot be used.
+        findings: What is wrong.
+    """
+
+    choice: DriverChoice | None
+    common: CommonT | None
+    findings: tuple[Finding, ...]
+
+
+def read_driver_table(
+    kind: DriverKind[CommonT], at: KeyPath, table: Mapping[str, Any], context: Mapping[str, Any]
+) -> DriverTable[CommonT]:
+    """Read a table that names a driver.
+
+    Args:
+        kind: The kind of part.
+        at: The table's path; its last key is the part's name.
+        table: The table.
+        context: The validation context.
+
+    Returns:
+        What could be read, and every finding.
+    """
+    findings: list[Finding] = []
+    common_keys = plain_words.known_keys(kind.common)
+    common_part = {key: value for key, value in table.items() if key in common_keys}
+    own_part = {key: value for key, value in table.items() if key not in (*common_keys, kind.key)}
+    common = validate(kind.common, common_part, at, context, findings)
+    driver, plugin = _plugin(kind, at, table, findings)
+    choice = None
+    if plugin is not None:
+        options = validate(plugin.options, own_part, at, context, findings, (*common_keys, kind.key))
+        if options is not None:
+            choice = DriverChoice(name=str(at[-1]), driver=driver, plugin=plugin, options=options)
+    return DriverTable(choice=choice, common=common, findings=tuple(findings))
+
+
+def validate(
+    model: type[ModelT],
+    table: Mapping[str, Any],
+    at: KeyPath,
+    context: Mapping[str, Any],
+    findings: list[Finding],
+    also_known: Iterable[str] = (),
+) -> ModelT | None:
+    """Check a table against its model.
+
+    Args:
+        model: The model.
+        table: The table.
+        at: The table's path.
+        context: The validation context.
+        findings: Where to put what is wrong.
+        also_known: Keys that the table may hold besides the model's, for suggestions.
+
+    Returns:
+        The model, without what is wrong in the table, so that the rest can still be checked against other tables. None
+        if too little is left.
+    """
+    rest = copy.deepcopy(dict(table))
+    is_first_look = True
+    while True:
+        try:
+            return model.model_validate(rest, context=dict(context))
+        except ValidationError as error:
+            found = list(plain_words.findings(error, model, rest, at, also_known))
+        if is_first_look:  # later looks find only what was taken out
+            findings += found
+        is_first_look = False
+        if not all(_take_out(rest, finding.path[len(at) :]) for finding in found):
+            return None
+
+
+def _take_out(table: dict[str, Any], path: KeyPath) -> bool:
+    """Take out a key, or the table that misses it; return whether anything is left."""
+    holder: Any = table
+    for depth, key in enumerate(path):
+        if not isinstance(holder, dict):
+            return _take_out(table, path[: depth - 1])
+        if key not in holder:
+            return depth < len(path) - 1 or _take_out(table, path[:depth])
+        if depth == len(path) - 1:
+            del holder[key]
+            return True
+        holder = holder[key]
+    return False
+
+
+def _plugin(
+    kind: DriverKind[Any], at: KeyPath, table: Mapping[str, Any], findings: list[Finding]
+) -> tuple[str, Plugin[Any] | None]:
+    driver = table.get(kind.key, kind.default)
+    path = (*at, kind.key)
+    if not isinstance(driver, str):
+        findings.append(Finding(path, f"{shown(driver)} is not text; put it in quotes"))
+    elif not driver:
+        findings.append(_no_driver(kind, path, table))
+    else:
+        try:
+            return driver, plugins.load_plugin(kind.group, driver)
+        except DriverError as error:
+            findings.append(Finding(path, str(error)))
+    return "", None
+
+
+def _no_driver(kind: DriverKind[Any], path: KeyPath, table: Mapping[str, Any]) -> Finding:
+    similar = next((key for key in table if did_you_mean(key, [kind.key])), None)
+    known = f"known are: {', '.join(plugins.driver_names(kind.group))}"
+    hint = f"there is '{similar}'; did you mean '{kind.key}'?" if similar else known
+    return Finding(path, f"'{kind.key}' is missing", hint)

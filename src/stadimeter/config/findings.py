@@ -1,0 +1,78 @@
+"""What a check found, before its line is looked up."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from stadimeter.config.toml_lines import KeyPath, Place, find_place
+from stadimeter.errors import Problem
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong, or worth a warning, at a path of the configuration.
+
+    Attributes:
+        path: The key.
+        message: What is wrong, with the value, in one sentence.
+        hint: What to do about it, or an empty string.
+    """
+
+    path: KeyPath
+    message: str
+    hint: str = ""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return a question that offers the likeliest of the known words.
+
+    Args:
+        word: What was written.
+        known: What could have been written.
+
+    Returns:
+        Such as ``did you mean 'below'?``, or an empty string if none is close.
+    """
+    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f"did you mean '{close[0]}'?" if close else ""
+
+
+def did_you_mean_or_list(word: str, known: Iterable[str]) -> str:
+    """Return a question that offers the likeliest of the known words, or else all of them.
+
+    Args:
+        word: What was written.
+        known: What could have been written.
+
+    Returns:
+        Such as ``did you mean 'below'?`` or ``known are: above, below``.
+    """
+    words = sorted(known)
+    return did_you_mean(word, words) or (f"known are: {', '.join(words)}" if words else "")
+
+
+def problems(findings: Iterable[Finding], file: str, places: Mapping[KeyPath, Place]) -> tuple[Problem, ...]:
+    """Give findings their lines, in the order of the file.
+
+    Args:
+        findings: What was found.
+        file: The file's name.
+        places: Where each key of it stands.
+
+    Returns:
+        One problem for each finding.
+    """
+    located = [(find_place(places, finding.path), finding) for finding in findings]
+    located.sort(key=lambda pair: (pair[0].line, pair[0].column) if pair[0] else (0, 0))
+    return tuple(
+        Problem(
+            message=finding.message,
+            file=file,
+            line=place.line if place else 0,
+            key=".".join(str(part) for part in finding.path),
+            hint=finding.hint,
+        )
+        for place, finding in located
+    )

@@ -1,0 +1,189 @@
+"""The sections of a configuration that belong to no driver. Their defaults are those of `stadimeter.core.plan`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from stadimeter.config.units import (
+    Acceleration,
+    Duration,
+    Speed,
+    TurnAcceleration,
+    TurnRate,
+    parse_duration,
+)
+from stadimeter.core import plan
+
+LEASE_S = 0.3
+"""How old the frame behind a command may grow before the output goes to its safe state."""
+
+_LEVEL = plan.LevelOutput(name="")
+_BASE = plan.BaseOutput(name="")
+_TRACKING = plan.Tracking()
+_SAFETY = plan.Safety()
+
+SECTIONS = ("camera", "targets", "actuators", "base", "messenger", "world", "tracking", "safety", "rules")
+"""Every section that a configuration may have."""
+
+
+class Section(BaseModel):
+    """A table of the configuration. Unknown keys are errors, numbers are finite, and nothing is converted silently."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def _above_zero(text: object) -> float:
+    value = parse_duration(text)
+    if value == 0:
+        raise ValueError(f"{text!r} is not a duration above zero")
+    return value
+
+
+DurationAboveZero = Annotated[float, BeforeValidator(_above_zero)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class CameraTable(Section):
+    """The keys that every camera has, whatever its driver.
+
+    Attributes:
+        model: The camera file, relative to the configuration, or the same keys as a table.
+    """
+
+    model: Any = None
+
+
+class TargetTable(Section):
+    """The keys that every target has, whatever its detector: none."""
+
+
+class ActuatorTable(Section):
+    """The keys that every actuator has, whatever its driver.
+
+    Attributes:
+        safe: The level when nothing asks for another, or nothing may.
+        lease: In seconds.
+        rise_per_s: Largest change of the level upwards in a second; None for no limit.
+        fall_per_s: Largest change downwards.
+    """
+
+    safe: Share = _LEVEL.safe_level
+    lease: DurationAboveZero = LEASE_S
+    rise_per_s: Annotated[float, Field(gt=0)] | None = None
+    fall_per_s: Annotated[float, Field(gt=0)] | None = None
+
+    def to_plan(self, name: str) -> plan.LevelOutput:
+        """Return the actuator as the core sees it.
+
+        Args:
+            name: Its name.
+
+        Returns:
+            The output.
+        """
+        return plan.LevelOutput(
+            name=name,
+            safe_level=self.safe,
+            rise_per_s=_LEVEL.rise_per_s if self.rise_per_s is None else self.rise_per_s,
+            fall_per_s=_LEVEL.fall_per_s if self.fall_per_s is None else self.fall_per_s,
+        )
+
+
+class BaseTable(Section):
+    """The keys that every base has, whatever its driver.
+
+    Attributes:
+        max_speed: In m/s, either way.
+        max_turn_rate: In rad/s.
+        acceleration: In m/s².
+        turn_acceleration: In rad/s².
+        lease: In seconds.
+    """
+
+    max_speed: Speed = _BASE.linear_max_mps
+    max_turn_rate: TurnRate = _BASE.angular_max_radps
+    acceleration: Acceleration = _BASE.linear_accel_mps2
+    turn_acceleration: TurnAcceleration = _BASE.angular_accel_radps2
+    lease: DurationAboveZero = LEASE_S
+
+    def to_plan(self, name: str) -> plan.BaseOutput:
+        """Return the base as the core sees it.
+
+        Args:
+            name: Its name.
+
+        Returns:
+            The output.
+        """
+        return plan.BaseOutput(
+            name=name,
+            linear_max_mps=self.max_speed,
+            angular_max_radps=self.max_turn_rate,
+            linear_accel_mps2=self.acceleration,
+            angular_accel_radps2=self.turn_acceleration,
+        )
+
+
+class MessengerTable(Section):
+    """The keys that every messenger has, whatever its driver: none."""
+
+
+class WorldTable(Section):
+    """The keys that every simulated world has: none."""
+
+
+class TrackingTable(Section):
+    """How targets are tracked; see `stadimeter.core.plan.Tracking`.
+
+    Attributes:
+        acceleration: In m/s².
+        correlation: Of the measurement noise from one frame to the next.
+        gate_sigmas: A measurement further than this from the prediction is an outlier.
+        outliers_max: After this many in a row the track starts anew.
+        confirm_frames: How many frames a new target must be measured in.
+        coast: In seconds.
+    """
+
+    acceleration: Acceleration = _TRACKING.acceleration_mps2
+    correlation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.correlation
+    gate_sigmas: Annotated[float, Field(gt=0)] = _TRACKING.gate_sigmas
+    outliers_max: Annotated[int, Field(ge=1)] = _TRACKING.outliers_max
+    confirm_frames: Annotated[int, Field(ge=1)] = _TRACKING.confirm_frames
+    coast: Duration = _TRACKING.coast_s
+
+    def to_plan(self) -> plan.Tracking:
+        """Return the section as the core sees it.
+
+        Returns:
+            How targets are tracked.
+        """
+        return plan.Tracking(
+            acceleration_mps2=self.acceleration,
+            correlation=self.correlation,
+            gate_sigmas=self.gate_sigmas,
+            outliers_max=self.outliers_max,
+            confirm_frames=self.confirm_frames,
+            coast_s=self.coast,
+        )
+
+
+class SafetyTable(Section):
+    """When outputs may act; see `stadimeter.core.plan.Safety`.
+
+    Attributes:
+        max_frame_age: In seconds.
+        good_frames: How many fresh frames in a row are needed.
+    """
+
+    max_frame_age: DurationAboveZero = _SAFETY.max_frame_age_s
+    good_frames: Annotated[int, Field(ge=1)] = _SAFETY.good_frames
+
+    def to_plan(self) -> plan.Safety:
+        """Return the section as the core sees it.
+
+        Returns:
+            When outputs may act.
+        """
+        return plan.Safety(max_frame_age_s=self.max_frame_age, good_frames=self.good_frames)

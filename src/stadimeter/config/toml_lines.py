@@ -1,0 +1,213 @@
+"""Where each key of a TOML text stands, so that an error can name its line.
+
+The standard library's parser gives values without places. This scanner gives places without values: it is run on a text
+that the parser has already accepted, so it needs to know only where keys, strings and brackets begin and end.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+KeyPath = tuple[str | int, ...]
+"""Where a value stands: keys, and for entries of an array their numbers, counted from 0."""
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_BLANK = re.compile(r"[ \t]*")
+_BLANK_AND_COMMENTS = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_SCALAR = re.compile(r"[^,\]}\n#]*")
+_STRINGS = (
+    re.compile(r'"""(?:[^"\\]|\\.|"(?!""))*"{3,5}', re.DOTALL),
+    re.compile(r"'''(?:[^']|'(?!''))*'{3,5}", re.DOTALL),
+    re.compile(r'"(?:[^"\\\n]|\\.)*"'),
+    re.compile(r"'[^'\n]*'"),
+)
+_WHERE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """A stretch of one line.
+
+    Attributes:
+        line: Counted from 1.
+        column: Where it begins, counted from 0.
+        end_column: Where it ends, exclusive. What goes on over several lines ends with the first.
+    """
+
+    line: int
+    column: int
+    end_column: int
+
+
+def key_places(text: str) -> dict[KeyPath, Place]:
+    """Find every table, key and array entry of a TOML text.
+
+    Args:
+        text: A TOML text that `tomllib.loads` accepts.
+
+    Returns:
+        For each path the place where it is first written. A key's place goes from the key to the end of its value.
+    """
+    return _Scanner(text).scan()
+
+
+def find_place(places: Mapping[KeyPath, Place], path: KeyPath) -> Place | None:
+    """Look up a path, or else the closest table around it.
+
+    Args:
+        places: From `key_places`.
+        path: The path; it may name a key that is not there.
+
+    Returns:
+        The place, or None if not even the path's first part is there.
+    """
+    return next((places[path[:end]] for end in range(len(path), 0, -1) if path[:end] in places), None)
+
+
+def syntax_error(error: tomllib.TOMLDecodeError, text: str) -> tuple[str, int]:
+    """Take a syntax error apart.
+
+    Args:
+        error: What the standard library's parser said.
+        text: The text that it parsed.
+
+    Returns:
+        The message without the place, and the line, counted from 1.
+    """
+    message = str(error)
+    where = _WHERE.search(message)
+    if where is None:
+        return message, 0
+    last_line = len(text.rstrip().split("\n"))
+    return message[: where.start()], int(where[1]) if where[1] else last_line
+
+
+class _Scanner:
+    """Goes through the text once, from the first character to the last.
+
+    Attributes:
+        text: The text.
+        at: The next character.
+        places: What was found so far.
+        array_sizes: How many entries each array of tables has so far.
+        line_starts: Where each line begins.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.at = 0
+        self.places: dict[KeyPath, Place] = {}
+        self.array_sizes: dict[KeyPath, int] = {}
+        self.line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
+
+    def scan(self) -> dict[KeyPath, Place]:
+        table: KeyPath = ()
+        self._skip(_BLANK_AND_COMMENTS)
+        while self.at < len(self.text):
+            if self.text[self.at] == "[":
+                table = self._header()
+            else:
+                self._key_and_value(table)
+            self._skip(_BLANK_AND_COMMENTS)
+        return self.places
+
+    def _header(self) -> KeyPath:
+        start = self.at
+        brackets = 2 if self.text.startswith("[[", start) else 1
+        self.at += brackets
+        keys = self._keys()
+        self.at += brackets
+        path: KeyPath = ()
+        for number, key in enumerate(keys, start=1):
+            path = (*path, key)
+            self._note(path, start)
+            if brackets == 2 and number == len(keys):
+                self.array_sizes[path] = self.array_sizes.get(path, 0) + 1
+            if path in self.array_sizes:
+                path = (*path, self.array_sizes[path] - 1)
+                self._note(path, start)
+        return path
+
+    def _key_and_value(self, table: KeyPath) -> None:
+        start = self.at
+        keys = self._keys()
+        self.at += 1  # the equals sign
+        self._skip(_BLANK)
+        path = (*table, *keys)
+        self._value(path)
+        for end in range(len(table) + 1, len(path) + 1):
+            self._note(path[:end], start)
+
+    def _keys(self) -> list[str]:
+        keys = []
+        while True:
+            self._skip(_BLANK)
+            keys.append(self._key())
+            self._skip(_BLANK)
+            if self.text[self.at] != ".":
+                return keys
+            self.at += 1
+
+    def _key(self) -> str:
+        if self.text[self.at] in "\"'":
+            quoted = self._take_string()
+            parsed: str = tomllib.loads(f"key = {quoted}")["key"]
+            return parsed
+        return self._skip(_BARE_KEY)
+
+    def _value(self, path: KeyPath) -> None:
+        first = self.text[self.at]
+        if first in "\"'":
+            self._take_string()
+        elif first == "[":
+            self._array(path)
+        elif first == "{":
+            self._inline_table(path)
+        else:
+            scalar = self._skip(_SCALAR)
+            self.at -= len(scalar) - len(scalar.rstrip())
+
+    def _array(self, path: KeyPath) -> None:
+        self.at += 1
+        number = 0
+        while self._comes_another("]"):
+            start = self.at
+            self._value((*path, number))
+            self._note((*path, number), start)
+            number += 1
+
+    def _inline_table(self, path: KeyPath) -> None:
+        self.at += 1
+        while self._comes_another("}"):
+            self._key_and_value(path)
+
+    def _comes_another(self, closing: str) -> bool:
+        self._skip(_BLANK_AND_COMMENTS)
+        if self.text[self.at] == ",":
+            self.at += 1
+            self._skip(_BLANK_AND_COMMENTS)
+        if self.text[self.at] != closing:
+            return True
+        self.at += 1
+        return False
+
+    def _take_string(self) -> str:
+        return next(found for pattern in _STRINGS if (found := self._skip(pattern)))
+
+    def _skip(self, pattern: re.Pattern[str]) -> str:
+        match = pattern.match(self.text, self.at)
+        if match is None:
+            return ""
+        self.at = match.end()
+        return match[0]
+
+    def _note(self, path: KeyPath, start: int) -> None:
+        line = bisect_right(self.line_starts, start)
+        line_start = self.line_starts[line - 1]
+        line_end = self.text.find("\n", start)
+        end = self.at if line_end < 0 else min(self.at, line_end)
+        self.places.setdefault(path, Place(line=line, column=start - line_start, end_column=end - line_start))

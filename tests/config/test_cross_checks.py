@@ -1,0 +1,331 @@
+"""What is fine by itself and wrong together is found; what only looks alike is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import EntryPoint, entry_points
+
+import pytest
+
+from stadimeter.config import plugins
+from stadimeter.config.loader import Configuration
+from stadimeter.config.plugins import Options, Plugin
+from stadimeter.config.units import Pin, SerialPort
+
+Load = Callable[[str], Configuration]
+Told = Callable[[str], list[str]]
+
+NEAR = '[rules.near]\nactuator = "buzzer"\n'
+
+
+@pytest.mark.parametrize(
+    ("rules", "line"),
+    [
+        (
+            '[rules.near]\nactuator = "buzzer"\ntarget = "bal"\nwhen = { below = "1 m" }',
+            "rules.near.target: there is no target 'bal' (did you mean 'ball'?)",
+        ),
+        (
+            '[rules.near]\nactuator = "zzz"\nwhen = { below = "1 m" }',
+            "rules.near.actuator: there is no actuator 'zzz' (known are: base, buzzer, motor)",
+        ),
+        (
+            f'{NEAR}when = {{ below = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
+            ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp and follow "
+            "(make a rule of its own for each)"),
+        ),
+        (
+            NEAR,
+            ("rules.near: the rule 'near' does nothing; a rule has exactly one of when, ramp and follow "
+            '(add one, such as when = { below = "50 cm" })'),
+        ),
+        (
+            f'{NEAR}ramp = {{ from = "1 m", to = "2 m" }}\nlevel = 0.5',
+            "rules.near.level: 'level' has a meaning only beside when (leave it out)",
+        ),
+        (
+            f"{NEAR}when = {{ }}",
+            "rules.near.when: the condition is empty (write one of above, below, between, seen and lost)",
+        ),
+        (
+            f'{NEAR}when = {{ above = "1 m", seen = true }}',
+            ("rules.near.when: a condition cannot have above, seen at once "
+            "(write one of above, below, between, seen and lost, or above with below)"),
+        ),
+        (
+            f'{NEAR}when = {{ seen = true, deadband = "1 m" }}',
+            "rules.near.when.deadband: 'deadband' has no meaning beside 'seen' (leave it out)",
+        ),
+        (
+            f"{NEAR}when = {{ seen = false }}",
+            "rules.near.when.seen: only true can be written here; the opposite of 'seen = true' is 'lost = true'",
+        ),
+        (
+            f'{NEAR}when = {{ above = "2 m", below = "1 m" }}',
+            "rules.near.when: no distance is above 2 m and below 1 m (exchange the two, or make two rules of them)",
+        ),
+        (
+            f'{NEAR}when = {{ between = ["2 m", "2 m"] }}',
+            "rules.near.when.between: no distance is above 2 m and below 2 m (write the nearer end first)",
+        ),
+        (
+            f'{NEAR}when = {{ above = "1 m", deadband = "1 m" }}',
+            ("rules.near.when.deadband: with a deadband of 1 m above 1 m the alarm could never clear "
+            "(make it smaller than the limit)"),
+        ),
+        (
+            f'{NEAR}when = {{ below = "1 m", probability_off = 0.9 }}',
+            ("rules.near.when.probability_off: probability_off 0.9 is above probability 0.8: the alarm would chatter "
+            "(exchange the two)"),
+        ),
+        (
+            f'{NEAR}severity = "safety"\nwhen = {{ below = "1 m", probability_off = 0.6 }}',
+            ("rules.near.when.probability_off: probability_off 0.6 is above probability 0.5: the alarm would chatter "
+            "(exchange the two)"),
+        ),
+        (
+            f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 5, of = 3 }}',
+            "rules.near.on_delay: 5 of 3 frames can never be (exchange them)",
+        ),
+        (
+            f'{NEAR}when = {{ below = "1 m" }}\nlost = {{ grace = "2 s", fault_after = "1 s" }}',
+            "rules.near.lost: fault_after 1 s is shorter than grace 2 s (make it at least as long)",
+        ),
+        (
+            f'{NEAR}ramp = {{ from = "1 m", to = "2 m", min = 0.8, max = 0.2 }}',
+            "rules.near.ramp.min: min 0.8 is above max 0.2 (exchange them; from and to give the direction)",
+        ),
+        (
+            '[rules.near]\nramp = { from = "1 m", to = "2 m" }',
+            'rules.near.actuator: a ramp needs an actuator to drive (add one, such as actuator = "motor")',
+        ),
+        (
+            '[rules.near]\nactuator = "base"\nramp = { from = "1 m", to = "2 m" }',
+            ("rules.near.actuator: a ramp cannot drive the base "
+            "(drive an actuator, or write follow in place of ramp)"),
+        ),
+        (
+            f'{NEAR}follow = {{ distance = "1 m" }}',
+            "rules.near.actuator: only the base can follow, not 'buzzer' (write actuator = \"base\")",
+        ),
+        (
+            '[rules.near]\nfollow = { distance = "1 m" }',
+            "rules.near.actuator: only the base can follow, and this rule names nothing (write actuator = \"base\")",
+        ),
+        (
+            '[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", deadband = "2 m" }',
+            ("rules.near.follow.deadband: the deadband 2 m reaches past the distance 1 m "
+            "(make it smaller than the distance)"),
+        ),
+        (
+            '[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", turn_deadband = "-1 deg" }',
+            "rules.near.follow.turn_deadband: the deadband is below zero (write it without the minus sign)",
+        ),
+        (
+            ('[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", max_speed = "0 m/s", '
+            'max_turn_rate = "0 deg/s" }'),
+            "rules.near.follow: with all three largest speeds zero the base would never move (allow one of them)",
+        ),
+        (
+            f'{NEAR}when = {{ below = "1 m" }}\n[rules.too]\nactuator = "buzzer"\nwhen = {{ above = "2 m" }}',
+            ("rules.too.priority: 'near' and 'too' both drive 'buzzer' with priority 100 "
+            "(give the one that shall win a higher one, such as priority = 200)"),
+        ),
+        ("[rules.safety]\nwhen = { seen = true }", ("rules.safety: 'safety' cannot be a name here (the program uses it "
+         "itself)")),
+    ],
+)  # fmt: skip
+def test_a_rule_that_cannot_work_is_refused(told: Told, sound: str, rules: str, line: str) -> None:
+    assert told(f"{sound}{rules}\n") == [line]
+
+
+@pytest.mark.parametrize(
+    "rules",
+    [
+        f'{NEAR}when = {{ above = "1 m", below = "2 m" }}',
+        f'{NEAR}when = {{ above = "1 m", deadband = "99 cm" }}',
+        f'{NEAR}when = {{ below = "1 m", deadband = "5 m" }}',
+        f'{NEAR}when = {{ below = "1 m", probability = 0.5, probability_off = 0.5 }}',
+        f'{NEAR}when = {{ below = "1 m", probability = "none" }}',
+        f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 3, of = 3 }}\nlevel = 0.5',
+        f'{NEAR}ramp = {{ from = "2 m", to = "1 m", min = 0.5, max = 0.5 }}',
+        f'{NEAR}when = {{ seen = true }}\n[rules.too]\nactuator = "motor"\nwhen = {{ seen = true }}',
+        f'{NEAR}when = {{ seen = true }}\n[rules.too]\nactuator = "buzzer"\npriority = 101\nwhen = {{ seen = true }}',
+        '[rules.stop]\nactuator = "base"\nwhen = { below = "40 cm" }',
+        '[rules.stop]\nactuator = "base"\ntarget = "ball"\nfollow = { distance = "1 m", max_turn_rate = "0 deg/s" }',
+    ],
+)
+def test_a_rule_that_works_is_accepted(load: Load, sound: str, rules: str) -> None:
+    assert load(f"{sound}{rules}\n").plan.rules
+
+
+def test_with_two_targets_a_rule_says_which(told: Told, load: Load, sound: str) -> None:
+    second = '[targets.sheet]\ndetector = "ball"\ndiameter = "20 cm"\nhsv = "0,80,80:10,255,255"\n'
+    assert told(f"{sound}{second}{NEAR}when = {{ seen = true }}\n") == [
+        "rules.near.target: which of the targets ball, sheet does the rule 'near' watch? (add target = \"ball\")"
+    ]
+    (rule,) = load(f'{sound}{second}{NEAR}target = "sheet"\nwhen = {{ seen = true }}\n').plan.rules
+    assert rule.target == "sheet"
+
+
+def test_a_base_that_is_not_there_cannot_be_driven(told: Told, sound: str) -> None:
+    without = sound[: sound.index("[base]")]
+    assert told(f'{without}[rules.follow]\nactuator = "base"\nfollow = {{ distance = "1 m" }}\n') == [
+        "rules.follow.actuator: the rule drives the base, but there is no section [base] (add one)"
+    ]
+
+
+def test_a_serial_port_belongs_to_one_driver(told: Told, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    extra = '[actuators.winch]\ndriver = "test-winch"\nline = { port = "/dev/ttyUSB0" }\n'
+    install_winch(monkeypatch)
+    assert told(sound + extra) == [
+        (
+            "actuators.winch.line.port: serial port /dev/ttyUSB0 is used twice: by base.port and by "
+            "actuators.winch.line.port (each needs its own)"
+        )
+    ]
+
+
+def test_a_pin_may_also_be_wanted_by_none(load: Load, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    install_winch(monkeypatch)
+    extra = '[actuators.{}]\ndriver = "test-winch"\nline = {{ port = "/dev/ttyUSB{}" }}\n'
+    assert len(load(sound + extra.format("a", 1) + extra.format("b", 2)).actuators) == 4
+
+
+def test_an_optional_pin_counts_too(told: Told, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    install_winch(monkeypatch)
+    extra = '[actuators.winch]\ndriver = "test-winch"\nbrake = 18\nline = { port = "/dev/ttyUSB1" }\n'
+    assert told(sound + extra) == [
+        (
+            "actuators.winch.brake: pin 18 is used twice: by actuators.motor.pin and by actuators.winch.brake "
+            "(each needs its own)"
+        )
+    ]
+
+
+def test_rules_need_a_camera_model(told: Told, load: Load, sound: str) -> None:
+    head, _, rest = sound.partition("[camera.model]")
+    without = head + rest[rest.index("[targets.ball]") :]
+    assert load(without).camera_model is None
+    assert told(f"{without}{NEAR}when = {{ seen = true }}\n") == [
+        (
+            "camera.model: rules need distances, and distances need a camera model (run `stadimeter calibrate distance "
+            'PICTURE@DISTANCE -o camera.toml` and add model = "camera.toml")'
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        (
+            'driver = "opencv"\ndevice = 0',
+            'driver = "simulated"',
+            (
+                "camera.driver: 'simulated' needs a simulated world to be in, and there is no section [world] "
+                "(add one; it may be empty)"
+            ),
+        ),
+        (
+            'detector = "ball"\ndiameter = "6.4 cm"\nhsv = "29,86,6:64,255,255"',
+            'detector = "ideal"',
+            (
+                "targets.ball.detector: 'ideal' needs a simulated world to be in, and there is no section [world] "
+                "(add one; it may be empty)"
+            ),
+        ),
+    ],
+)
+def test_what_is_simulated_needs_a_world(told: Told, load: Load, sound: str, old: str, new: str, line: str) -> None:
+    text = sound.replace(old, new)
+    assert told(text) == [line]
+    assert load(text + "[world]\n").world is not None
+
+
+def warnings(loaded: Configuration) -> list[str]:
+    return [str(each).split(": ", 1)[1] for each in loaded.warnings]
+
+
+USED = '[rules.a]\nactuator = "motor"\nramp = { from = "1 m", to = "2 m" }\n[rules.c]\nactuator = "base"\n'
+QUIET = f'{USED}follow = {{ distance = "1 m" }}\n[rules.b]\nactuator = "buzzer"\nwhen = {{ below = "50 cm" }}\n'
+
+
+def test_a_sensible_configuration_gets_no_warning(load: Load, sound: str) -> None:
+    assert load(sound + QUIET).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (
+            QUIET + "level = 0\n",
+            "rules.b.level: level 0 holds 'buzzer' still while the alarm is active (leave it out if not meant)",
+        ),
+        (
+            QUIET + '[rules.d]\nactuator = "base"\npriority = 200\nwhen = { lost = true }\nlevel = 0.5\n',
+            "rules.d.level: a rule with when stops the base, whatever its level (leave it out)",
+        ),
+        (
+            QUIET + "[rules.d]\nwhen = { lost = true }\n",
+            (
+                "rules.d: nobody hears the alert 'd': it drives nothing, and there is no messenger "
+                "(add an actuator to it, or a section [messenger])"
+            ),
+        ),
+        (
+            QUIET + '[actuators.lamp]\ndriver = "led"\npin = 5\n',
+            "actuators.lamp: no rule drives 'lamp' (it stays in its safe state)",
+        ),
+        (
+            QUIET + '[actuators.lamp]\ndriver = "led"\npin = 5\nlease = "100 ms"\n[rules.d]\nactuator = "lamp"\n'
+            "when = { seen = true }\n",
+            (
+                "actuators.lamp.lease: the lease 0.1 s is shorter than max_frame_age 0.2 s: it "
+                "stops on frames still good "
+                "(make it longer, or safety.max_frame_age shorter)"
+            ),
+        ),
+        (
+            QUIET.replace("[rules.b]", 'lost = { policy = "assert" }\n[rules.b]'),
+            (
+                "rules.c.lost.policy: without its target a ramp or follow rule always goes to the safe value "
+                "(leave it out)"
+            ),
+        ),
+        ("", "rules: there is no rule, so nothing is ever done (add one, such as [rules.near])"),
+    ],
+)
+def test_what_is_hardly_meant_gets_a_warning(load: Load, sound: str, text: str, line: str) -> None:
+    assert warnings(load(sound + text)) == [line]
+
+
+def test_an_alert_is_heard_through_a_messenger(load: Load, sound: str) -> None:
+    assert (
+        load(f'{sound}{QUIET}[rules.d]\nwhen = {{ lost = true }}\n[messenger]\ndriver = "simulated"\n').warnings == ()
+    )
+
+
+class Line(Options):
+    """A table of its own inside a driver's options."""
+
+    port: SerialPort
+
+
+class WinchOptions(Options):
+    """What no driver of ours has: a port in a table of its own, and a pin that may be left out."""
+
+    line: Line
+    brake: Pin | None = None
+
+
+WINCH: Plugin[WinchOptions] = Plugin(WinchOptions, lambda _options, _context: None)
+
+
+def install_winch(monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = EntryPoint(name="test-winch", value=f"{__name__}:WINCH", group=plugins.ACTUATORS)
+
+    def with_winch(*, group: str) -> list[EntryPoint]:
+        extra = [entry] if group == plugins.ACTUATORS else []
+        return [*entry_points(group=group), *extra]
+
+    monkeypatch.setattr(plugins, "entry_points", with_winch)

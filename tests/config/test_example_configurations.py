@@ -1,0 +1,62 @@
+"""Every configuration that ships can be used as it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stadimeter.config.describe import describe
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.plan import AlarmRule, FollowRule, RampRule
+
+FOLDER = Path(__file__).parents[2] / "config"
+FILES = sorted(FOLDER.glob("*.toml"))
+
+
+def test_the_four_uses_are_there() -> None:
+    assert {file.stem for file in FILES} == {"appliance", "demo", "distance-alert", "follow-ball"}
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+def test_it_loads_without_a_warning(file: Path) -> None:
+    loaded = load_configuration(file)
+    assert loaded.warnings == ()
+    assert loaded.plan.rules
+    assert len(describe(loaded)) > len(loaded.plan.rules)
+
+
+def test_the_two_uses_that_people_ask_for_most_are_three_lines_each() -> None:
+    text = (FOLDER / "distance-alert.toml").read_text(encoding="utf-8")
+    far, near = load_configuration(FOLDER / "distance-alert.toml").plan.rules
+    rules = [line for line in text[text.index("[rules.") :].splitlines() if line and not line.startswith("#")]
+    assert len(rules) == 6
+    assert isinstance(far, RampRule)
+    assert (far.output, far.start_m, far.full_m) == ("motor", pytest.approx(3.048), pytest.approx(6.096))
+    assert isinstance(near, AlarmRule)
+    assert near.output == "buzzer"
+
+
+def test_the_robot_keeps_a_metre_away() -> None:
+    follow, stop = load_configuration(FOLDER / "follow-ball.toml").plan.rules
+    assert isinstance(follow, FollowRule)
+    assert follow.distance_m == 1.0
+    assert isinstance(stop, AlarmRule)
+    assert stop.output == "base"
+    assert stop.priority > follow.priority
+
+
+def test_the_appliance_speaks_mqtt() -> None:
+    messenger = load_configuration(FOLDER / "appliance.toml").messenger
+    assert messenger is not None
+    assert messenger.driver == "mqtt"
+
+
+def test_the_demonstration_needs_no_hardware() -> None:
+    loaded = load_configuration(FOLDER / "demo.toml")
+    assert loaded.world is not None
+    assert loaded.camera.driver == "simulated"
+    assert {each.driver for each in loaded.actuators} == {"simulated"}
+    assert loaded.base is not None
+    assert getattr(loaded.base.options, "port", "") == "emulated-ros-arduino-bridge"
+    assert {type(rule) for rule in loaded.plan.rules} == {AlarmRule, RampRule, FollowRule}

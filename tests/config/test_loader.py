@@ -1,0 +1,360 @@
+"""A configuration is loaded whole, or refused with everything that is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.core.plan import BaseOutput, LevelOutput
+from stadimeter.errors import ConfigError, Problem
+
+Load = Callable[[str], Configuration]
+Problems = Callable[[str], tuple[Problem, ...]]
+Told = Callable[[str], list[str]]
+
+
+def line_of(text: str, fragment: str) -> int:
+    return text[: text.index(fragment)].count("\n") + 1
+
+
+TWO_RULES = """
+[rules.far]
+actuator = "motor"
+ramp = { from = "10 ft", to = "20 ft" }
+[rules.near]
+actuator = "buzzer"
+when = { below = "50 cm" }
+"""
+
+
+def test_a_configuration_becomes_drivers_and_a_plan(load: Load, sound: str) -> None:
+    loaded = load(sound + TWO_RULES)
+    assert loaded.camera.driver == "opencv"
+    assert loaded.camera.name == "camera"
+    assert loaded.camera_model is not None
+    assert loaded.camera_model.fx_px == 600.0
+    assert [(each.name, each.driver) for each in loaded.targets] == [("ball", "ball")]
+    assert [(each.name, each.driver) for each in loaded.actuators] == [
+        ("motor", "vibration-motor"),
+        ("buzzer", "buzzer"),
+    ]
+    assert loaded.base is not None
+    assert loaded.base.name == "base"
+    assert loaded.messenger is None
+    assert loaded.world is None
+    assert loaded.plan.targets == ("ball",)
+    assert loaded.plan.outputs == (
+        LevelOutput(name="motor"),
+        LevelOutput(name="buzzer"),
+        BaseOutput(name="base"),
+    )
+    assert [(rule.name, rule.target, rule.output) for rule in loaded.plan.rules] == [
+        ("far", "ball", "motor"),
+        ("near", "ball", "buzzer"),
+    ]
+    assert loaded.leases_s == {"motor": 0.3, "buzzer": 0.3, "base": 0.3}
+    assert loaded.text.startswith("[camera]")
+
+
+def test_common_keys_are_not_handed_to_the_driver(load: Load, sound: str) -> None:
+    text = sound.replace("pin = 18", 'pin = 18\nlease = "0.5 s"\nsafe = 0.25\nrise_per_s = 4')
+    text = text.replace('port = "/dev/ttyUSB0"', 'port = "/dev/ttyUSB0"\nmax_speed = "0.2 m/s"\nlease = "400 ms"')
+    loaded = load(text)
+    assert loaded.leases_s == {"motor": 0.5, "buzzer": 0.3, "base": 0.4}
+    assert loaded.plan.outputs[0] == LevelOutput(name="motor", safe_level=0.25, rise_per_s=4.0)
+    assert loaded.plan.outputs[2] == BaseOutput(name="base", linear_max_mps=0.2)
+
+
+def test_the_simulated_world_needs_no_driver_name(load: Load, sound: str) -> None:
+    world = load(sound.replace('driver = "opencv"\ndevice = 0', 'driver = "simulated"') + "[world]\nseed = 3\n").world
+    assert world is not None
+    assert world.driver == "simulated"
+
+
+def test_tracking_and_safety_reach_the_plan(load: Load, sound: str) -> None:
+    loaded = load(sound + '[tracking]\ncoast = "1 s"\n[safety]\nmax_frame_age = "250 ms"\n')
+    assert loaded.plan.tracking.coast_s == 1.0
+    assert loaded.plan.safety.max_frame_age_s == 0.25
+
+
+WRONG = """\
+[camera]
+driver = "opencvv"
+model = 5
+[targets.ball]
+detector = "ball"
+diameter = "0 cm"
+hsv = "29,86,6:64,255,255"
+[actuators.motor]
+driver = "vibration-motor"
+pin = 18
+minimum_dutty = 0.3
+[actuators.buzzer]
+driver = "buzzer"
+pin = 18
+lease = 250
+[actuators.lamp]
+drivr = "led"
+[messenger]
+driver = "mqtt"
+port = 99999
+[rule.x]
+[safety]
+good_frames = 2.5
+[rules.far]
+actuator = "motr"
+ramp = { from = "10 ft", to = "10 ft", bias = "cautius" }
+[rules.near]
+actuator = "buzzer"
+severity = "alarmm"
+when = { belwo = "50 cm" }
+on_delay = { frames = 3 }
+[rules.mid]
+actuator = "base"
+when = { between = ["2 m", "1 m"], deadband = "-1 m" }
+"""
+
+EXPECTED = [
+    (
+        "2: camera.driver: no camera driver is called 'opencvv'; did you mean 'opencv'? There are: images, opencv, "
+        "simulated, video"
+    ),
+    "3: camera.model: 5 is neither a camera file nor a table",
+    "6: targets.ball.diameter: '0 cm' is not a length above zero",
+    "11: actuators.motor.minimum_dutty: unknown key 'minimum_dutty' (did you mean 'minimum_duty'?)",
+    (
+        "14: actuators.buzzer.pin: pin 18 is used twice: by actuators.motor.pin and by actuators.buzzer.pin "
+        "(each needs its own)"
+    ),
+    "15: actuators.buzzer.lease: 250 has no unit; write it with one, such as '250 ms'",
+    "16: actuators.lamp.driver: 'driver' is missing (there is 'drivr'; did you mean 'driver'?)",
+    "20: messenger.port: 99999 is above 65535",
+    "21: rule: unknown section 'rule' (did you mean 'rules'?)",
+    "23: safety.good_frames: 2.5 is not a whole number",
+    "25: rules.far.actuator: there is no actuator 'motr' (did you mean 'motor'?)",
+    (
+        "26: rules.far.ramp: the ramp goes from 3.048 m to the same distance "
+        "(choose two distances, or write a rule with when)"
+    ),
+    "26: rules.far.ramp.bias: 'cautius' is not one of: neutral, cautious, quiet (did you mean 'cautious'?)",
+    "29: rules.near.severity: 'alarmm' is not one of: info, warning, alarm, safety (did you mean 'alarm'?)",
+    "30: rules.near.when.belwo: unknown key 'belwo' (did you mean 'below'?)",
+    "31: rules.near.on_delay.of: 'of' is missing",
+    "33: rules.mid.actuator: the rule drives the base, but there is no section [base] (add one)",
+    "34: rules.mid.when.between: no distance is above 2 m and below 1 m (write the nearer end first)",
+    "34: rules.mid.when.deadband: '-1 m' is below zero",
+]
+
+
+def test_every_error_is_reported_in_one_pass_in_the_order_of_the_file(problems_of: Problems) -> None:
+    found = problems_of(WRONG)
+    assert [str(problem).split("test.toml:")[1] for problem in found] == EXPECTED
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ('"6.4 cm"', '"0 cm"', "13: targets.ball.diameter: '0 cm' is not a length above zero"),
+        ('"6.4 cm"', '"-6.4 cm"', "13: targets.ball.diameter: '-6.4 cm' is not a length above zero"),
+        (
+            '"6.4 cm"',
+            '"nan cm"',
+            "13: targets.ball.diameter: 'nan cm' is not a number with a unit; write it such as '35 cm'",
+        ),
+        ('"6.4 cm"', "nan", "13: targets.ball.diameter: nan has no unit; write it with one, such as '35 cm'"),
+        ('"6.4 cm"', '"6.4"', "13: targets.ball.diameter: '6.4' has no unit; write it with one, such as '35 cm'"),
+        ('"6.4 cm"', "6.4", "13: targets.ball.diameter: 6.4 has no unit; write it with one, such as '35 cm'"),
+        ('diameter = "6.4 cm"', "", "11: targets.ball.diameter: 'diameter' is missing"),
+        ("pin = 18", "pin = 99", "17: actuators.motor.pin: 99 is not a pin; write the BCM number of a GPIO, 0 to 27"),
+        ("pin = 18", "pin = 23", ("20: actuators.buzzer.pin: pin 23 is used twice: by actuators.motor.pin and by "
+         "actuators.buzzer.pin (each needs its own)")),
+        ("pin = 18", "pin = 18\nsafe = 1.5", "18: actuators.motor.safe: 1.5 is above 1"),
+        ("pin = 18", "pin = 18\nsafe = nan", "18: actuators.motor.safe: nan is not a finite number"),
+        ("pin = 18", "pin = 18\nsafe = true", "18: actuators.motor.safe: true is not a number"),
+        ("pin = 18", 'pin = 18\nlease = "0 s"', "18: actuators.motor.lease: '0 s' is not a duration above zero"),
+        ("[camera]", "[[camera]]", "1: camera: 'camera' is not a table (write it as [camera])"),
+        ("[targets.ball]", "[[targets]]", "11: targets: 'targets' is not a table (write it as [targets.NAME])"),
+        ("[targets.ball]", "[targets]", None),
+        ("[actuators.motor]", "[actuators.base]", ("15: actuators.base: 'base' cannot be a name here "
+         "(the program uses it itself)")),
+        ("[actuators.motor]", "[actuators.'a b']", ("15: actuators.a b: 'a b' cannot be a name here "
+         "(use letters, digits, - and _ only)")),
+        ('driver = "buzzer"', "driver = 5", "19: actuators.buzzer.driver: 5 is not text; put it in quotes"),
+        ("[camera.model]", '[camera.modell]', "4: camera.modell: unknown key 'modell' (did you mean 'model'?)"),
+    ],
+)  # fmt: skip
+def test_bad_input_gets_one_clear_line(problems_of: Problems, sound: str, old: str, new: str, line: str | None) -> None:
+    found = [str(problem).split("test.toml:")[1] for problem in problems_of(sound.replace(old, new, 1))]
+    if line is None:
+        assert "'detector' is not a table (write it below [targets.NAME])" in found[0]
+    else:
+        assert found == [line]
+
+
+def test_an_unknown_unit_is_named_with_the_likely_one(told: Told, sound: str) -> None:
+    (line,) = told(sound.replace("6.4 cm", "6.4 metres"))
+    assert "targets.ball.diameter: '6.4 metres': unknown unit 'metres'" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "fragment"),
+    [
+        ("[camera]\nrate = 30 Hz\n", 2, "Expected newline or end of document after a statement"),
+        ("[camera]\na = ten\n", 2, "Invalid value"),
+        ("[camera]\n\na = 1\na = 2\n", 4, "Cannot overwrite a value"),
+        ('[camera]\nx = "never closed\n', 2, "Illegal character"),
+    ],
+)
+def test_a_syntax_error_names_its_line(problems_of: Problems, text: str, line: int, fragment: str) -> None:
+    (problem,) = problems_of(text)
+    assert problem.line == line
+    assert problem.message.startswith(f"this is not valid TOML: {fragment}")
+
+
+def test_text_without_quotes_is_explained(problems_of: Problems) -> None:
+    (problem,) = problems_of("[rules.far]\nramp = { from = 10 ft }\n")
+    assert 'text needs quotes, such as "10 ft"' in str(problem) or "Unclosed inline table" in str(problem)
+
+
+def test_a_file_that_is_not_there_is_said_so(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: there is no such file"):
+        load_configuration(tmp_path / "nowhere.toml")
+
+
+def test_a_folder_is_no_configuration(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="the file cannot be read: is a directory"):
+        load_configuration(tmp_path)
+
+
+def test_a_picture_is_no_configuration(tmp_path: Path) -> None:
+    file = tmp_path / "a.png"
+    file.write_bytes(b"\x89PNG\r\n\x1a\n\xff\xfe")
+    with pytest.raises(ConfigError, match=r"a\.png:1: this is not UTF-8 text \(is it a TOML file\?\)"):
+        load_configuration(file)
+
+
+def test_an_empty_file_lacks_a_camera_and_a_target(told: Told) -> None:
+    assert told("") == [
+        'camera: the section [camera] is missing (add one, such as driver = "opencv")',
+        "targets: there is no target (add one, such as [targets.ball])",
+    ]
+
+
+def test_windows_line_ends_and_a_byte_order_mark_do_no_harm(tmp_path: Path, sound: str) -> None:
+    file = tmp_path / "windows.toml"
+    file.write_bytes(("\ufeff" + sound + "[rules.near]\nwhen = { belwo = 1 }\n").replace("\n", "\r\n").encode())
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(file)
+    assert [problem.line for problem in caught.value.problems] == [line_of(sound + "belwo", "belwo") + 1]
+
+
+def test_a_camera_file_is_found_beside_the_configuration(tmp_path: Path, sound: str) -> None:
+    head, _, rest = sound.partition("[camera.model]\n")
+    inline, _, tail = rest.partition("[targets.ball]")
+    (tmp_path / "lens.toml").write_text(inline)
+    file = tmp_path / "test.toml"
+    file.write_text(f'{head}model = "lens.toml"\n[targets.ball]{tail}')
+    model = load_configuration(file).camera_model
+    assert model is not None
+    assert model.fx_px == 600.0
+
+
+def test_a_camera_file_that_is_not_there_is_answered_with_how_to_make_one(told: Told, sound: str) -> None:
+    head, _, rest = sound.partition("[camera.model]\n")
+    (line,) = told(f'{head}model = "lens.toml"\n[targets.ball]{rest.partition("[targets.ball]")[2]}')
+    assert "camera.model: there is no camera file" in line
+    assert "`stadimeter calibrate distance PICTURE@DISTANCE -o FILE`" in line
+
+
+def test_what_is_wrong_inside_a_camera_file_comes_after_the_configuration(tmp_path: Path, sound: str) -> None:
+    head, _, rest = sound.partition("[camera.model]\n")
+    (tmp_path / "lens.toml").write_text("width_px = 640\n")
+    file = tmp_path / "test.toml"
+    file.write_text(f'{head}model = "lens.toml"\n[targets.ball]{rest.partition("[targets.ball]")[2]}[ruls]\n')
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(file)
+    first, *others = caught.value.problems
+    assert first.message == "unknown section 'ruls'"
+    assert others
+    assert all("lens.toml" in str(problem) for problem in others)
+
+
+@pytest.mark.parametrize("value", ["-600.0", "0.0", "nan", '"wide"'])
+def test_what_is_wrong_in_an_inline_camera_model_is_placed_in_the_configuration(
+    problems_of: Problems, sound: str, value: str
+) -> None:
+    (problem,) = problems_of(sound.replace("fx_px = 600.0", f"fx_px = {value}"))
+    assert problem.key.startswith("camera.model")
+    assert problem.line in {line_of(sound, "[camera.model]"), line_of(sound, "fx_px")}
+
+
+def test_paths_in_options_are_relative_to_the_configuration(tmp_path: Path, sound: str) -> None:
+    file = tmp_path / "test.toml"
+    file.write_text(sound + '[messenger]\ndriver = "mqtt"\nusername = "me"\npassword_file = "secret.txt"\n')
+    messenger = load_configuration(file).messenger
+    assert messenger is not None
+    options: Any = messenger.options
+    assert options.password_file == tmp_path / "secret.txt"
+
+
+def test_a_driver_whose_library_is_missing_is_said_so(told: Told, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "stadimeter.messaging.mqtt", None)
+    (line,) = told(sound + '[messenger]\ndriver = "mqtt"\n')
+    assert "messenger.driver: the driver 'mqtt' needs a library that is not installed" in line
+
+
+JUNK = ("5", "nan", "true", '"x"', '"-1 m"', "[1, 2]", "{ a = 1 }")
+EVERYTHING = """
+[messenger]
+driver = "mqtt"
+port = 1883
+keepalive = "15 s"
+[tracking]
+coast = "1 s"
+gate_sigmas = 4.0
+[safety]
+max_frame_age = "200 ms"
+[rules.far]
+target = "ball"
+actuator = "motor"
+ramp = { from = "10 ft", to = "20 ft" }
+priority = 5
+[rules.near]
+actuator = "buzzer"
+when = { below = "50 cm" }
+on_delay = { frames = 3, of = 5 }
+off_delay = "1 s"
+level = 0.5
+lost = { policy = "clear" }
+[rules.follow]
+actuator = "base"
+follow = { distance = "1 m" }
+"""
+
+
+def refusal(load: Load, text: str) -> tuple[Problem, ...]:
+    try:
+        load(text)
+    except ConfigError as error:
+        return error.problems
+    return ()
+
+
+@pytest.mark.parametrize("junk", JUNK)
+def test_whatever_a_value_is_the_error_is_ours_and_names_its_line_or_table(load: Load, sound: str, junk: str) -> None:
+    lines = (sound + EVERYTHING).splitlines()
+    assert load("\n".join(lines)).warnings == ()
+    refused = table = 0
+    for number, line in enumerate(lines, start=1):
+        table = number if line.startswith("[") else table
+        key, equals, _ = line.partition(" = ")
+        changed = f"{key} = {junk}" if equals else line
+        problems = refusal(load, "\n".join([*lines[: number - 1], changed, *lines[number:]]))
+        refused += bool(problems)
+        assert not problems or {number, table} & {problem.line for problem in problems}
+        assert not any("Input" in str(problem) or "value_error" in str(problem) for problem in problems)
+    assert refused > len(lines) // 3

@@ -1,0 +1,147 @@
+"""No word of pydantic's reaches a person."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+
+from stadimeter.config.plain_words import findings, known_keys, shown
+from stadimeter.config.plugins import Options
+from stadimeter.config.units import Duration, Length, Pin
+
+
+class Colour(StrEnum):
+    RED = "red"
+    GREEN = "green"
+
+
+class Inner(Options):
+    size: Length
+    often: int = Field(default=1, alias="count", ge=1, le=5)
+
+
+class Zoo(Options):
+    """One field of each kind that drivers use."""
+
+    number: float = 1.0
+    whole: int = 1
+    flag: bool = False
+    text: str = "x"
+    share: Annotated[float, Field(ge=0, le=1)] = 0.5
+    wait: Duration = Field(default=1.0, le=60.0)
+    pin: Pin = 1
+    colour: Colour = Colour.RED
+    mode: Literal["auto", "on"] = "auto"
+    device: int | str = 0
+    inner: Inner | None = None
+    many: tuple[Inner, ...] = ()
+    pair: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
+    code: Annotated[str, Field(pattern=r"^[A-Z]{4}$")] = "MJPG"
+    name: str = "x"
+
+    @field_validator("name")
+    @classmethod
+    def _short(cls, name: str) -> str:
+        if len(name) > 5:
+            raise ValueError(f"{name!r} is longer than five letters")
+        return name
+
+    @model_validator(mode="after")
+    def _together(self) -> Zoo:
+        if self.flag and self.whole == 13:
+            raise ValueError("flag and thirteen do not go together")
+        return self
+
+
+def told(table: dict[str, Any], model: type[BaseModel] = Zoo) -> list[str]:
+    with pytest.raises(ValidationError) as caught:
+        model.model_validate(table)
+    return [
+        f"{'.'.join(map(str, each.path))}: {each.message}" + (f" ({each.hint})" if each.hint else "")
+        for each in findings(caught.value, model, table, ("zoo",), ["driver"])
+    ]
+
+
+@pytest.mark.parametrize(
+    ("table", "line"),
+    [
+        ({"number": "many"}, "zoo.number: 'many' is not a number"),
+        ({"number": float("nan")}, "zoo.number: nan is not a finite number"),
+        ({"whole": 2.5}, "zoo.whole: 2.5 is not a whole number"),
+        ({"flag": 7}, "zoo.flag: 7 is neither true nor false"),
+        ({"text": 5}, "zoo.text: 5 is not text; put it in quotes"),
+        ({"share": 1.5}, "zoo.share: 1.5 is above 1"),
+        ({"share": -0.5}, "zoo.share: -0.5 is below 0"),
+        ({"wait": "2 min"}, "zoo.wait: '2 min' is above 60 in SI units"),
+        ({"wait": 5}, "zoo.wait: 5 has no unit; write it with one, such as '250 ms'"),
+        ({"pin": 40}, "zoo.pin: 40 is not a pin; write the BCM number of a GPIO, 0 to 27"),
+        ({"colour": "gren"}, "zoo.colour: 'gren' is not one of: red, green (did you mean 'green'?)"),
+        ({"mode": "atuo"}, "zoo.mode: 'atuo' is not one of: auto, on (did you mean 'auto'?)"),
+        ({"mode": 5}, "zoo.mode: 5 is not one of: auto, on"),
+        ({"device": [1]}, "zoo.device: [1] is not a whole number and not text; put it in quotes"),
+        ({"inner": 5}, "zoo.inner: 5 is not a table; write it as { … }"),
+        ({"inner": {}}, "zoo.inner.size: 'size' is missing"),
+        ({"inner": {"size": "1 m", "cuont": 2}}, "zoo.inner.cuont: unknown key 'cuont' (did you mean 'count'?)"),
+        ({"inner": {"size": "1 m", "count": 9}}, "zoo.inner.count: 9 is above 5"),
+        ({"many": 5}, "zoo.many: 5 is not a list; write it as [ … ]"),
+        ({"many": [{"size": "1 m"}, {"size": "0 m"}]}, "zoo.many.1.size: '0 m' is not a length above zero"),
+        ({"many": [{"size": "1 m", "siez": 1}]}, "zoo.many.0.siez: unknown key 'siez' (did you mean 'size'?)"),
+        ({"pair": ["1 m"]}, "zoo.pair: ['1 m'] is a list of fewer than 2 entries"),
+        ({"pair": ["1 m", "2 m", "3 m"]}, "zoo.pair: ['1 m', '2 m', '3 m'] is a list of more than 2 entries"),
+        ({"code": "mjpg"}, "zoo.code: 'mjpg' is not of the form ^[A-Z]{4}$"),
+        ({"name": "Archibald"}, "zoo.name: 'Archibald' is longer than five letters"),
+        ({"flag": True, "whole": 13}, "zoo: flag and thirteen do not go together"),
+        ({"drivr": "x"}, "zoo.drivr: unknown key 'drivr' (did you mean 'driver'?)"),
+    ],
+)
+def test_what_is_wrong_is_said_with_the_value_and_the_remedy(table: dict[str, Any], line: str) -> None:
+    assert told(table) == [line]
+
+
+def test_an_unknown_key_like_no_other_is_answered_with_all_that_are_known() -> None:
+    assert told({"inner": {"size": "1 m", "zzzz": 2}}) == [
+        "zoo.inner.zzzz: unknown key 'zzzz' (known are: count, size)"
+    ]
+
+
+def test_every_error_of_a_table_is_reported() -> None:
+    assert len(told({"number": "x", "whole": "y", "inner": {"count": 0}, "zzz": 1})) == 5
+
+
+def test_known_keys_are_written_as_in_the_file() -> None:
+    assert known_keys(Zoo, ("inner",)) == ["size", "count"]
+    assert known_keys(Zoo, ("many", 3)) == ["size", "count"]
+    assert known_keys(Zoo, ("number", "deeper")) == []
+
+
+def test_a_long_value_is_shortened() -> None:
+    assert shown("x" * 1000) == f"'{'x' * 59}…"
+    assert shown({"a": 1}) == "a table"
+    assert shown([True, 1.5]) == "[true, 1.5]"
+
+
+VALUES = st.recursive(
+    st.one_of(st.booleans(), st.integers(), st.floats(), st.text(max_size=5)),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3), st.dictionaries(st.sampled_from(["size", "count", "x"]), inner, max_size=3)
+    ),
+    max_leaves=4,
+)
+
+
+@given(st.dictionaries(st.sampled_from([*known_keys(Zoo), "zzz"]), VALUES, max_size=4))
+def test_no_jargon_whatever_was_written(table: dict[str, Any]) -> None:
+    try:
+        Zoo.model_validate(table)
+    except ValidationError as error:
+        found = list(findings(error, Zoo, table, ("zoo",)))
+        assert found
+        for finding in found:
+            text = finding.message + finding.hint
+            assert "\n" not in text
+            assert not any(jargon in text for jargon in ("Input", "should", "_error", "_type", "valid ", "None"))

@@ -1,0 +1,162 @@
+"""Rules as they are written become rules as the core knows them."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+
+import pytest
+
+from stadimeter.config import models
+from stadimeter.config.rule_models import RuleTable
+from stadimeter.core import plan
+from stadimeter.core.decision import Severity
+
+
+def rule(text: str) -> plan.AnyRule:
+    return RuleTable.model_validate(tomllib.loads(text)).to_plan("it", "ball")
+
+
+def alarm(text: str) -> plan.AlarmRule:
+    found = rule(text)
+    assert isinstance(found, plan.AlarmRule)
+    return found
+
+
+def test_vibrating_beyond_ten_feet_is_two_lines() -> None:
+    assert rule('actuator = "motor"\nramp = { from = "10 ft", to = "20 ft" }') == plan.RampRule(
+        name="it", target="ball", output="motor", start_m=pytest.approx(3.048), full_m=pytest.approx(6.096)
+    )
+
+
+def test_buzzing_below_half_a_metre_is_two_lines() -> None:
+    assert rule('actuator = "buzzer"\nwhen = { below = "50 cm" }') == plan.AlarmRule(
+        name="it",
+        target="ball",
+        output="buzzer",
+        condition=plan.DistanceCondition(below_m=0.5),
+        on_delay=plan.OnDelay(frames=3, of_frames=5),
+    )
+
+
+def test_following_takes_everything_else_from_the_plan() -> None:
+    assert rule('actuator = "base"\nfollow = { distance = "1 m" }') == plan.FollowRule(
+        name="it", target="ball", output="base", distance_m=1.0
+    )
+
+
+def test_a_safety_rule_acts_at_even_odds_and_at_once() -> None:
+    found = alarm('severity = "safety"\nwhen = { below = "1 m" }')
+    assert found.severity is Severity.SAFETY
+    assert found.on_delay == plan.OnDelay()
+    assert found.condition == plan.DistanceCondition(below_m=1.0, probability_on=0.5)
+
+
+def test_what_a_safety_rule_says_itself_counts() -> None:
+    found = alarm('severity = "safety"\non_delay = "1 s"\nwhen = { below = "1 m", probability = 0.8 }')
+    assert found.on_delay == plan.OnDelay(hold_s=1.0)
+    assert found.condition == plan.DistanceCondition(below_m=1.0, probability_on=0.8)
+
+
+def test_every_key_of_a_condition_reaches_the_core() -> None:
+    found = alarm(
+        'when = { between = ["1 m", "2 m"], of = "depth", deadband = "5 cm", deadband_sigmas = 2, '
+        'probability = "none", probability_off = 0.4 }'
+    )
+    assert found.condition == plan.DistanceCondition(
+        above_m=1.0,
+        below_m=2.0,
+        quantity="depth",
+        deadband_m=0.05,
+        deadband_sigmas=2.0,
+        probability_on=None,
+        probability_off=0.4,
+    )
+
+
+@pytest.mark.parametrize(("key", "is_seen"), [("seen", True), ("lost", False)])
+def test_presence_is_a_condition_of_its_own(key: str, is_seen: bool) -> None:
+    assert alarm(f"when = {{ {key} = true }}").condition == plan.PresenceCondition(seen=is_seen)
+
+
+def test_every_key_of_an_alarm_reaches_the_core() -> None:
+    found = alarm(
+        'actuator = "lamp"\npriority = 7\nseverity = "alarm"\nwhen = { above = "1 m" }\n'
+        "on_delay = { frames = 2, of = 4 }\noff_delay = \"0 s\"\nlevel = 0.5\nat_start = 'announce'\n"
+        'lost = { grace = "1 s", policy = "assert", fault_after = "9 s" }'
+    )
+    assert found == plan.AlarmRule(
+        name="it",
+        target="ball",
+        output="lamp",
+        priority=7,
+        severity=Severity.ALARM,
+        lost=plan.Lost(grace_s=1.0, policy=plan.LostPolicy.ASSERT, fault_after_s=9.0),
+        condition=plan.DistanceCondition(above_m=1.0),
+        on_delay=plan.OnDelay(frames=2, of_frames=4),
+        off_delay_s=0.0,
+        level=0.5,
+        act_at_start=False,
+    )
+
+
+def test_every_key_of_a_ramp_reaches_the_core() -> None:
+    found = rule(
+        'actuator = "motor"\n'
+        'ramp = { from = "2 m", to = "0 m", of = "depth", min = 0.2, max = 0.9, gamma = 2, bias = "quiet" }'
+    )
+    assert found == plan.RampRule(
+        name="it",
+        target="ball",
+        output="motor",
+        start_m=2.0,
+        full_m=0.0,
+        quantity="depth",
+        level_min=0.2,
+        level_max=0.9,
+        gamma=2.0,
+        bias="quiet",
+    )
+
+
+def test_every_key_of_following_reaches_the_core() -> None:
+    found = rule(
+        'actuator = "base"\nfollow = { distance = "2 m", gain = 2, turn_gain = 3, max_speed = "1 m/s", '
+        'max_reverse_speed = "10 cm/s", max_turn_rate = "180 deg/s", deadband = "0 m", turn_deadband = "0 deg" }'
+    )
+    assert found == plan.FollowRule(
+        name="it",
+        target="ball",
+        output="base",
+        distance_m=2.0,
+        gain_per_s=2.0,
+        turn_gain_per_s=3.0,
+        linear_max_mps=1.0,
+        reverse_max_mps=pytest.approx(0.1),
+        angular_max_radps=pytest.approx(math.pi),
+        deadband_m=0.0,
+        deadband_rad=0.0,
+    )
+
+
+def test_a_rule_of_no_kind_cannot_reach_the_core() -> None:
+    with pytest.raises(ValueError, match="the rule 'it' has none of: when, ramp, follow"):
+        rule('actuator = "motor"')
+
+
+def test_the_defaults_of_every_section_are_those_of_the_plan() -> None:
+    assert models.TrackingTable().to_plan() == plan.Tracking()
+    assert models.SafetyTable().to_plan() == plan.Safety()
+    assert models.ActuatorTable().to_plan("motor") == plan.LevelOutput(name="motor")
+    assert models.BaseTable().to_plan("base") == plan.BaseOutput(name="base")
+
+
+def test_every_key_of_an_output_reaches_the_core() -> None:
+    actuator = models.ActuatorTable(safe=0.2, rise_per_s=4.0, fall_per_s=8.0)
+    assert actuator.to_plan("motor") == plan.LevelOutput(name="motor", safe_level=0.2, rise_per_s=4.0, fall_per_s=8.0)
+    base = models.BaseTable.model_validate(
+        {"max_speed": "1 m/s", "max_turn_rate": "2 rad/s", "acceleration": "3 m/s2", "turn_acceleration": "4 rad/s2"}
+    )
+    assert base.to_plan("base") == plan.BaseOutput(
+        name="base", linear_max_mps=1.0, angular_max_radps=2.0, linear_accel_mps2=3.0, angular_accel_radps2=4.0
+    )

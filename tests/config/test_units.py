@@ -1,0 +1,83 @@
+"""Quantities are read in SI units, and what is none is refused in plain words."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.config import units
+
+
+@pytest.mark.parametrize(
+    ("parse", "text", "value"),
+    [
+        (units.parse_length, "10 ft", 3.048),
+        (units.parse_length, "24in", 0.6096),
+        (units.parse_length, '24"', 0.6096),
+        (units.parse_length, " 35 cm ", 0.35),
+        (units.parse_length, "1e1 mm", 0.01),
+        (units.parse_length_or_zero, "0 m", 0.0),
+        (units.parse_duration, "250 ms", 0.25),
+        (units.parse_duration, "0 s", 0.0),
+        (units.parse_speed, "3.6 km/h", 1.0),
+        (units.parse_acceleration, "50 cm/s2", 0.5),
+        (units.parse_angle, "-180°", -math.pi),
+        (units.parse_turn_rate, "90 deg/s", math.pi / 2),
+        (units.parse_turn_acceleration, "180 deg/s2", math.pi),
+        (units.parse_turn_acceleration, "2 rad/s²", 2.0),
+        (units.parse_frequency, "1 kHz", 1000.0),
+    ],
+)
+def test_a_quantity_is_read_in_si_units(parse: Callable[[object], float], text: str, value: float) -> None:
+    assert parse(text) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("parse", "value", "message"),
+    [
+        (units.parse_length, "0 cm", "'0 cm' is not a length above zero"),
+        (units.parse_length, "-1 m", "'-1 m' is not a length above zero"),
+        (units.parse_length_or_zero, "-1 m", "'-1 m' is below zero"),
+        (units.parse_length, "nan m", "'nan m' is not a number with a unit; write it such as '35 cm'"),
+        (units.parse_length, "inf m", "'inf m' is not a number with a unit; write it such as '35 cm'"),
+        (units.parse_length, "1e999 m", "'1e999 m' is too large a number"),
+        (units.parse_length, "35", "'35' has no unit; write it with one, such as '35 cm'"),
+        (units.parse_length, 35, "35 has no unit; write it with one, such as '35 cm'"),
+        (units.parse_length, True, "True is not a quantity; write it as text, such as '35 cm'"),
+        (units.parse_length, "", "'' is not a number with a unit; write it such as '35 cm'"),
+        (units.parse_duration, "-1 s", "'-1 s' is below zero"),
+        (units.parse_turn_acceleration, "-1 deg/s2", "'-1 deg/s2' is below zero"),
+    ],
+)
+def test_what_is_no_quantity_is_refused(parse: Callable[[object], float], value: object, message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        parse(value)
+
+
+def test_an_unknown_unit_is_refused_with_a_suggestion() -> None:
+    with pytest.raises(
+        ValueError, match=r"'10 feets': unknown unit 'feets'; did you mean 'feet'\? Known units: mm, cm,"
+    ):
+        units.parse_length("10 feets")
+
+
+@given(st.floats(min_value=1e-6, max_value=1e6), st.sampled_from(sorted(units.LENGTHS_M)))
+def test_any_positive_length_is_read_whatever_its_unit(number: float, unit: str) -> None:
+    assert units.parse_length(f"{number} {unit}") == pytest.approx(number * units.LENGTHS_M[unit])
+
+
+@given(st.one_of(st.text(), st.from_regex(r"[-+]?[0-9.eE]{1,8} ?(m|cm|ft|x)", fullmatch=True)))
+def test_any_text_is_a_length_above_zero_or_refused_with_its_value(text: str) -> None:
+    try:
+        value = units.parse_length(text)
+    except ValueError as refused:
+        message = str(refused)
+    else:
+        message = repr(text)
+        assert 0 < value < math.inf
+    assert repr(text) in message
