@@ -1,0 +1,243 @@
+"""What other programs are told of a run: which messages, and how often.
+
+==========================  ===  ======  ==========================================================================
+topic, below the base       QoS  retain  when
+==========================  ===  ======  ==========================================================================
+``target/<name>/state``     0    yes     status changes at once; else at most twice a second when the target moved,
+                                         and every 5 s. Expires after 10 s
+``rule/<name>/state``       1    yes     alarm and data-lost changes at once; other changes at most twice a second
+``event/alarm``             1    never   what happened to a rule: raised, cleared, measurement_lost, measurement_back
+``event/system``            1    never   what happened to a target, camera or output: target_seen, target_lost, fault,
+                                         fault_cleared
+==========================  ===  ======  ==========================================================================
+
+Payloads are JSON objects whose keys and their order are fixed; ``v`` is the version of that form. Numbers are in SI
+units, rounded to the millimetre and the milliradian. What is not known is null, never NaN. Times are labels for
+people: receivers order by ``seq`` and ``id``, since the clock of a Raspberry Pi jumps at its first time sync.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace
+from stadimeter.core.message import Message
+from stadimeter.core.track import Track
+
+FORM = 1
+INTERVAL_S = 0.5
+HEARTBEAT_S = 5.0
+EXPIRES_S = 10
+DEADBAND_M = 0.01
+DEADBAND_SIGMAS = 0.5
+
+_RULE_EVENTS = {EventKind.RAISED, EventKind.CLEARED, EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}
+
+
+class Reporter:
+    """Composes the messages of a run. It does no I/O and reads no clock.
+
+    Args:
+        boot_id: Identifies the run. With an event's sequence number it makes an id by which receivers notice a
+            message that came twice.
+    """
+
+    def __init__(self, boot_id: str) -> None:
+        self._boot_id = boot_id
+        self._targets: dict[str, _TargetReports] = {}
+        self._rules: dict[str, _RuleReports] = {}
+
+    def messages(self, now_s: float, wall_clock: str, decision: Decision) -> tuple[Message, ...]:
+        """Return what is to be told after a cycle. Call it for every cycle: silence is also decided here.
+
+        Args:
+            now_s: The run's monotonic clock.
+            wall_clock: The time of day, as RFC 3339 has it, in UTC.
+            decision: What was decided.
+
+        Returns:
+            Events first, then rules, then targets.
+        """
+        messages = [_event_message(event, self._boot_id, wall_clock) for event in decision.events]
+        for trace in decision.rules:
+            reports = self._rules.setdefault(trace.rule, _RuleReports())
+            events = [event.kind for event in decision.events if event.source == trace.rule]
+            messages += reports.messages(now_s, wall_clock, trace, events)
+        for track in decision.tracks:
+            messages += self._targets.setdefault(track.target, _TargetReports()).messages(now_s, wall_clock, track)
+        return tuple(messages)
+
+    def last_messages(self, wall_clock: str) -> tuple[Message, ...]:
+        """Return the figures that were held back so far, for the end of a run.
+
+        Args:
+            wall_clock: The time of day, as RFC 3339 has it, in UTC.
+
+        Returns:
+            The state of every target that was not told as it is.
+        """
+        return tuple(message for reports in self._targets.values() for message in reports.last_messages(wall_clock))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _TargetState:
+    """What is told of a target: only figures that may be acted on."""
+
+    name: str
+    status: str
+    distance_m: float | None
+    sigma_m: float | None
+    closing_mps: float | None
+    bearing_rad: float | None
+
+    @classmethod
+    def of(cls, track: Track) -> _TargetState:
+        known = track if track.is_valid else Track(target=track.target)
+        return cls(
+            name=track.target,
+            status=track.status.value,
+            distance_m=_rounded(known.distance_m),
+            sigma_m=_rounded(known.sigma_m),
+            closing_mps=_rounded(known.closing_mps),
+            bearing_rad=_rounded(known.bearing_rad),
+        )
+
+    def has_moved_from(self, other: _TargetState) -> bool:
+        """Whether the difference matters: the target moved, along or across the line of sight, by the deadband."""
+        if self.distance_m is None or other.distance_m is None:
+            return self.distance_m is not other.distance_m
+        deadband_m = max(DEADBAND_M, DEADBAND_SIGMAS * (self.sigma_m or 0.0))
+        across_m = self.distance_m * abs((self.bearing_rad or 0.0) - (other.bearing_rad or 0.0))
+        return abs(self.distance_m - other.distance_m) > deadband_m or across_m > deadband_m
+
+
+class _TargetReports:
+    """Decides when the state of one target is told."""
+
+    def __init__(self) -> None:
+        self._told: _TargetState | None = None
+        self._told_at_s = -math.inf
+        self._newest: _TargetState | None = None
+        self._sequence = 0
+
+    def messages(self, now_s: float, wall_clock: str, track: Track) -> list[Message]:
+        self._newest = _TargetState.of(track)
+        if not self._is_due(self._newest, now_s - self._told_at_s):
+            return []
+        self._told_at_s = now_s
+        return [self._tell(self._newest, wall_clock)]
+
+    def last_messages(self, wall_clock: str) -> list[Message]:
+        if self._newest is None or self._newest == self._told:
+            return []
+        return [self._tell(self._newest, wall_clock)]
+
+    def _is_due(self, state: _TargetState, silent_s: float) -> bool:
+        if self._told is None or state.status != self._told.status:
+            return True
+        return silent_s >= HEARTBEAT_S or (silent_s >= INTERVAL_S and state.has_moved_from(self._told))
+
+    def _tell(self, state: _TargetState, wall_clock: str) -> Message:
+        payload = {
+            "v": FORM,
+            "ts": wall_clock,
+            "seq": self._sequence,
+            "status": state.status,
+            "distance_m": state.distance_m,
+            "sigma_m": state.sigma_m,
+            "closing_mps": state.closing_mps,
+            "bearing_rad": state.bearing_rad,
+        }
+        self._told = state
+        self._sequence += 1
+        return _message(f"target/{state.name}/state", payload, qos=0, retain=True, expires_s=EXPIRES_S)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _RuleState:
+    """What is told of a rule."""
+
+    status: RuleStatus
+    is_active: bool
+    is_data_lost: bool
+
+
+class _RuleReports:
+    """Decides when the state of one rule is told. The reason alone is not news: its figures change all the time."""
+
+    def __init__(self) -> None:
+        self._told: _RuleState | None = None
+        self._told_at_s = -math.inf
+        self._is_raised = False
+        self._is_data_lost = False
+        self._was_active: bool | None = None
+        self._since = ""
+
+    def messages(self, now_s: float, wall_clock: str, trace: RuleTrace, events: list[EventKind]) -> list[Message]:
+        state = self._state(trace.status, events)
+        if state.is_active is not self._was_active:
+            self._was_active, self._since = state.is_active, wall_clock
+        if not self._is_due(state, now_s - self._told_at_s):
+            return []
+        self._told, self._told_at_s = state, now_s
+        payload = {
+            "v": FORM,
+            "ts": wall_clock,
+            "active": state.is_active,
+            "status": state.status.value,
+            "data_lost": state.is_data_lost,
+            "since": self._since,
+            "reason": trace.reason,
+        }
+        return [_message(f"rule/{trace.rule}/state", payload, qos=1, retain=True)]
+
+    def _state(self, status: RuleStatus, events: list[EventKind]) -> _RuleState:
+        for kind in events:
+            if kind in {EventKind.RAISED, EventKind.CLEARED}:
+                self._is_raised = kind is EventKind.RAISED
+            if kind in {EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}:
+                self._is_data_lost = kind is EventKind.MEASUREMENT_LOST
+        # A rule that lost its target says "unknown", though an alarm that was raised still stands.
+        is_active = status in {RuleStatus.ACTIVE, RuleStatus.CLEARING} or (
+            status is RuleStatus.UNKNOWN and self._is_raised
+        )
+        return _RuleState(status=status, is_active=is_active, is_data_lost=self._is_data_lost)
+
+    def _is_due(self, state: _RuleState, silent_s: float) -> bool:
+        told = self._told
+        if told is None or (state.is_active, state.is_data_lost) != (told.is_active, told.is_data_lost):
+            return True
+        return state != told and silent_s >= INTERVAL_S
+
+
+def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
+    is_of_rule = event.kind in _RULE_EVENTS
+    payload = {
+        "v": FORM,
+        "ts": wall_clock,
+        "id": f"{boot_id}-{event.sequence}",
+        "event_type": event.kind.value,
+        "rule" if is_of_rule else "source": event.source,
+        "severity": event.severity.value,
+        "reason": event.reason,
+        "distance_m": _rounded(event.distance_m),
+        "sigma_m": _rounded(event.sigma_m),
+    }
+    return _message("event/alarm" if is_of_rule else "event/system", payload, qos=1, retain=False)
+
+
+def _message(
+    topic: str, payload: Mapping[str, object], *, qos: int, retain: bool, expires_s: int | None = None
+) -> Message:
+    text = json.dumps(payload, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return Message(topic=topic, payload=text, qos=qos, retain=retain, expires_s=expires_s)
+
+
+def _rounded(value: float | None) -> float | None:
+    """Return a number to three decimals; None for what is not a finite number."""
+    if value is None or not math.isfinite(value):
+        return None
+    return round(value, 3) + 0.0  # adding zero turns -0.0 into 0.0

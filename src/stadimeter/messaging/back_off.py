@@ -1,0 +1,64 @@
+"""How long to wait for an answer, and before trying again."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Patience:
+    """How long to wait for what.
+
+    Attributes:
+        answer_s: For a broker's answer to a connection. Some brokers that do not know MQTT 5 never answer it.
+        first_pause_s: After the first attempt that failed.
+        longest_pause_s: The pauses double up to this.
+        goodbye_s: For what is on its way when we close, and as long again for the thread to end.
+    """
+
+    answer_s: float = 5.0
+    first_pause_s: float = 1.0
+    longest_pause_s: float = 60.0
+    goodbye_s: float = 1.0
+
+
+class BackOff:
+    """Pauses that double from the first to the longest.
+
+    Args:
+        patience: Names both.
+    """
+
+    SPREAD = 0.2
+    """A pause is up to this share longer or shorter, so that many nodes do not storm a broker that comes back."""
+
+    def __init__(self, patience: Patience) -> None:
+        self._first_s = patience.first_pause_s
+        self._longest_s = patience.longest_pause_s
+        self._next_s = self._first_s
+
+    def next_s(self) -> float:
+        """Return the next pause in seconds, without the spread."""
+        pause_s = self._next_s
+        self._next_s = min(self._longest_s, pause_s * 2)
+        return pause_s
+
+    def spread_s(self, pause_s: float) -> float:
+        """Return a pause with the spread.
+
+        Args:
+            pause_s: The pause in seconds.
+
+        Returns:
+            Seconds.
+        """
+        return pause_s * random.uniform(1 - self.SPREAD, 1 + self.SPREAD)  # noqa: S311 - nothing secret depends on it
+
+    def reset(self) -> None:
+        """Begin with the first pause again."""
+        self._next_s = self._first_s
+
+    def jump_to_longest(self) -> None:
+        """Let the next pause be the longest."""
+        self._next_s = self._longest_s

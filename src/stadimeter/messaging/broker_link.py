@@ -1,0 +1,219 @@
+"""One connection to a broker, kept up by a thread."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from contextlib import suppress
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
+
+from stadimeter.core.message import Message
+from stadimeter.messaging.back_off import BackOff, Patience
+from stadimeter.messaging.link_events import LinkEvents
+from stadimeter.messaging.mqtt_client import OFFLINE, ONLINE, Secrets, make_client, publish_properties
+from stadimeter.messaging.mqtt_options import MqttOptions
+from stadimeter.messaging.outbox import MemoryOutbox
+
+V5, V311 = MQTTProtocolVersion.MQTTv5, MQTTProtocolVersion.MQTTv311
+
+
+class BrokerLink:
+    """Connects, connects again, and says what is wrong meanwhile. It serves from `start` to `stop`, once.
+
+    paho's own thread is not used: it sleeps through a stop, and can neither tell why it could not connect nor change
+    the version of MQTT. So this thread calls paho's loop, and nobody else does.
+
+    Args:
+        options: The configuration.
+        secrets: The password and the trusted certificates.
+        patience: How long to wait for what.
+    """
+
+    def __init__(self, options: MqttOptions, secrets: Secrets, patience: Patience) -> None:
+        self._options = options
+        self._secrets = secrets
+        self._patience = patience
+        self._back_off = BackOff(patience)
+        self._events = LinkEvents(options)
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
+
+        # Shared, behind the lock. It is held while paho is called, so nothing that paho calls may take it: paho calls
+        # with a lock of its own held, which publishing needs as well. That is why `LinkEvents` knows no lock.
+        self._lock = threading.Lock()
+        self._outbox = MemoryOutbox()
+        self._is_connected = False
+        self._why_not = f"not connected to {options.place} yet"
+        self._version = V311 if options.protocol == "3.1.1" else V5
+        self._client = self._new_client()
+
+    @property
+    def dropped(self) -> int:
+        """How many messages were given up."""
+        with self._lock:
+            return self._outbox.dropped
+
+    def start(self) -> None:
+        """Begin to connect."""
+        self._thread.start()
+
+    def send(self, message: Message) -> None:
+        """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once.
+
+        Args:
+            message: The message.
+        """
+        with self._lock:
+            if message.qos:
+                self._outbox.add(message, time.monotonic())
+                self._send_waiting()
+            elif self._is_connected and self._outbox.has_room_on_wire:
+                self._hand_over(message)
+            else:
+                self._outbox.drop()
+
+    def trouble(self) -> str:
+        """Return in words what is wrong, or an empty string."""
+        with self._lock:
+            return self._events.refusal if self._is_connected else self._why_not
+
+    def stop(self) -> None:
+        """Say goodbye, wait a moment at most for what is on its way, and end. Messages left over count as dropped."""
+        with self._lock:
+            self._stopping.set()
+            if self._is_connected:
+                self._hand_over(OFFLINE)  # wakes the thread, too
+            else:
+                self._client.disconnect()
+        self._thread.join(
+            2 * self._patience.goodbye_s
+        )  # a look-up of a name may keep it longer; it then ends by itself
+        with self._lock:
+            self._outbox.give_up()
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            self._attempt()
+            if self._stopping.is_set() or (self._change_version() and self._version == V311):
+                continue
+            self._stopping.wait(self._pause_s())
+
+    def _attempt(self) -> None:
+        """Connect, and stay until the connection ends or we stop."""
+        self._events.begin()
+        try:
+            self._client.reconnect()
+        except OSError as error:
+            self._events.could_not_connect(error)
+            return
+        self._stay()
+        if self._stopping.is_set():
+            self._say_goodbye()
+        self._hang_up()
+        with self._lock:
+            self._is_connected = False
+            self._note_done()
+            self._outbox.connection_lost()
+
+    def _stay(self) -> None:
+        until_s = time.monotonic() + self._patience.answer_s
+        while not self._stopping.is_set():
+            left_s = until_s - time.monotonic()
+            if not self._events.is_accepted and left_s < 0:
+                self._events.no_answer_came()
+                return
+            if not self._loop(1.0 if self._events.is_accepted else max(0.0, left_s)):
+                return
+            self._take_stock()
+
+    def _loop(self, wait_s: float) -> bool:
+        return self._client.loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
+
+    def _take_stock(self) -> None:
+        """Act on what paho's callbacks left for us."""
+        with self._lock:
+            self._note_done()
+            if not self._events.is_accepted or self._stopping.is_set():
+                return
+            if not self._is_connected:
+                self._is_connected = True
+                self._hand_over(ONLINE)
+            self._send_waiting()
+
+    def _say_goodbye(self) -> None:
+        """Disconnect in order if all was delivered; without that, the broker will publish our last will."""
+        until_s = time.monotonic() + self._patience.goodbye_s
+        delivered = not self._is_connected
+        while not delivered and time.monotonic() < until_s and self._loop(0.05):
+            with self._lock:
+                self._note_done()
+                self._send_waiting()
+                delivered = self._outbox.is_empty
+        if delivered:
+            self._client.disconnect()
+            while time.monotonic() < until_s and self._loop(0.05):
+                pass
+
+    def _hang_up(self) -> None:
+        if (connection := self._client.socket()) is not None:
+            with suppress(OSError):  # it may be gone already
+                connection.shutdown(socket.SHUT_RDWR)  # type: ignore[attr-defined] # paho's type leaves it out
+            self._loop(0.0)  # paho reads the end and closes its side
+
+    # With the lock held.
+
+    def _send_waiting(self) -> None:
+        while self._is_connected and (message := self._outbox.take(time.monotonic())):
+            self._hand_over(message)
+
+    def _hand_over(self, message: Message) -> None:
+        is_v5 = self._version == V5
+        info = self._client.publish(
+            f"{self._options.base}/{message.topic}",
+            message.payload,
+            message.qos,
+            # Without the expiry of MQTT 5 a broker would show a stale value to newcomers for ever.
+            retain=message.retain and (is_v5 or message.expires_s is None),
+            properties=publish_properties(message) if is_v5 else None,
+        )
+        if message.qos == 0 and info.rc != MQTTErrorCode.MQTT_ERR_SUCCESS:
+            self._outbox.drop()
+        else:
+            self._outbox.sent(info.mid, message, time.monotonic())
+
+    def _note_done(self) -> None:
+        for number in self._events.take_done():
+            self._outbox.done(number)
+
+    # Between attempts.
+
+    def _pause_s(self) -> float:
+        """Say why there is no connection, and return for how long to rest."""
+        if self._events.was_stable:
+            self._back_off.reset()
+        if self._events.was_taken_over:
+            self._back_off.jump_to_longest()
+        pause_s = self._back_off.next_s()
+        with self._lock:
+            self._why_not = f"{self._events.ending}; trying again in {pause_s:.3g} s"
+        return self._back_off.spread_s(pause_s)
+
+    def _change_version(self) -> bool:
+        """Try the other version if the broker seems not to speak this one; return whether it was changed."""
+        if self._options.protocol != "auto" or not self._events.suspects_version:
+            return False
+        with self._lock:
+            self._version = V5 if self._version == V311 else V311
+            self._client = self._new_client()
+            self._outbox.start_over()
+        return True
+
+    def _new_client(self) -> Client:
+        client = make_client(self._options, self._secrets, self._version, self._patience.answer_s)
+        self._events.listen_to(client)
+        # With this set, publishing only queues and wakes our thread, and does not write from the caller's.
+        client.on_socket_register_write = lambda *_: None
+        return client

@@ -1,0 +1,80 @@
+"""The messenger that speaks MQTT, through paho."""
+
+from __future__ import annotations
+
+from stadimeter.config.plugins import DriverContext, Plugin
+from stadimeter.core.message import Message
+from stadimeter.errors import ConfigError, DeviceClosedError
+from stadimeter.messaging.back_off import Patience
+from stadimeter.messaging.broker_link import BrokerLink
+from stadimeter.messaging.mqtt_client import read_secrets
+from stadimeter.messaging.mqtt_options import MqttOptions
+
+
+class PahoMessenger:
+    """Publishes to an MQTT broker.
+
+    A thread of its own does all that can wait for the network. Messages of QoS 1 wait in memory while there is no
+    connection; they do not survive the end of the program.
+
+    Args:
+        options: The configuration.
+        patience: How long to wait for what.
+    """
+
+    def __init__(self, options: MqttOptions, patience: Patience = Patience()) -> None:  # noqa: B008 - it is frozen
+        self._options = options
+        self._patience = patience
+        self._link: BrokerLink | None = None
+        self._dropped_before = 0
+
+    @property
+    def dropped(self) -> int:
+        """How many messages were given up: for want of a connection, or because too many waited."""
+        return self._dropped_before + (self._link.dropped if self._link else 0)
+
+    def open(self) -> None:
+        """Begin to connect and return at once. A broker that is away is not an error.
+
+        Raises:
+            DeviceOpenError: The password or certificate file cannot be used.
+        """
+        if self._link is not None:
+            return
+        self._link = BrokerLink(self._options, read_secrets(self._options), self._patience)
+        self._link.start()
+
+    def publish(self, message: Message) -> None:
+        """Hand a message over and return at once.
+
+        Args:
+            message: What to send.
+
+        Raises:
+            ConfigError: Its topic cannot be one.
+            DeviceClosedError: The messenger is not open.
+        """
+        if not message.topic or any(character in message.topic for character in "+#\0"):
+            raise ConfigError(f"{message.topic!r} is not a topic to publish to; rename what it is made from")
+        if self._link is None:
+            raise DeviceClosedError(f"the messenger for {self._options.place} is not open; open it first")
+        self._link.send(message)
+
+    def trouble(self) -> str:
+        """Return in words what is wrong with the connection, or an empty string if it stands."""
+        return self._link.trouble() if self._link else f"the messenger for {self._options.place} is not open"
+
+    def close(self) -> None:
+        """Say that we go offline, wait a moment at most for what is on its way, and disconnect."""
+        if self._link is None:
+            return
+        self._link.stop()
+        self._dropped_before += self._link.dropped
+        self._link = None
+
+
+def _build(options: MqttOptions, context: DriverContext) -> PahoMessenger:  # noqa: ARG001 - the interface of a plugin
+    return PahoMessenger(options)
+
+
+PLUGIN = Plugin(MqttOptions, _build)

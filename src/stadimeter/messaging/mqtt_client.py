@@ -1,0 +1,154 @@
+"""Sets up paho's client: login, encryption, session and last will."""
+
+from __future__ import annotations
+
+import ssl
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+
+from stadimeter.core.message import Message
+from stadimeter.errors import DeviceOpenError
+from stadimeter.messaging.mqtt_options import MqttOptions
+
+SESSION_EXPIRY_S = 3600
+WILL_DELAY_S = 5
+"""A drop of the link that is shorter than this is not reported as offline. MQTT 5 only."""
+
+ONLINE = Message(topic="availability", payload="online", qos=1, retain=True)
+OFFLINE = Message(topic="availability", payload="offline", qos=1, retain=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Secrets:
+    """What is read from files when a messenger opens.
+
+    Attributes:
+        password: The password, or None for none.
+        tls: Whose certificates are trusted, or None for no encryption.
+    """
+
+    password: str | None = field(default=None, repr=False)
+    tls: ssl.SSLContext | None = None
+
+
+def read_secrets(options: MqttOptions) -> Secrets:
+    """Read the files that the configuration names.
+
+    Args:
+        options: The configuration.
+
+    Returns:
+        What they hold.
+
+    Raises:
+        DeviceOpenError: One cannot be read or holds nothing of use.
+    """
+    return Secrets(
+        password=_read_password(options.password_file) if options.password_file else None,
+        tls=_tls_context(options.ca_file) if options.tls else None,
+    )
+
+
+def make_client(options: MqttOptions, secrets: Secrets, version: MQTTProtocolVersion, answer_s: float) -> Client:
+    """Make a client that is ready to connect.
+
+    Args:
+        options: The configuration.
+        secrets: The password and the trusted certificates.
+        version: The version of MQTT to speak.
+        answer_s: How long connecting may take.
+
+    Returns:
+        The client. It has no thread, and tries nothing by itself.
+    """
+    is_v5 = version == MQTTProtocolVersion.MQTTv5
+    client = Client(
+        CallbackAPIVersion.VERSION2,
+        client_id=options.client_id,
+        # A session of 3.1.1 never ends. We subscribe to nothing, so there is nothing to keep in it.
+        clean_session=None if is_v5 else True,
+        protocol=version,
+        reconnect_on_failure=False,
+    )
+    client.connect_timeout = answer_s
+    if options.username is not None:
+        client.username_pw_set(options.username, secrets.password)
+    if secrets.tls is not None:
+        client.tls_set_context(secrets.tls)
+    _set_session(client, options, is_v5=is_v5)
+    return client
+
+
+def publish_properties(message: Message) -> Properties | None:
+    """Return the properties of MQTT 5 that a message needs.
+
+    Args:
+        message: The message.
+
+    Returns:
+        The properties, or None for none.
+    """
+    if message.expires_s is None:
+        return None
+    return _properties(PacketTypes.PUBLISH, MessageExpiryInterval=message.expires_s)
+
+
+def _set_session(client: Client, options: MqttOptions, *, is_v5: bool) -> None:
+    session, will = None, None
+    if is_v5:
+        session = _properties(PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S)
+        will = _properties(PacketTypes.WILLMESSAGE, WillDelayInterval=WILL_DELAY_S)
+    client.will_set(f"{options.base}/{OFFLINE.topic}", OFFLINE.payload, OFFLINE.qos, OFFLINE.retain, will)
+    client.connect_async(
+        options.host,
+        options.broker_port,
+        keepalive=round(options.keepalive),
+        clean_start=False,
+        properties=session,
+    )
+
+
+def _properties(packet_type: int, **values: int) -> Properties:
+    properties = Properties(packet_type)  # type: ignore[no-untyped-call] # paho has not typed it
+    for name, value in values.items():
+        setattr(properties, name, value)
+    return properties
+
+
+def _read_password(file: Path) -> str:
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise DeviceOpenError(f"password_file {file} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise DeviceOpenError(f"password_file {file} is not text in UTF-8") from error
+    if not lines or not lines[0]:
+        raise DeviceOpenError(f"password_file {file} has no password on its first line")
+    return lines[0]
+
+
+def _tls_context(ca_file: Path | None) -> ssl.SSLContext:
+    try:
+        context = ssl.create_default_context(cafile=ca_file)
+    except ssl.SSLError as error:
+        raise DeviceOpenError(f"ca_file {ca_file} holds no certificate that can be used ({error.reason})") from error
+    except OSError as error:
+        raise DeviceOpenError(f"ca_file {ca_file} cannot be read: {error.strerror}") from error
+    context.sslsocket_class = _TidySocket
+    return context
+
+
+class _TidySocket(ssl.SSLSocket):
+    """Closes itself when the handshake fails, which paho leaves to the garbage collector."""
+
+    def do_handshake(self, block: bool = False) -> None:
+        try:
+            super().do_handshake(block)
+        except OSError:
+            self.close()
+            raise

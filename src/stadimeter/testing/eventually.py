@@ -1,0 +1,29 @@
+"""Waiting for what another thread or program is about to do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+ResultT = TypeVar("ResultT")
+
+
+def eventually(condition: Callable[[], ResultT], within_s: float = 20.0) -> ResultT:
+    """Wait until something holds.
+
+    Args:
+        condition: Returns something true when it holds. It is asked again and again.
+        within_s: For how long.
+
+    Returns:
+        What the condition returned.
+
+    Raises:
+        AssertionError: It did not hold in time.
+    """
+    until_s = time.monotonic() + within_s
+    while not (result := condition()):
+        assert time.monotonic() < until_s, f"this did not become true within {within_s:g} s: {result!r}"
+        time.sleep(0.005)
+    return result

@@ -1,0 +1,94 @@
+"""The two clocks."""
+
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.app.clock import MonotonicClock, SteppedClock
+from stadimeter.testing.manual_clock import ManualClock
+
+
+def test_a_stepped_clock_stands_still_until_somebody_sleeps_on_it():
+    clock = SteppedClock()
+    assert clock.now_s() == clock.now_s() == 0.0
+    clock.sleep_until_s(3600)
+    assert clock.now_s() == 3600
+
+
+def test_a_stepped_clock_never_goes_back():
+    clock = SteppedClock(start_s=5.0)
+    clock.sleep_until_s(1.0)
+    assert clock.now_s() == 5.0
+
+
+def test_what_is_due_on_the_way_is_called_at_its_own_time_and_in_order():
+    clock, calls = ManualClock(), []
+    clock.call_every(0.25, lambda now_s: calls.append(("a", now_s)))
+    clock.call_every(0.5, lambda now_s: calls.append(("b", now_s)))
+    clock.advance_s(1.0)
+    assert calls == [("a", 0.25), ("a", 0.5), ("b", 0.5), ("a", 0.75), ("a", 1.0), ("b", 1.0)]
+
+
+def test_a_cancelled_callback_is_not_called_again():
+    clock, calls = ManualClock(), []
+    cancel = clock.call_every(0.1, calls.append)
+    clock.advance_s(0.15)
+    cancel()
+    cancel()
+    clock.advance_s(1.0)
+    assert len(calls) == 1
+
+
+def test_a_callback_may_cancel_itself():
+    clock, calls = ManualClock(), []
+
+    def once(now_s):
+        calls.append(now_s)
+        cancel()
+
+    cancel = clock.call_every(0.1, once)
+    clock.advance_s(1.0)
+    assert len(calls) == 1
+
+
+@given(st.lists(st.floats(0, 2), max_size=20))
+def test_how_the_time_is_cut_into_steps_makes_no_difference(steps):
+    whole, cut, calls, cut_calls = ManualClock(), ManualClock(), [], []
+    whole.call_every(0.125, calls.append)
+    cut.call_every(0.125, cut_calls.append)
+    for step in steps:
+        cut.advance_s(step)
+    whole.sleep_until_s(cut.now_s())
+    assert calls == cut_calls
+
+
+def test_the_real_clock_calls_from_its_own_thread_until_cancelled():
+    clock, called = MonotonicClock(), threading.Event()
+    threads = []
+
+    def callback(now_s):
+        threads.append((threading.current_thread(), now_s))
+        called.set()
+
+    began_s = clock.now_s()
+    cancel = clock.call_every(0.001, callback)
+    assert called.wait(5)
+    cancel()
+    assert threads[0][0] is not threading.current_thread()
+    assert threads[0][1] >= began_s
+    assert not threads[0][0].is_alive()
+
+
+def test_the_real_clock_sleeps_until_the_time_has_come():
+    clock = MonotonicClock()
+    until_s = clock.now_s() + 0.01
+    clock.sleep_until_s(until_s)
+    assert clock.now_s() >= until_s
+
+
+def test_a_paced_clock_shows_the_time_that_was_asked_for():
+    clock = SteppedClock(speed=1000.0)
+    clock.sleep_until_s(2.0)
+    assert clock.now_s() == pytest.approx(2.0)

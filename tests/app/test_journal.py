@@ -1,0 +1,169 @@
+"""The journal and its replay."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.journal import JournalWriter, read_journal
+from stadimeter.app.replay import replay
+from stadimeter.core.plan import AlarmRule, BaseOutput, DistanceCondition, FollowRule, LevelOutput, Plan, RampRule
+from stadimeter.errors import JournalError
+from stadimeter.testing.observing import Rehearsal
+
+PLAN = Plan(
+    targets=("ball",),
+    rules=(
+        AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0)),
+        RampRule(name="far", target="ball", output="motor", start_m=3.0, full_m=6.0),
+        FollowRule(name="follow", target="ball", output="base", distance_m=1.0),
+    ),
+    outputs=(LevelOutput(name="buzzer"), LevelOutput(name="motor"), BaseOutput(name="base")),
+)
+
+
+class Recorder(Rehearsal):
+    """A rehearsal that keeps a journal."""
+
+    def __init__(self, path, plan=PLAN):
+        super().__init__(plan)
+        self.journal = JournalWriter(path, "# configuration")
+
+    def cycle(self, observation):
+        decision = super().cycle(observation)
+        record = CycleRecord(
+            observation=observation, decision=decision, applied=decision.commands, timings_s={"decide": 1e-4}
+        )
+        self.journal.write(record)
+        return decision
+
+
+def recorded(path, *sights):
+    recorder = Recorder(path)
+    recorder.see(*sights)
+    recorder.wait(0.5)
+    recorder.journal.close()
+    return recorder
+
+
+def test_what_is_read_is_what_was_written_to_the_last_bit(tmp_path):
+    recorder = recorded(tmp_path / "run.jsonl", 5, 4, None, 0.1 + 0.2, 1 / 3)
+    journal = read_journal(tmp_path / "run.jsonl")
+    assert [(r.observation.now_s, r.decision) for r in journal.records()] == recorder.decisions
+    assert journal.header.configuration == "# configuration"
+
+
+def test_the_same_rules_over_a_recording_decide_the_same(tmp_path):
+    recorded(tmp_path / "run.jsonl", 5, 4, 3, 2, 1, 0.8, 0.7, None, None, None, None, 0.8)
+    result = replay(read_journal(tmp_path / "run.jsonl"), PLAN)
+    assert (result.cycles, result.identical) == (17, 17)
+    assert result.events == result.recorded_events
+
+
+@given(sights=st.lists(st.none() | st.floats(allow_nan=True, allow_infinity=True) | st.floats(0.1, 8), min_size=1))
+def test_even_broken_figures_replay_to_the_same_decisions(tmp_path_factory, sights):
+    path = tmp_path_factory.mktemp("journal") / "run.jsonl"
+    recorded(path, *sights)
+    result = replay(read_journal(path), PLAN)
+    assert result.identical == result.cycles
+
+
+def test_other_rules_over_a_recording_show_where_they_differ(tmp_path):
+    recorded(tmp_path / "run.jsonl", *[5] * 5, *[1.5] * 5)
+    nearer = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=2.0))
+    other = Plan(targets=("ball",), rules=(nearer, *PLAN.rules[1:]), outputs=PLAN.outputs)
+    result = replay(read_journal(tmp_path / "run.jsonl"), other)
+    assert 0 < result.identical < result.cycles
+    assert "rules" in result.differences[0].what
+    assert [event.source for event in result.events if event.kind == "raised"] == ["near"]
+    assert [event.source for event in result.recorded_events if event.kind == "raised"] == []
+
+
+def test_a_recording_that_was_cut_off_is_read_as_far_as_it_is_whole(tmp_path):
+    path = tmp_path / "run.jsonl"
+    recorded(path, 5, 4, 3)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-20])
+    journal = read_journal(path)
+    assert journal.is_cut_off()
+    assert replay(journal, PLAN).cycles == 7
+
+
+def test_a_damaged_line_is_named(tmp_path):
+    path = tmp_path / "run.jsonl"
+    recorded(path, 5, 4, 3)
+    lines = path.read_text().splitlines()
+    lines[2] = lines[2].replace('"now_s"', '"never_s"')
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(JournalError, match=r"run\.jsonl:3: not a cycle of a journal: observation\.now_s"):
+        replay(read_journal(path), PLAN)
+
+
+@pytest.mark.parametrize("content", ["", "hello\n", "{}\n", "[]\n", '{"stadimeter_journal": 1}\n'])
+def test_a_file_that_is_no_journal_is_refused(tmp_path, content):
+    path = tmp_path / "run.jsonl"
+    path.write_text(content)
+    with pytest.raises(JournalError, match=r"run\.jsonl"):
+        read_journal(path)
+
+
+def test_a_journal_of_a_later_format_is_refused(tmp_path):
+    path = tmp_path / "run.jsonl"
+    path.write_text('{"stadimeter_journal": 99}\n')
+    with pytest.raises(JournalError, match="format 99; this version of stadimeter reads format 1"):
+        read_journal(path)
+
+
+def test_a_missing_journal_or_a_directory_is_refused(tmp_path):
+    with pytest.raises(JournalError, match="No such file"):
+        read_journal(tmp_path / "none.jsonl")
+    with pytest.raises(JournalError, match="directory"):
+        read_journal(tmp_path)
+
+
+def test_a_journal_that_cannot_be_written_is_refused_at_once(tmp_path):
+    with pytest.raises(JournalError, match="No such file or directory"):
+        JournalWriter(tmp_path / "no folder" / "run.jsonl", "")
+
+
+def test_a_full_disk_is_told_in_one_line():
+    with pytest.raises(JournalError, match=r"/dev/full: No space left on device"):
+        JournalWriter(Path("/dev/full"), "")
+
+
+FILL_THE_DISK = """
+import resource, signal, sys
+from pathlib import Path
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.journal import JournalWriter
+from stadimeter.core.observation import Observation
+from stadimeter.core.plan import Plan
+from stadimeter.errors import JournalError
+from stadimeter.testing.observing import Rehearsal
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (5000, resource.RLIM_INFINITY))
+decision = Rehearsal(Plan(targets=("ball",))).see(2.0)
+record = CycleRecord(observation=Observation(now_s=1.0), decision=decision, applied=(), timings_s={})
+journal = JournalWriter(Path(sys.argv[1]), "")
+try:
+    while True:
+        journal.write(record)
+except JournalError as error:
+    print(error)
+"""
+
+
+def test_a_disk_that_fills_up_leaves_a_journal_of_whole_lines(tmp_path):
+    """A limit on the size of files stands in for the disk: the system cuts a write short in the same way."""
+    path = tmp_path / "run.jsonl"
+    done = subprocess.run([sys.executable, "-c", FILL_THE_DISK, path], capture_output=True, text=True, check=True)
+    assert done.stdout == f"{path}: the disk is full; the journal ends here, intact\n"
+    assert 4000 < path.stat().st_size <= 5000
+    assert path.read_bytes().endswith(b"\n")
+    assert len(list(read_journal(path).records())) >= 5

@@ -1,0 +1,175 @@
+"""Outputs with a lease, and the guard that watches over them."""
+
+import threading
+
+import pytest
+
+from stadimeter.app.clock import MonotonicClock
+from stadimeter.app.guard import Guard, retire_all
+from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.core.command import LevelCommand, TwistCommand
+from stadimeter.errors import DeviceOpenError, LinkLostError
+from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.recording import RecordingActuator, RecordingBase
+
+SAFE = LevelCommand(output="motor", level=0.1)
+
+
+@pytest.fixture
+def clock():
+    return ManualClock(start_s=100.0)
+
+
+@pytest.fixture
+def driver(clock):
+    return RecordingActuator(clock, "motor")
+
+
+@pytest.fixture
+def output(driver, clock):
+    output = LeasedOutput(driver, SAFE, lease_s=0.3, clock=clock)
+    output.open()
+    return output
+
+
+def full(captured_at_s):
+    return LevelCommand(output="motor", level=1.0, captured_at_s=captured_at_s)
+
+
+def test_it_opens_at_its_safe_value(output, driver):
+    assert driver.level == 0.1
+
+
+def test_a_fresh_command_is_applied_and_returned(output, driver):
+    assert output.apply(full(99.9)) == full(99.9)
+    assert driver.level == 1.0
+
+
+def test_a_command_on_an_old_frame_is_not_applied(output, driver):
+    assert output.apply(full(99.6)) == SAFE
+    assert driver.level == 0.1
+
+
+@pytest.mark.parametrize("seconds", [0.31, 1.0, 3600.0])
+def test_a_command_that_nobody_renews_ends_with_its_lease(output, driver, clock, seconds):
+    Guard([output], clock).start()
+    output.apply(full(100.0))
+    clock.advance_s(0.29)
+    assert driver.level == 1.0
+    clock.advance_s(seconds)
+    assert driver.level == 0.1
+
+
+def test_what_counts_is_the_age_of_the_frame_and_not_of_the_command(output, driver, clock):
+    Guard([output], clock).start()
+    output.apply(full(99.75))
+    clock.advance_s(0.1)
+    assert driver.level == 0.1
+
+
+def test_renewing_with_the_same_frame_does_not_help(output, driver, clock):
+    for _ in range(10):
+        output.apply(full(100.0))
+        clock.advance_s(0.1)
+    assert driver.level == 0.1
+
+
+def test_the_safe_value_never_grows_old(output, driver, clock):
+    Guard([output], clock).start()
+    output.apply(SAFE)
+    clock.advance_s(3600)
+    assert driver.commands == [SAFE, SAFE]
+
+
+def test_a_driver_that_fails_is_stopped_and_not_used_again(output, driver):
+    driver.fail_with = LinkLostError("unplugged")
+    assert output.apply(full(100.0)) is None
+    assert output.fault == "unplugged"
+    assert driver.stop_times_s == [100.0]
+    driver.fail_with = None
+    assert output.apply(full(100.0)) is None
+    assert driver.level == 0.0
+
+
+def test_a_driver_that_cannot_even_stop_is_reported_with_both_troubles(output, driver):
+    driver.fail_with, driver.fail_on = LinkLostError("unplugged"), ("apply", "stop")
+    output.apply(full(100.0))
+    assert output.fault == "unplugged; stopping it failed too: unplugged"
+
+
+def test_a_failure_between_commands_is_noticed_as_well(output, driver, clock):
+    Guard([output], clock).start()
+    driver.fail_with, driver.fail_on = LinkLostError("no answer for 0.5 s"), ("tick",)
+    clock.advance_s(0.1)
+    assert output.fault == "no answer for 0.5 s"
+
+
+def test_a_retired_output_stays_off_whatever_comes(output, driver):
+    output.apply(full(100.0))
+    output.retire()
+    assert driver.level == 0.0
+    assert output.apply(full(100.0)) is None
+    assert driver.level == 0.0
+
+
+def test_every_output_is_stopped_even_if_one_fails(clock):
+    drivers = [RecordingActuator(clock, name) for name in ("a", "b", "c")]
+    outputs = [
+        LeasedOutput(d, LevelCommand(output=n, level=0), 0.3, clock) for d, n in zip(drivers, "abc", strict=True)
+    ]
+    for each in outputs:
+        each.open()
+    drivers[0].fail_with, drivers[0].fail_on = LinkLostError("gone"), ("stop",)
+
+    def defective():
+        raise ZeroDivisionError("a defect")
+
+    drivers[1].stop = defective
+    assert retire_all(outputs) == ["a: gone", "b: ZeroDivisionError: a defect"]
+    assert drivers[2].stop_times_s == [100.0]
+
+
+def test_a_defect_in_a_driver_stops_all_outputs_and_is_kept_for_the_loop(output, driver, clock):
+    base = RecordingBase(clock, "base")
+    still = TwistCommand(output="base", linear_mps=0, angular_radps=0)
+    other = LeasedOutput(base, still, 0.3, clock)
+    other.open()
+
+    def defective(now_s):
+        raise IndexError("a defect")
+
+    driver.tick = defective
+    guard = Guard([output, other], clock)
+    guard.start()
+    clock.advance_s(0.05)
+    assert isinstance(guard.failure, IndexError)
+    assert base.stop_times_s
+
+
+def test_a_driver_that_cannot_be_opened_says_so(clock):
+    driver = RecordingActuator(clock, "motor")
+    driver.fail_with, driver.fail_on = DeviceOpenError("pin 18 is in use"), ("open",)
+    with pytest.raises(DeviceOpenError, match="pin 18 is in use"):
+        LeasedOutput(driver, SAFE, 0.3, clock).open()
+
+
+def test_the_guard_ends_a_command_while_the_control_thread_hangs():
+    clock = MonotonicClock()
+    safe_again = threading.Event()
+
+    class Motor(RecordingActuator):
+        def apply(self, command):
+            applied = super().apply(command)
+            if command.captured_at_s is None and len(self.commands) > 2:
+                safe_again.set()
+            return applied
+
+    output = LeasedOutput(Motor(clock), SAFE, lease_s=0.05, clock=clock)
+    output.open()
+    output.apply(SAFE)
+    guard = Guard([output], clock)
+    guard.start()
+    output.apply(full(clock.now_s()))
+    assert safe_again.wait(10), "the control thread waits here, and the guard acts"
+    guard.stop()
+    output.close()

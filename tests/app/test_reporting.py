@@ -1,0 +1,318 @@
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.app.reporting import Reporter
+from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.message import Message
+from stadimeter.core.track import Track, TrackStatus
+
+NOON = "2026-06-01T12:00:00.000+00:00"
+LATER = "2026-06-01T12:00:07.000+00:00"
+FRAME_S = 1 / 30
+
+anything = st.none() | st.floats(allow_nan=True, allow_infinity=True)
+
+
+def decision(tracks: Iterable[Track] = (), rules: Iterable[RuleTrace] = (), events: Iterable[Event] = ()) -> Decision:
+    return Decision(
+        commands=(),
+        events=tuple(events),
+        tracks=tuple(tracks),
+        safety=SafetyMode.ACTIVE,
+        safety_reason="",
+        rules=tuple(rules),
+        outputs=(),
+    )
+
+
+def ball(
+    distance_m: float | None = 2.0,
+    sigma_m: float | None = 0.01,
+    status: TrackStatus = TrackStatus.TRACKING,
+    bearing_rad: float | None = 0.0,
+) -> Track:
+    return Track(
+        target="ball",
+        status=status,
+        distance_m=distance_m,
+        sigma_m=sigma_m,
+        closing_mps=0.1234,
+        bearing_rad=bearing_rad,
+        as_of_s=0.0,
+    )
+
+
+def near(status: RuleStatus, reason: str = "2.00 m is not below 0.50 m") -> RuleTrace:
+    return RuleTrace(rule="near", status=status, reason=reason)
+
+
+def happened(kind: EventKind, source: str = "near", sequence: int = 0) -> Event:
+    return Event(
+        kind=kind,
+        source=source,
+        at_s=1.0,
+        severity=Severity.ALARM,
+        reason="0.40 m is below 0.50 m",
+        distance_m=0.40004,
+        sigma_m=0.0051,
+        sequence=sequence,
+    )
+
+
+class Listener:
+    """A reporter and everything it said, frame by frame."""
+
+    def __init__(self) -> None:
+        self.reporter = Reporter(boot_id="boot")
+        self.now_s = 0.0
+        self.told: list[tuple[float, Message]] = []
+
+    def cycle(self, *tracks: Track, step_s: float = FRAME_S, wall_clock: str = NOON) -> list[Message]:
+        return self.decided(decision(tracks), step_s=step_s, wall_clock=wall_clock)
+
+    def decided(self, made: Decision, step_s: float = FRAME_S, wall_clock: str = NOON) -> list[Message]:
+        self.now_s += step_s
+        messages = self.reporter.messages(self.now_s, wall_clock, made)
+        self.told += [(self.now_s, message) for message in messages]
+        return list(messages)
+
+    @property
+    def payloads(self) -> list[dict[str, Any]]:
+        return [json.loads(message.payload) for _, message in self.told]
+
+
+def test_the_state_of_a_target_is_a_fixed_form() -> None:
+    (message,) = Listener().cycle(ball(distance_m=2.00049, sigma_m=0.01249, bearing_rad=-0.0001))
+    assert message == Message(
+        topic="target/ball/state",
+        payload='{"v":1,"ts":"2026-06-01T12:00:00.000+00:00","seq":0,"status":"tracking","distance_m":2.0,'
+        '"sigma_m":0.012,"closing_mps":0.123,"bearing_rad":0.0}',
+        qos=0,
+        retain=True,
+        expires_s=10,
+    )
+
+
+@pytest.mark.parametrize("status", [TrackStatus.SEARCHING, TrackStatus.LOST])
+def test_a_target_that_is_not_in_sight_has_no_figures(status: TrackStatus) -> None:
+    listener = Listener()
+    listener.cycle(ball(status=status))
+    assert listener.payloads[0]["status"] == status.value
+    assert [listener.payloads[0][key] for key in ("distance_m", "sigma_m", "closing_mps", "bearing_rad")] == [None] * 4
+
+
+def test_a_target_that_moves_all_the_time_is_told_twice_a_second() -> None:
+    listener = Listener()
+    for frame in range(300):
+        listener.cycle(ball(distance_m=2.0 + 0.05 * frame))
+    assert 19 <= len(listener.told) <= 21
+
+
+def test_a_change_of_status_is_told_at_once() -> None:
+    listener = Listener()
+    for status in (TrackStatus.SEARCHING, TrackStatus.TRACKING, TrackStatus.COASTING, TrackStatus.LOST):
+        listener.cycle(ball(status=status))
+    assert [payload["status"] for payload in listener.payloads] == ["searching", "tracking", "coasting", "lost"]
+    assert [payload["seq"] for payload in listener.payloads] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("moved", "is_told"),
+    [
+        (ball(distance_m=2.009), False),
+        (ball(distance_m=2.011), True),
+        (ball(distance_m=2.19, sigma_m=0.4), False),
+        (ball(distance_m=2.21, sigma_m=0.4), True),
+        (ball(bearing_rad=0.004), False),
+        (ball(bearing_rad=0.006), True),
+        (ball(distance_m=None), True),
+    ],
+)
+def test_a_move_is_told_when_it_is_more_than_a_centimetre_and_half_a_sigma(moved: Track, *, is_told: bool) -> None:
+    listener = Listener()
+    listener.cycle(ball())
+    assert bool(listener.cycle(moved, step_s=0.6)) is is_told
+
+
+def test_a_target_that_stands_still_is_told_every_five_seconds() -> None:
+    listener = Listener()
+    for _ in range(61 * 10):
+        listener.cycle(ball(), step_s=0.1)
+    times_s = [at_s for at_s, _ in listener.told]
+    assert [round(later - earlier) for earlier, later in pairwise(times_s)] == [5] * 12
+
+
+def test_what_was_held_back_is_told_at_the_end() -> None:
+    listener = Listener()
+    listener.cycle(ball(distance_m=2.0))
+    listener.cycle(ball(distance_m=3.0))
+    (message,) = listener.reporter.last_messages(LATER)
+    assert json.loads(message.payload)["distance_m"] == 3.0
+    assert listener.reporter.last_messages(LATER) == ()
+
+
+def test_targets_do_not_wait_for_each_other() -> None:
+    listener = Listener()
+    cup = Track(target="cup", status=TrackStatus.TRACKING, distance_m=1.0)
+    listener.cycle(ball())
+    assert [message.topic for message in listener.cycle(ball(distance_m=3.0), cup)] == ["target/cup/state"]
+
+
+@given(
+    steps=st.lists(
+        st.tuples(
+            st.floats(0.001, 2.0),
+            st.sampled_from([TrackStatus.TRACKING, TrackStatus.TRACKING, TrackStatus.TRACKING, TrackStatus.LOST]),
+            st.floats(0.0, 50.0),
+            st.floats(0.0, 1.0),
+        ),
+        max_size=60,
+    )
+)
+def test_no_second_has_more_than_two_states_that_are_no_change_of_status(
+    steps: list[tuple[float, TrackStatus, float, float]],
+) -> None:
+    listener = Listener()
+    for step_s, status, distance_m, sigma_m in steps:
+        listener.cycle(ball(distance_m, sigma_m, status), step_s=step_s)
+    told = list(zip((at_s for at_s, _ in listener.told), listener.payloads, strict=True))
+    unchanged_s = [at_s for (_, before), (at_s, after) in pairwise(told) if before["status"] == after["status"]]
+    for first, third in zip(unchanged_s, unchanged_s[2:], strict=False):
+        assert third - first >= 1.0 - 1e-9
+
+
+@given(
+    distances_m=st.lists(st.floats(0.1, 50.0), min_size=1, max_size=40),
+    step_s=st.floats(0.01, 1.0),
+    sigma_m=st.floats(0.0, 1.0),
+)
+def test_the_last_value_is_told_within_five_seconds_of_standing_still(
+    distances_m: list[float], step_s: float, sigma_m: float
+) -> None:
+    listener = Listener()
+    for distance_m in distances_m:
+        listener.cycle(ball(distance_m, sigma_m), step_s=step_s)
+    for _ in range(math.ceil(5.0 / step_s) + 1):
+        listener.cycle(ball(distances_m[-1], sigma_m), step_s=step_s)
+    assert listener.payloads[-1]["distance_m"] == round(distances_m[-1], 3)
+
+
+@given(
+    distance_m=anything, sigma_m=anything, bearing_rad=anything, status=st.sampled_from(TrackStatus), event_m=anything
+)
+def test_no_payload_ever_holds_what_json_has_not(
+    distance_m: float | None, sigma_m: float | None, bearing_rad: float | None, status: TrackStatus, event_m: float
+) -> None:
+    listener = Listener()
+    event = Event(
+        kind=EventKind.FAULT, source="camera", at_s=0.0, severity=Severity.WARNING, reason="x", distance_m=event_m
+    )
+    listener.cycle(ball(), step_s=1.0)
+    listener.decided(decision([ball(distance_m, sigma_m, status, bearing_rad)], events=[event]), step_s=6.0)
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    for _, message in listener.told:
+        json.loads(message.payload, parse_constant=refuse)
+
+
+def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() -> None:
+    listener = Listener()
+    (message,) = listener.decided(decision(events=[happened(EventKind.RAISED, sequence=7)]))
+    assert message == Message(
+        topic="event/alarm",
+        payload='{"v":1,"ts":"2026-06-01T12:00:00.000+00:00","id":"boot-7","event_type":"raised","rule":"near",'
+        '"severity":"alarm","reason":"0.40 m is below 0.50 m","distance_m":0.4,"sigma_m":0.005}',
+        qos=1,
+        retain=False,
+    )
+
+
+@pytest.mark.parametrize("kind", list(EventKind))
+def test_every_kind_of_event_is_told(kind: EventKind) -> None:
+    (message,) = Listener().decided(decision(events=[happened(kind, source="it")]))
+    payload = json.loads(message.payload)
+    of_rule = kind in {EventKind.RAISED, EventKind.CLEARED, EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}
+    assert message.topic == ("event/alarm" if of_rule else "event/system")
+    assert payload["event_type"] == kind.value
+    assert payload["rule" if of_rule else "source"] == "it"
+    assert (message.qos, message.retain) == (1, False)
+
+
+def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do() -> None:
+    listener = Listener()
+    for number in range(100):
+        listener.decided(decision(rules=[near(RuleStatus.IDLE, f"{2 + number / 100:.2f} m is not below 0.50 m")]))
+    raised = decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)])
+    event, state = listener.decided(raised, wall_clock=LATER)
+    assert len(listener.told) == 3
+    assert event.topic == "event/alarm"
+    assert (state.topic, state.qos, state.retain, state.expires_s) == ("rule/near/state", 1, True, None)
+    assert listener.payloads[-1] == {
+        "v": 1,
+        "ts": LATER,
+        "active": True,
+        "status": "active",
+        "data_lost": False,
+        "since": LATER,
+        "reason": "2.00 m is not below 0.50 m",
+    }
+
+
+def test_a_rule_that_flickers_between_idle_and_pending_is_told_twice_a_second() -> None:
+    listener = Listener()
+    for frame in range(300):
+        listener.decided(decision(rules=[near(RuleStatus.PENDING if frame % 2 else RuleStatus.IDLE)]))
+    assert len(listener.told) <= 21
+
+
+def test_a_rule_that_is_on_its_way_to_clear_is_still_active_since_it_was_raised() -> None:
+    listener = Listener()
+    listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)]))
+    listener.decided(decision(rules=[near(RuleStatus.CLEARING)]), step_s=1.0, wall_clock=LATER)
+    payload = listener.payloads[-1]
+    assert (payload["status"], payload["active"], payload["since"], payload["ts"]) == ("clearing", True, NOON, LATER)
+
+
+def test_an_alarm_that_lost_its_target_stands_and_says_that_it_is_blind() -> None:
+    listener = Listener()
+    listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)]))
+    listener.decided(decision(rules=[near(RuleStatus.UNKNOWN)], events=[happened(EventKind.MEASUREMENT_LOST)]))
+    assert (listener.payloads[-1]["active"], listener.payloads[-1]["data_lost"]) == (True, True)
+    listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.MEASUREMENT_BACK)]))
+    assert (listener.payloads[-1]["active"], listener.payloads[-1]["data_lost"]) == (True, False)
+    listener.decided(decision(rules=[near(RuleStatus.IDLE)], events=[happened(EventKind.CLEARED)]))
+    assert listener.payloads[-1]["active"] is False
+
+
+def test_a_rule_that_never_saw_its_target_is_not_active() -> None:
+    listener = Listener()
+    listener.decided(decision(rules=[near(RuleStatus.UNKNOWN)]))
+    assert listener.payloads[0]["active"] is False
+
+
+def test_text_that_is_not_ascii_stays_readable() -> None:
+    (message,) = Listener().decided(decision(rules=[near(RuleStatus.IDLE, "2.00 m ± 0.01 m")]))
+    assert "±" in message.payload
+
+
+def test_the_documentation_shows_the_real_forms() -> None:
+    listener = Listener()
+    events = [happened(EventKind.RAISED), happened(EventKind.TARGET_LOST, source="ball")]
+    listener.decided(decision([ball()], [near(RuleStatus.ACTIVE)], events))
+    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
+    shown = [json.loads(block) for block in re.findall(r"```json\n(.*?)\n```", page, re.DOTALL)]
+    alarm, system, rule, target = listener.payloads
+    assert [list(payload) for payload in shown] == [list(payload) for payload in (target, rule, alarm, system)]

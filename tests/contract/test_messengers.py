@@ -1,0 +1,80 @@
+"""Every messenger keeps the contract."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from stadimeter.config.plugins import MESSENGERS, WORLDS, DriverContext, load_plugin
+from stadimeter.messaging.back_off import Patience
+from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.messaging.mqtt_options import MqttOptions
+from stadimeter.testing.broker import AmqttBroker, BrokerAccess, LoopbackBroker, make_broker
+from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.messenger_contract import MessengerContract, MessengerRig
+from stadimeter.testing.mqtt_listener import MqttListener
+from stadimeter.testing.tunnel import Tunnel
+
+BASE = "stadimeter/contract"
+
+
+@contextmanager
+def paho_rig(broker: LoopbackBroker, answer_s: float) -> Iterator[MessengerRig]:
+    with ExitStack() as closing:
+        broker.start()
+        closing.callback(broker.stop)
+        tunnel = Tunnel(broker.port)
+        tunnel.mend()
+        closing.callback(tunnel.cut)
+        listener = closing.enter_context(MqttListener(broker.port))
+        patience = Patience(answer_s=answer_s, first_pause_s=0.05, longest_pause_s=0.2)
+        messenger = PahoMessenger(MqttOptions(port=tunnel.port, node="contract"), patience)
+        closing.callback(messenger.close)
+        yield MessengerRig(
+            messenger=messenger,
+            delivered=lambda: [(heard.topic.removeprefix(f"{BASE}/"), heard.payload) for heard in listener.heard],
+            break_link=tunnel.cut,
+            mend_link=tunnel.mend,
+        )
+
+
+class TestPahoMessenger(MessengerContract):
+    """With mosquitto where it is installed, else with amqtt."""
+
+    @pytest.fixture
+    def rig(self, tmp_path: Path) -> Iterator[MessengerRig]:
+        broker = make_broker(tmp_path)
+        with paho_rig(broker, answer_s=0.3 if isinstance(broker, AmqttBroker) else 10.0) as rig:
+            yield rig
+
+
+class TestPahoMessengerWithABrokerOfMqtt311(MessengerContract):
+    """With amqtt, which does not answer MQTT 5."""
+
+    @pytest.fixture
+    def rig(self, tmp_path: Path) -> Iterator[MessengerRig]:
+        with paho_rig(AmqttBroker(tmp_path, BrokerAccess()), answer_s=0.3) as rig:
+            yield rig
+
+
+class TestSimulatedMessenger(MessengerContract):
+    @pytest.fixture
+    def rig(self) -> MessengerRig:
+        context = DriverContext(name="it", clock=ManualClock())
+        world_plugin = load_plugin(WORLDS, "simulated")
+        world = world_plugin.build(world_plugin.options(), context)
+        plugin = load_plugin(MESSENGERS, "simulated")
+        messenger = plugin.build(plugin.options(), context)
+
+        def set_gone(*, gone: bool) -> None:
+            world.faults.broker_gone = gone
+
+        return MessengerRig(
+            messenger=messenger,
+            delivered=lambda: [(sent.message.topic, sent.message.payload) for sent in messenger.sent],
+            break_link=lambda: set_gone(gone=True),
+            mend_link=lambda: set_gone(gone=False),
+        )

@@ -1,0 +1,108 @@
+"""Real brokers, a cable that can be cut, and messengers that are closed in the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stadimeter.config.plugins import MESSENGERS, DriverContext, load_plugin
+from stadimeter.messaging.back_off import Patience
+from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.testing.broker import (
+    BrokerAccess,
+    LoopbackBroker,
+    MosquittoBroker,
+    make_broker,
+    mosquitto_program,
+)
+from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.mqtt_listener import MqttListener
+from stadimeter.testing.tunnel import Tunnel
+
+MakeBroker = Callable[..., LoopbackBroker]
+MakeMessenger = Callable[..., PahoMessenger]
+
+# Long enough for mosquitto on a busy computer; amqtt never answers MQTT 5, so waiting for it would only take time.
+ANSWER_S = 10.0 if mosquitto_program() else 0.3
+
+
+@pytest.fixture
+def closing() -> Iterator[ExitStack]:
+    """Return what closes everything in the end, last first."""
+    with ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def start_broker(tmp_path: Path, closing: ExitStack) -> MakeBroker:
+    """Return a function that starts a broker with the given access."""
+
+    def start(**access: Any) -> LoopbackBroker:
+        broker = make_broker(tmp_path, BrokerAccess(**access))
+        broker.start()
+        closing.callback(broker.stop)
+        return broker
+
+    return start
+
+
+@pytest.fixture
+def broker(start_broker: MakeBroker) -> LoopbackBroker:
+    """Return a broker that lets everybody in."""
+    return start_broker()
+
+
+@pytest.fixture
+def mosquitto(tmp_path: Path, closing: ExitStack) -> MosquittoBroker:
+    """Return a broker that speaks MQTT 5; skip where there is none."""
+    if mosquitto_program() is None:
+        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
+    broker = MosquittoBroker(tmp_path, BrokerAccess())
+    broker.start()
+    closing.callback(broker.stop)
+    return broker
+
+
+@pytest.fixture
+def make_messenger(closing: ExitStack) -> MakeMessenger:
+    """Return a function that makes a messenger as a configuration would, but an impatient one."""
+
+    def make(
+        port: int, node: str = "it", answer_s: float = ANSWER_S, goodbye_s: float = 1.0, **options: Any
+    ) -> PahoMessenger:
+        plugin = load_plugin(MESSENGERS, "mqtt")
+        checked = plugin.options.model_validate({"port": port, "node": node, **options})
+        assert isinstance(plugin.build(checked, DriverContext(name="it", clock=ManualClock())), PahoMessenger)
+        patience = Patience(answer_s=answer_s, first_pause_s=0.05, longest_pause_s=0.2, goodbye_s=goodbye_s)
+        messenger = PahoMessenger(checked, patience)
+        closing.callback(messenger.close)
+        return messenger
+
+    return make
+
+
+@pytest.fixture
+def listen(closing: ExitStack) -> Callable[..., MqttListener]:
+    """Return a function that subscribes to everything at a broker's port."""
+
+    def subscribe(port: int, login: tuple[str, str] | None = None, *, is_v5: bool = False) -> MqttListener:
+        return closing.enter_context(MqttListener(port, login, is_v5=is_v5))
+
+    return subscribe
+
+
+@pytest.fixture
+def lay_tunnel(closing: ExitStack) -> Callable[[int], Tunnel]:
+    """Return a function that lays a tunnel to a broker's port."""
+
+    def lay(port: int) -> Tunnel:
+        tunnel = Tunnel(port)
+        tunnel.mend()
+        closing.callback(tunnel.cut)
+        return tunnel
+
+    return lay

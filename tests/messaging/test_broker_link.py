@@ -1,0 +1,196 @@
+"""What brokers may answer that ours never does: a listener that plays a script, byte by byte."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import partial
+
+import pytest
+
+from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.testing.broker import HOST
+from stadimeter.testing.eventually import eventually
+
+CONNECT_VERSION_AT = 8
+ACCEPTED_311 = b"\x20\x02\x00\x00"
+ACCEPTED_5 = b"\x20\x03\x00\x00\x00"
+NO_SUCH_VERSION = b"\x20\x02\x00\x01"
+BANNED_5 = b"\x20\x03\x00\x8a\x00"
+TAKEN_OVER_5 = b"\xe0\x02\x8e\x00"
+SHUTTING_DOWN_5 = b"\xe0\x02\x8b\x00"
+
+Play = Callable[..., "ScriptedBroker"]
+MakeMessenger = Callable[..., PahoMessenger]
+
+
+class ScriptedBroker:
+    """Answers the first bytes of each connection with the next line of its script; the last line is for all others.
+
+    A line is what it answers, and whether it then hangs up.
+    """
+
+    def __init__(self, script: list[tuple[bytes, bool]]) -> None:
+        self.greetings: list[bytes] = []
+        self._script = script
+        self._listener = socket.create_server((HOST, 0))
+        self.port = self._listener.getsockname()[1]
+        self._open: list[socket.socket] = []
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        for one in (*self._open, self._listener):
+            one.close()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                connection, _ = self._listener.accept()
+            except OSError:
+                return
+            connection.settimeout(10.0)
+            self._open.append(connection)
+            self.greetings.append(connection.recv(4096))
+            answer, hangs_up = self._script[min(len(self.greetings), len(self._script)) - 1]
+            connection.sendall(answer)
+            if hangs_up:
+                connection.shutdown(socket.SHUT_RDWR)
+
+    @property
+    def versions(self) -> list[int]:
+        return [greeting[CONNECT_VERSION_AT] for greeting in self.greetings]
+
+
+@pytest.fixture
+def make_messenger(make_messenger: MakeMessenger) -> MakeMessenger:
+    """Return the function that makes messengers, which do not wait long for what the script never acknowledges."""
+    return partial(make_messenger, goodbye_s=0.2)
+
+
+@pytest.fixture
+def play() -> Iterator[Callable[..., ScriptedBroker]]:
+    with ExitStack() as closing:
+
+        def start(*script: tuple[bytes, bool]) -> ScriptedBroker:
+            broker = ScriptedBroker(list(script))
+            closing.callback(broker.close)
+            return broker
+
+        yield start
+
+
+def test_a_broker_that_refuses_mqtt_5_is_spoken_to_in_311_at_once(play: Play, make_messenger: MakeMessenger) -> None:
+    broker = play((NO_SUCH_VERSION, True), (ACCEPTED_311, False))
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: not messenger.trouble())
+    assert broker.versions == [5, 4]
+
+
+def test_a_broker_that_hangs_up_on_mqtt_5_is_spoken_to_in_311_at_once(
+    play: Play, make_messenger: MakeMessenger
+) -> None:
+    broker = play((b"", True), (ACCEPTED_311, False))
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: not messenger.trouble())
+    assert broker.versions == [5, 4]
+
+
+def test_a_broker_that_never_answers_mqtt_5_is_spoken_to_in_311(play: Play, make_messenger: MakeMessenger) -> None:
+    broker = play((b"", False), (ACCEPTED_311, False))
+    messenger = make_messenger(broker.port, answer_s=0.1)
+    messenger.open()
+    eventually(lambda: not messenger.trouble())
+    assert broker.versions == [5, 4]
+
+
+def test_a_version_that_is_set_is_never_changed(play: Play, make_messenger: MakeMessenger) -> None:
+    broker = play((NO_SUCH_VERSION, True))
+    messenger = make_messenger(broker.port, protocol="5")
+    messenger.open()
+    eventually(lambda: "does not speak MQTT 5; set protocol to 'auto'" in messenger.trouble())
+    eventually(lambda: len(broker.greetings) >= 3)
+    assert set(broker.versions) == {5}
+
+
+def test_a_version_that_worked_is_kept_when_the_broker_hangs_up_later(
+    play: Play, make_messenger: MakeMessenger
+) -> None:
+    broker = play((ACCEPTED_5, True), (b"", True), (b"", True), (ACCEPTED_5, False))
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: len(broker.greetings) == 4 and not messenger.trouble())
+    assert broker.versions == [5, 5, 5, 5]
+
+
+def test_both_versions_are_tried_in_turn_while_neither_is_answered(play: Play, make_messenger: MakeMessenger) -> None:
+    broker = play((b"", True))
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: "hung up without an answer" in messenger.trouble())
+    eventually(lambda: len(broker.greetings) >= 4)
+    assert broker.versions[:4] == [5, 4, 5, 4]
+
+
+def test_a_server_that_is_no_broker_is_said_in_words(play: Play, make_messenger: MakeMessenger) -> None:
+    broker = play((b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\n\r\n" + b"x" * 200, True))
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: f"127.0.0.1:{broker.port} " in messenger.trouble() and "broker" in messenger.trouble())
+
+
+def test_a_server_that_says_nothing_is_said_in_words(play: Play, make_messenger: MakeMessenger) -> None:
+    messenger = make_messenger(play((b"", False)).port, answer_s=0.05)
+    messenger.open()
+    eventually(lambda: "does not answer" in messenger.trouble())
+
+
+def test_any_other_refusal_is_said_in_the_brokers_words(play: Play, make_messenger: MakeMessenger) -> None:
+    messenger = make_messenger(play((BANNED_5, True)).port)
+    messenger.open()
+    eventually(lambda: "refused the client 'stadimeter-it' (Banned)" in messenger.trouble())
+
+
+def test_a_broker_that_says_why_it_goes_is_quoted(play: Play, make_messenger: MakeMessenger) -> None:
+    broker = play((ACCEPTED_5 + SHUTTING_DOWN_5, True), (b"", False))
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: "ended the connection (Server shutting down)" in messenger.trouble())
+
+
+def test_after_a_take_over_the_longest_pause_is_kept(play: Play, make_messenger: MakeMessenger) -> None:
+    messenger = make_messenger(play((ACCEPTED_5 + TAKEN_OVER_5, True)).port)
+    messenger.open()
+    words = eventually(lambda: "another program uses the client id 'stadimeter-it'" in messenger.trouble())
+    assert words
+    eventually(lambda: messenger.trouble().endswith("give each its own node; trying again in 0.2 s"))
+
+
+def test_the_pauses_between_attempts_double(play: Play, make_messenger: MakeMessenger) -> None:
+    messenger = make_messenger(play((BANNED_5, True)).port)
+    messenger.open()
+    for pause in ("0.05", "0.1", "0.2"):
+        eventually(lambda pause=pause: messenger.trouble().endswith(f"trying again in {pause} s"))
+
+
+def test_closing_in_the_middle_of_a_pause_does_not_wait_for_its_end(play: Play, make_messenger: MakeMessenger) -> None:
+    messenger = make_messenger(play((BANNED_5, True)).port)
+    messenger.open()
+    eventually(lambda: "trying again" in messenger.trouble())
+    messenger.close()
+    assert messenger.trouble().endswith("is not open")
+
+
+def test_closing_while_the_broker_has_not_answered_yet_returns(play: Play, make_messenger: MakeMessenger) -> None:
+    broker = play((b"", False))
+    messenger = make_messenger(broker.port, answer_s=60.0)
+    messenger.open()
+    eventually(lambda: broker.greetings)
+    messenger.close()
+    assert messenger.trouble().endswith("is not open")

@@ -1,0 +1,305 @@
+"""The messenger against a real broker with a real subscriber."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from stadimeter.core.message import Message
+from stadimeter.errors import ConfigError, DeviceOpenError
+from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.testing.broker import LoopbackBroker, MosquittoBroker, free_port
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.mqtt_listener import MqttListener
+from stadimeter.testing.tunnel import Tunnel
+
+BASE = "stadimeter/it"
+AVAILABILITY = f"{BASE}/availability"
+STATE = Message(topic="target/ball/state", payload='{"v":1}', qos=0, retain=True, expires_s=10)
+
+Listen = Callable[..., MqttListener]
+LayTunnel = Callable[[int], Tunnel]
+MakeMessenger = Callable[..., PahoMessenger]
+
+
+def connected(messenger: PahoMessenger) -> PahoMessenger:
+    messenger.open()
+    eventually(lambda: not messenger.trouble())
+    return messenger
+
+
+def alert(payload: str) -> Message:
+    return Message(topic="event/alarm", payload=payload, qos=1)
+
+
+def test_it_is_announced_online_then_offline(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    listener = listen(broker.port)
+    messenger = connected(make_messenger(broker.port))
+    assert listener.wait_for(AVAILABILITY, "online").qos == 1
+    messenger.close()
+    listener.wait_for_payloads(AVAILABILITY, ["online", "offline"])
+
+
+@pytest.mark.parametrize("expected", ["online", "offline"])
+def test_whoever_subscribes_later_is_told_too(
+    expected: str, broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    messenger = connected(make_messenger(broker.port))
+    listen(broker.port).wait_for(AVAILABILITY, "online")
+    if expected == "offline":
+        messenger.close()
+    heard = listen(broker.port).wait_for(AVAILABILITY)
+    assert (heard.payload, heard.is_retained) == (expected, True)
+
+
+def test_a_link_that_breaks_makes_the_broker_announce_us_offline(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+) -> None:
+    listener = listen(broker.port)
+    tunnel = lay_tunnel(broker.port)
+    connected(make_messenger(tunnel.port, protocol="3.1.1"))
+    listener.wait_for(AVAILABILITY, "online")
+    tunnel.cut()
+    listener.wait_for_payloads(AVAILABILITY, ["online", "offline"])
+    assert listen(broker.port).wait_for(AVAILABILITY).payload == "offline"
+    tunnel.mend()
+    listener.wait_for_payloads(AVAILABILITY, ["online", "offline", "online"])
+
+
+def test_a_short_break_is_not_announced_with_mqtt_5(
+    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+) -> None:
+    listener = listen(mosquitto.port)
+    tunnel = lay_tunnel(mosquitto.port)
+    messenger = connected(make_messenger(tunnel.port, protocol="5"))
+    listener.wait_for(AVAILABILITY, "online")
+    tunnel.cut()
+    eventually(messenger.trouble)
+    tunnel.mend()
+    listener.wait_for_payloads(AVAILABILITY, ["online", "online"])
+
+
+@pytest.mark.long
+def test_a_long_break_is_announced_with_mqtt_5(
+    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+) -> None:
+    listener = listen(mosquitto.port)
+    tunnel = lay_tunnel(mosquitto.port)
+    connected(make_messenger(tunnel.port, protocol="5"))
+    listener.wait_for(AVAILABILITY, "online")
+    tunnel.cut()
+    listener.wait_for_payloads(AVAILABILITY, ["online", "offline"])
+
+
+def test_alerts_are_sent_at_least_once_and_never_kept(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    listener = listen(broker.port)
+    messenger = connected(make_messenger(broker.port))
+    messenger.publish(alert("raised"))
+    assert listener.wait_for(f"{BASE}/event/alarm", "raised").qos == 1
+    late = listen(broker.port)
+    messenger.publish(alert("cleared"))
+    late.wait_for_payloads(f"{BASE}/event/alarm", ["cleared"])
+
+
+def test_states_are_sent_at_most_once(
+    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    listener = listen(mosquitto.port)
+    connected(make_messenger(mosquitto.port)).publish(STATE)
+    assert listener.wait_for(f"{BASE}/{STATE.topic}", STATE.payload).qos == 0
+
+
+def test_a_state_is_kept_with_its_expiry_by_mqtt_5(
+    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    listener = listen(mosquitto.port, is_v5=True)
+    connected(make_messenger(mosquitto.port)).publish(STATE)
+    assert listener.wait_for(f"{BASE}/{STATE.topic}").expires_s == 10
+    late = listen(mosquitto.port, is_v5=True).wait_for(f"{BASE}/{STATE.topic}")
+    assert late.is_retained
+    assert late.expires_s is not None
+    assert 0 < late.expires_s <= 10
+
+
+def test_a_state_that_expires_is_not_kept_by_mqtt_311_where_it_would_never_expire(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    witness = listen(broker.port)
+    messenger = connected(make_messenger(broker.port, protocol="3.1.1"))
+    messenger.publish(STATE)
+    messenger.publish(Message(topic="rule/near/state", payload="kept", qos=1, retain=True))
+    witness.wait_for(f"{BASE}/{STATE.topic}")
+    witness.wait_for(f"{BASE}/rule/near/state")
+    late = listen(broker.port)
+    assert late.wait_for(f"{BASE}/rule/near/state").is_retained
+    messenger.publish(alert("a sign that all that was kept has come"))
+    late.wait_for(f"{BASE}/event/alarm")
+    assert late.payloads(f"{BASE}/{STATE.topic}") == []
+
+
+def test_alerts_wait_for_a_broker_that_starts_late_and_states_are_dropped_and_counted(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    broker.stop()
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: "refused the connection" in messenger.trouble())
+    for number in range(40):
+        # Kept, because the subscriber may come later than the messages.
+        messenger.publish(Message(topic=f"rule/{number}/state", payload="waited", qos=1, retain=True))
+        messenger.publish(STATE)
+    assert messenger.dropped == 40
+    broker.start()
+    eventually(lambda: not messenger.trouble())
+    listener = listen(broker.port)
+    for number in range(40):
+        listener.wait_for(f"{BASE}/rule/{number}/state", "waited")
+    assert listener.payloads(f"{BASE}/{STATE.topic}") == []
+    assert messenger.dropped == 40
+
+
+def test_it_connects_again_to_a_broker_that_was_restarted(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    messenger = connected(make_messenger(broker.port))
+    broker.stop()
+    eventually(messenger.trouble)
+    broker.start()
+    eventually(lambda: not messenger.trouble())
+    assert listen(broker.port).wait_for(AVAILABILITY).payload == "online"
+
+
+def test_alerts_that_nobody_acknowledged_are_sent_again_in_order(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+) -> None:
+    listener = listen(broker.port)
+    tunnel = lay_tunnel(broker.port)
+    messenger = connected(make_messenger(tunnel.port))
+    tunnel.clog()
+    numbers = [str(number) for number in range(60)]
+    for number in numbers:
+        messenger.publish(alert(number))
+    tunnel.cut()
+    eventually(messenger.trouble)
+    tunnel.mend()
+    listener.wait_for(f"{BASE}/event/alarm", numbers[-1])
+    arrived = listener.payloads(f"{BASE}/event/alarm")
+    assert list(dict.fromkeys(arrived)) == numbers
+
+
+def test_a_link_that_takes_nothing_any_more_holds_neither_publishing_nor_memory(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, lay_tunnel: LayTunnel
+) -> None:
+    tunnel = lay_tunnel(broker.port)
+    messenger = connected(make_messenger(tunnel.port))
+    tunnel.clog()
+    for _ in range(10_000):
+        messenger.publish(Message(topic="target/ball/state", payload="x" * 10_000))
+    assert messenger.trouble() == ""
+    assert messenger.dropped > 0
+
+
+def test_closing_over_a_link_that_takes_nothing_leaves_the_last_word_to_the_broker(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+) -> None:
+    listener = listen(broker.port)
+    tunnel = lay_tunnel(broker.port)
+    messenger = connected(make_messenger(tunnel.port, protocol="3.1.1"))
+    listener.wait_for(AVAILABILITY, "online")
+    tunnel.clog()
+    messenger.publish(alert("never acknowledged"))
+    messenger.close()
+    assert messenger.dropped >= 2, "the alert and the goodbye, and whatever was not acknowledged before them"
+    tunnel.cut()
+    listener.wait_for_payloads(AVAILABILITY, ["online", "offline"])
+
+
+def test_a_port_where_nobody_listens_is_said_in_words(make_messenger: MakeMessenger) -> None:
+    port = free_port()
+    messenger = make_messenger(port)
+    messenger.open()
+    words = eventually(lambda: "refused" in messenger.trouble() and messenger.trouble())
+    assert words.startswith(f"127.0.0.1:{port} refused the connection (is a broker running there?); trying again in ")
+
+
+def test_a_right_password_is_accepted(
+    start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger, tmp_path: Path
+) -> None:
+    broker = start_broker(username="pi", password="open sesame")
+    password_file = tmp_path / "password"
+    password_file.write_text("open sesame\n")
+    connected(make_messenger(broker.port, username="pi", password_file=str(password_file)))
+
+
+def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(
+    start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger, tmp_path: Path
+) -> None:
+    broker = start_broker(username="pi", password="open sesame")
+    password_file = tmp_path / "password"
+    password_file.write_text("open barley\n")
+    messenger = make_messenger(broker.port, username="pi", password_file=str(password_file))
+    messenger.open()
+    words = eventually(lambda: "login" in messenger.trouble() and messenger.trouble())
+    assert "refused the login of 'pi'" in words
+    assert "check username and password_file" in words
+    assert "barley" not in words
+
+
+def test_a_missing_login_is_said_in_words(
+    start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger
+) -> None:
+    messenger = make_messenger(start_broker(username="pi", password="open sesame").port)
+    messenger.open()
+    eventually(lambda: "refused a connection without a login" in messenger.trouble())
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [(None, "No such file"), ("", "no password on its first line"), ("\nsecond line", "no password on its first line")],
+)
+def test_a_password_file_of_no_use_is_an_error_at_once(
+    text: str | None, expected: str, make_messenger: MakeMessenger, tmp_path: Path
+) -> None:
+    password_file = tmp_path / "password"
+    if text is not None:
+        password_file.write_text(text)
+    messenger = make_messenger(free_port(), username="pi", password_file=str(password_file))
+    with pytest.raises(DeviceOpenError, match=expected):
+        messenger.open()
+
+
+def test_a_message_that_the_access_list_forbids_is_said_in_words(
+    mosquitto: MosquittoBroker, start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger
+) -> None:
+    strict = start_broker(acl=f"topic readwrite {AVAILABILITY}\n")
+    messenger = connected(make_messenger(strict.port))
+    messenger.publish(alert("raised"))
+    eventually(lambda: "check the broker's access list" in messenger.trouble())
+
+
+def test_two_programs_with_one_name_are_said_in_words(
+    mosquitto: MosquittoBroker, make_messenger: MakeMessenger
+) -> None:
+    first = connected(make_messenger(mosquitto.port))
+    connected(make_messenger(mosquitto.port))
+    eventually(lambda: "does another program use the client id 'stadimeter-it'?" in first.trouble())
+
+
+def test_a_topic_with_a_wildcard_is_refused(broker: LoopbackBroker, make_messenger: MakeMessenger) -> None:
+    messenger = connected(make_messenger(broker.port))
+    for topic in ("", "rule/+/state", "#"):
+        with pytest.raises(ConfigError, match="not a topic"):
+            messenger.publish(Message(topic=topic, payload="x"))
+    assert messenger.trouble() == ""
+
+
+def test_the_base_topic_can_be_chosen(broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen) -> None:
+    listener = listen(broker.port)
+    connected(make_messenger(broker.port, base_topic="home/garage/ranger"))
+    listener.wait_for("home/garage/ranger/availability", "online")

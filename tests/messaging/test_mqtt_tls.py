@@ -1,0 +1,86 @@
+"""TLS against a real mosquitto with a certificate of our own making."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from stadimeter.errors import DeviceOpenError
+from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.testing.broker import LoopbackBroker, free_port, mosquitto_program
+from stadimeter.testing.eventually import eventually
+
+MakeMessenger = Callable[..., PahoMessenger]
+StartBroker = Callable[..., LoopbackBroker]
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return a certificate for 127.0.0.1 that signs itself, and its key."""
+    if not (shutil.which("openssl") and mosquitto_program()):
+        pytest.skip("TLS is tested with openssl and mosquitto, which are not both installed")
+    folder = tmp_path_factory.mktemp("tls")
+    file, key = folder / "certificate.pem", folder / "key.pem"
+    made = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
+    made += ["-days", "2", "-subj", "/CN=loopback", "-addext", "subjectAltName=IP:127.0.0.1"]
+    subprocess.run([*made, "-keyout", str(key), "-out", str(file)], check=True, capture_output=True)
+    return file, key
+
+
+@pytest.fixture
+def secure_broker(start_broker: StartBroker, certificate: tuple[Path, Path]) -> LoopbackBroker:
+    return start_broker(certificate=certificate[0], key=certificate[1])
+
+
+def test_a_broker_with_a_trusted_certificate_is_accepted(
+    secure_broker: LoopbackBroker, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
+) -> None:
+    messenger = make_messenger(secure_broker.port, tls=True, ca_file=str(certificate[0]))
+    messenger.open()
+    eventually(lambda: not messenger.trouble())
+
+
+def test_a_broker_with_an_unknown_certificate_is_refused_in_words(
+    secure_broker: LoopbackBroker, make_messenger: MakeMessenger
+) -> None:
+    messenger = make_messenger(secure_broker.port, tls=True)
+    messenger.open()
+    eventually(lambda: "is not trusted" in messenger.trouble() and "ca_file" in messenger.trouble())
+
+
+def test_a_broker_under_another_name_than_its_certificates_is_refused_in_words(
+    secure_broker: LoopbackBroker, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
+) -> None:
+    messenger = make_messenger(secure_broker.port, host="localhost", tls=True, ca_file=str(certificate[0]))
+    messenger.open()
+    eventually(lambda: "is not trusted" in messenger.trouble())
+
+
+def test_a_port_for_tls_without_tls_is_said_in_words(
+    secure_broker: LoopbackBroker, make_messenger: MakeMessenger
+) -> None:
+    messenger = make_messenger(secure_broker.port)
+    messenger.open()
+    eventually(lambda: "with TLS as configured?" in messenger.trouble())
+
+
+def test_tls_to_a_port_without_it_is_said_in_words(broker: LoopbackBroker, make_messenger: MakeMessenger) -> None:
+    messenger = make_messenger(broker.port, tls=True)
+    messenger.open()
+    eventually(lambda: "TLS" in messenger.trouble())
+
+
+@pytest.mark.parametrize(("text", "expected"), [(None, "No such file"), ("not a certificate", "no certificate")])
+def test_a_certificate_file_of_no_use_is_an_error_at_once(
+    text: str | None, expected: str, make_messenger: MakeMessenger, tmp_path: Path
+) -> None:
+    file = tmp_path / "ca.pem"
+    if text is not None:
+        file.write_text(text)
+    messenger = make_messenger(free_port(), tls=True, ca_file=str(file))
+    with pytest.raises(DeviceOpenError, match=expected):
+        messenger.open()
