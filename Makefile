@@ -2,9 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+OLD_VENV := .venv-opencv-4.10
 ARGS ?=
 
-.PHONY: help demo test check pictures format clean
+.PHONY: help demo test test-long test-opencv-4.10 check pictures format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -13,7 +14,13 @@ demo: $(VENV)/.app ## a simulated world: watch a ball being measured, followed a
 	$(BIN)/stadimeter demo $(ARGS)
 
 test: $(VENV)/.dev ## run the tests; ARGS="-k name" passes arguments to pytest
-	$(BIN)/pytest $(ARGS)
+	$(BIN)/pytest -m "not long and not hardware" $(ARGS)
+
+test-long: $(VENV)/.dev ## run the tests that take longer
+	$(BIN)/pytest -m "long and not hardware" $(ARGS)
+
+test-opencv-4.10: $(OLD_VENV)/.dev ## run the vision tests with the oldest OpenCV that is supported
+	$(OLD_VENV)/bin/pytest -m vision $(ARGS)
 
 check: $(VENV)/.dev ## style, types and structure
 	$(BIN)/ruff check
@@ -29,7 +36,7 @@ pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	$(BIN)/python docs/pictures/make_pictures.py
 
 clean: ## remove what the other targets made
-	rm -rf .venv .venv-opencv-4.10 .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(OLD_VENV) .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/.python:
 	$(PYTHON) -m venv $(VENV)
@@ -42,4 +49,10 @@ $(VENV)/.app: $(VENV)/.python pyproject.toml
 
 $(VENV)/.dev: $(VENV)/.app
 	$(BIN)/python -m pip install --quiet --group dev
+	@touch $@
+
+$(OLD_VENV)/.dev: pyproject.toml
+	$(PYTHON) -m venv $(OLD_VENV)
+	$(OLD_VENV)/bin/python -m pip install --quiet --upgrade 'pip>=25.1'
+	$(OLD_VENV)/bin/python -m pip install --quiet --editable . --group dev 'opencv-python-headless==4.10.*'
 	@touch $@

@@ -8,14 +8,13 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.demonstration import demo_configuration
 from stadimeter.app.loop import Loop
-from stadimeter.cli.live_view import LiveView
 from stadimeter.cli.live_view_svg import save_svg
-from stadimeter.cli.viewing import chart_limits_m
+from stadimeter.cli.viewing import live_view_of
 from stadimeter.core.frame import Frame
 
 HERE = Path(__file__).parent
 
-LIVE_VIEW_SECONDS = 34.0
+LIVE_VIEW_SECONDS = 24.6
 """The live view is taken after this long in the demonstration."""
 
 
@@ -29,8 +28,7 @@ def live_view_picture(path: Path, seconds: float, width: int = 120, height: int 
         height: Its rows.
     """
     loop = Loop(build(demo_configuration(), speed=None))
-    limits_m = chart_limits_m(loop.parts.configuration.plan)
-    view = LiveView("stadimeter demo", trouble=loop.trouble, limits_m=limits_m)
+    view = live_view_of(loop, "stadimeter demo", "m")
 
     def watch(record: CycleRecord, _frame: Frame | None) -> None:
         view.update(record)

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs
-from stadimeter.cli.run_panels import event_line, header_lines, output_blocks, rule_blocks
+from stadimeter.cli.run_panels import event_line, header_lines, message_line, output_blocks, rule_blocks
 from stadimeter.cli.snapshot import Snapshot, heading
 from stadimeter.cli.target_panel import target_lines
 from stadimeter.core.decision import RuleStatus
@@ -69,15 +69,17 @@ def screen_lines(snapshot: Snapshot, width: int, height: int, glyphs: Glyphs = U
 def _narrow(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Put everything in one column; what matters most gets its rows first."""
     targets, rules, outputs = _counts(record)
+    headings = 4 if snapshot.messages else 3
     second = 0 if width >= JOINED_WIDTH else 1
     rows = grant_rows(
         height,
         [
             ("targets", targets), ("outputs", min(outputs, 2)), ("rules", min(rules, 3)), ("targets", targets),
-            ("events", 1), ("outputs", outputs), ("rules", rules), ("headings", 3), ("events", 2), ("targets", 7),
-            ("events", 2), ("outputs", second * outputs), ("rules", second * rules), ("targets", height),
+            ("events", 1), ("outputs", outputs), ("rules", rules), ("headings", headings), ("events", 2),
+            ("targets", 7), ("messages", 1), ("events", 1), ("outputs", second * outputs), ("rules", second * rules),
+            ("targets", height),
         ],
-        {"outputs": outputs * (1 + second), "rules": rules * (1 + second)},
+        {"outputs": outputs * (1 + second), "rules": rules * (1 + second), "messages": len(snapshot.messages)},
     )  # fmt: skip
     return [*_targets(snapshot, record, width, rows["targets"], glyphs), *_rest(snapshot, record, width, rows, glyphs)]
 
@@ -85,16 +87,18 @@ def _narrow(snapshot: Snapshot, record: CycleRecord, width: int, height: int, gl
 def _wide(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Put targets on the left, the rest on the right."""
     _, rules, outputs = _counts(record)
+    headings = 4 if snapshot.messages else 3
     left_width = width * 11 // 20
     right_width = width - left_width - 2
     second = 0 if right_width >= JOINED_WIDTH else 1
     rows = grant_rows(
         height,
         [
-            ("outputs", outputs), ("rules", rules), ("events", 1), ("headings", 3), ("events", 3),
-            ("rules", second * rules), ("outputs", second * outputs), ("events", height),
+            ("outputs", outputs), ("rules", rules), ("events", 1), ("headings", headings), ("events", 3),
+            ("messages", 2), ("rules", second * rules), ("outputs", second * outputs), ("events", 3), ("messages", 7),
+            ("events", height),
         ],
-        {"outputs": outputs * (1 + second), "rules": rules * (1 + second)},
+        {"outputs": outputs * (1 + second), "rules": rules * (1 + second), "messages": len(snapshot.messages)},
     )  # fmt: skip
     left = _targets(snapshot, record, left_width, height, glyphs)
     right = _rest(snapshot, record, right_width, rows, glyphs)
@@ -146,7 +150,7 @@ def _targets(snapshot: Snapshot, record: CycleRecord, width: int, rows: int, gly
 
 
 def _rest(snapshot: Snapshot, record: CycleRecord, width: int, rows: Counter[str], glyphs: Glyphs) -> list[Text]:
-    """Return rules, outputs and events, under their headings if there is room for these."""
+    """Return rules, outputs, events and messages, under their headings if there is room for these."""
     blocks = rule_blocks(record, glyphs)
     if rows["rules"] < len(blocks):  # what does something comes first when not all can be shown
         is_idle = [trace.status is RuleStatus.IDLE for trace in record.decision.rules]
@@ -156,6 +160,9 @@ def _rest(snapshot: Snapshot, record: CycleRecord, width: int, rows: Counter[str
         "outputs": _stacked(output_blocks(record, snapshot.unit, width, glyphs), rows["outputs"], 3),
         "events": [event_line(event, snapshot.started_s, glyphs) for event in snapshot.events][: rows["events"]],
     }
+    if snapshot.messages:
+        newest = snapshot.messages[: rows["messages"]]
+        sections["messages"] = [message_line(at_s, sent, snapshot.started_s, glyphs) for at_s, sent in newest]
     return [
         line
         for name, section in sections.items()

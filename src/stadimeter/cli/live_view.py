@@ -15,6 +15,7 @@ from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.live_screen import LiveScreen
 from stadimeter.cli.run_history import RunHistory
 from stadimeter.cli.snapshot import Snapshot
+from stadimeter.core.message import Message
 
 REFRESH_S = 0.1
 """The screen is drawn anew this often at most."""
@@ -34,6 +35,7 @@ class LiveView:
         title: What runs.
         unit: The unit of distances: ``m``, ``cm``, ``ft`` or ``in``.
         trouble: Says what is wrong outside the loop, such as with the broker; an empty string if nothing.
+        messages: Returns what was sent to other programs and when, newest first.
         limits_m: Distances to mark in the chart of each target, such as those of its rules.
         console: Where to draw; standard output by default.
         real_time_s: A monotonic clock of real time, in seconds. Simulated time would draw too often, or too seldom.
@@ -48,6 +50,7 @@ class LiveView:
         *,
         unit: str = "m",
         trouble: Callable[[], str] = str,
+        messages: Callable[[], Sequence[tuple[float, Message]]] = tuple,
         limits_m: Mapping[str, Sequence[float]] | None = None,
         console: Console | None = None,
         real_time_s: Callable[[], float] = time.monotonic,
@@ -55,6 +58,7 @@ class LiveView:
         self._title = title
         self._unit = length_unit(unit)
         self._trouble = trouble
+        self._messages = messages
         self._limits_m = dict(limits_m or {})
         self._console = console or Console()
         self._real_time_s = real_time_s
@@ -106,6 +110,7 @@ class LiveView:
                 frame_age_s=history.frame_age_s,
                 samples={target: tuple(samples) for target, samples in history.samples.items()},
                 events=tuple(history.events),
+                messages=self._messages(),
                 limits_m=self._limits_m,
                 trouble=self._trouble(),
             )

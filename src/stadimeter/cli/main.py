@@ -12,7 +12,7 @@ from stadimeter.cli import calibrate, check, measure, replay, run
 app = typer.Typer(
     name="stadimeter",
     no_args_is_help=True,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},

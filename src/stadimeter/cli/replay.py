@@ -39,11 +39,11 @@ def replay_command(
     the recorded ones. With the configuration of the recording, all of them are. With changed rules, this shows what
     they would have done.
 
-    [bold]Example[/bold]
+    **Example**
 
-      stadimeter replay run.jsonl --config config/distance-alert.toml
+    - `stadimeter replay run.jsonl --config config/distance-alert.toml`
 
-    [bold]Exit code[/bold]: 0 done; 1 with --strict, a decision differs; 2 the journal or the configuration is wrong.
+    **Exit code**: 0 done; 1 with --strict, a decision differs; 2 the journal or the configuration is wrong.
     """
     with told_plainly():
         recording = read_journal(journal)

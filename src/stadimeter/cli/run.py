@@ -58,13 +58,13 @@ def run(
     and each event at once. A recording ends when its frames do; Ctrl-C, SIGTERM and SIGHUP stop every output first
     and then end the run.
 
-    [bold]Examples[/bold]
+    **Examples**
 
-      stadimeter run config/distance-alert.toml --watch
+    - `stadimeter run config/distance-alert.toml --watch`
 
-      stadimeter run config/follow-ball.toml --seconds 60 --journal run.jsonl
+    - `stadimeter run config/follow-ball.toml --seconds 60 --journal run.jsonl`
 
-    [bold]Exit code[/bold]: 0 the run ended as it should; 2 a device, the configuration or the journal is wrong.
+    **Exit code**: 0 the run ended as it should; 2 a device, the configuration or the journal is wrong.
     """
     view: View = "json" if as_json else "live" if watch else "plain"
     with told_plainly():

@@ -1,7 +1,8 @@
-"""The parts of the live view that are not about one target: the top line, rules, outputs and events."""
+"""The parts of the live view that are not about one target: the top line, rules, outputs, events and messages."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 
 from rich.text import Text
@@ -12,6 +13,7 @@ from stadimeter.cli.glyphs import Glyphs
 from stadimeter.cli.snapshot import Snapshot
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.message import Message
 
 RULE_STYLES = {
     RuleStatus.IDLE: "dim",
@@ -33,6 +35,9 @@ SEVERITY_STYLES = {
 }
 NAMES_WIDTH_MAX = 16
 """Names longer than this are cut, so that what comes behind them stays in sight."""
+
+PROGRAMS_ONLY = frozenset({"v", "ts", "seq", "id", "since"})
+"""Keys of a message that a person does not look at."""
 
 FRAMES_WIDTH = 56
 """From this many columns on the top line has room for what is known of the frames."""
@@ -178,6 +183,28 @@ def event_line(event: Event, started_s: float, glyphs: Glyphs) -> Text:
         (f"{format_time(event.at_s - started_s):>8}  ", "dim"),
         (glyphs.words(what), SEVERITY_STYLES[event.severity]),
         glyphs.words(f": {event.reason}") if event.reason else "",
+    )
+
+
+def message_line(at_s: float, message: Message, started_s: float, glyphs: Glyphs) -> Text:
+    """Return one message: when, to which topic, and what."""
+    return Text.assemble(
+        (f"{format_time(at_s - started_s):>8}  ", "dim"),
+        (glyphs.words(message.topic), "bright_cyan"),
+        (glyphs.words(f"  {_essence(message.payload)}"), "dim"),
+    )
+
+
+def _essence(payload: str) -> str:
+    """Return what a JSON object says, without what is only of use to programs; other text as it is."""
+    try:
+        figures = json.loads(payload)
+    except ValueError:
+        return payload
+    if not isinstance(figures, dict):
+        return payload
+    return "  ".join(
+        f"{key} {value}" for key, value in figures.items() if key not in PROGRAMS_ONLY and value is not None
     )
 
 

@@ -12,6 +12,7 @@ from stadimeter.cli.formatting import METRE, LengthUnit
 from stadimeter.cli.glyphs import Glyphs
 from stadimeter.cli.run_history import Sample
 from stadimeter.core.decision import Event
+from stadimeter.core.message import Message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +28,7 @@ class Snapshot:
         frame_age_s: How old the newest frame is; None before the first.
         samples: The recent distances of each target, oldest first.
         events: The recent events, newest first.
+        messages: What was sent to other programs and when, newest first.
         limits_m: Distances to mark in the chart of each target.
         trouble: What is wrong outside the loop, such as with the broker; empty if nothing.
     """
@@ -39,6 +41,7 @@ class Snapshot:
     frame_age_s: float | None = None
     samples: Mapping[str, Sequence[Sample]] = field(default_factory=dict)
     events: Sequence[Event] = ()
+    messages: Sequence[tuple[float, Message]] = ()
     limits_m: Mapping[str, Sequence[float]] = field(default_factory=dict)
     trouble: str = ""
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Literal
+from typing import Literal, TextIO
 
 import typer
 
@@ -31,16 +32,42 @@ def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
     """
     if view == "live":
         limits_m = chart_limits_m(loop.parts.configuration.plan)
-        with LiveView(title, unit=unit, trouble=loop.trouble, limits_m=limits_m) as live:
+        with LiveView(
+            title, unit=unit, trouble=loop.trouble, messages=lambda: tuple(loop.published), limits_m=limits_m
+        ) as live:
             loop.listeners.append(lambda record, _frame: live.update(record))
             yield
         return
     if view == "plain":
-        plain = PlainView(typer.echo, unit=unit, trouble=loop.trouble)
+        plain = PlainView(typer.echo, unit=unit, trouble=loop.trouble, ascii_only=not _is_unicode(sys.stdout))
         loop.listeners.append(lambda record, _frame: plain.update(record))
     else:
         loop.listeners.append(_TroubleTeller(loop))
     yield
+
+
+def live_view_of(loop: Loop, title: str, unit: str) -> LiveView:
+    """Return the live view of a run.
+
+    Args:
+        loop: The run.
+        title: What runs.
+        unit: The unit of distances.
+
+    Returns:
+        The view, not shown yet.
+    """
+    return LiveView(
+        title,
+        unit=unit,
+        trouble=loop.trouble,
+        messages=lambda: tuple(loop.published),
+        limits_m=chart_limits_m(loop.parts.configuration.plan),
+    )
+
+
+def _is_unicode(stream: TextIO) -> bool:
+    return "utf" in (stream.encoding or "").lower()
 
 
 class _TroubleTeller:

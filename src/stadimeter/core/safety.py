@@ -25,6 +25,10 @@ FROM_THE_FUTURE_S = 0.05
 """A frame may seem to be this much younger than now: clocks are read one after the other. More is a broken stamp."""
 
 
+ROUNDING_S = 1e-6
+"""An age of exactly the limit is within it, however its sum was rounded."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyState:
     """What safety remembers.
@@ -84,7 +88,7 @@ def _fault(frame: FrameStamp | None, observation: Observation, settings: Safety)
     if frame is None:
         return observation.camera_fault or "no frame yet"
     age_s = observation.now_s - frame.captured_at_s
-    if age_s <= settings.max_frame_age_s:
+    if age_s <= settings.max_frame_age_s + ROUNDING_S:
         return ""
     words = f"the newest frame is {age_s * 1000:.0f} ms old, limit {settings.max_frame_age_s * 1000:.0f} ms"
     return f"{words}: {observation.camera_fault}" if observation.camera_fault else words

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 from stadimeter.core.plan import Condition, DistanceCondition, PresenceCondition, Quantity
+from stadimeter.core.rules.words import metres
 from stadimeter.core.track import Track, TrackStatus
 
 
@@ -77,7 +78,7 @@ def _judge_distance(condition: DistanceCondition, track: Track, *, is_active: bo
         low_m, high_m = widened_limits(condition, value_m, sigma_m)
     else:
         low_m, high_m = _limits(condition)
-    words = f"{value_m:.2f} m ± {sigma_m:.2f}, {_limits_in_words(low_m, high_m)}"
+    words = f"{metres(value_m, sigma_m)}, {_limits_in_words(low_m, high_m)}"
     if condition.probability_on is None:
         return Verdict(holds=low_m < value_m < high_m, reason=words)
     likely = probability_between(low_m, high_m, value_m, sigma_m)

@@ -13,6 +13,7 @@ from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.plan import FollowRule
 from stadimeter.core.rules.conditions import quantity_of
 from stadimeter.core.rules.request import TwistRequest
+from stadimeter.core.rules.words import metres
 from stadimeter.core.track import Track
 
 
@@ -56,7 +57,7 @@ def step_follow(rule: FollowRule, track: Track) -> tuple[TwistRequest | None, Ru
     distance_m, sigma_m = figures
     linear_mps, angular_radps = follow_twist(rule, distance_m, track.bearing_rad)
     reason = (
-        f"{distance_m:.2f} m ± {sigma_m:.2f} at {math.degrees(track.bearing_rad):+.0f}°, "
+        f"{metres(distance_m, sigma_m)} at {math.degrees(track.bearing_rad):+.0f}°, "
         f"to keep {rule.distance_m:.2f} m ahead"
     )
     request = TwistRequest(

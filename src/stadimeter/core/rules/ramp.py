@@ -9,6 +9,7 @@ from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.plan import RampRule
 from stadimeter.core.rules.conditions import quantity_of
 from stadimeter.core.rules.request import LevelRequest
+from stadimeter.core.rules.words import metres
 from stadimeter.core.track import Track
 
 HOLD_ON_SIGMAS = 2.0
@@ -70,7 +71,7 @@ def step_ramp(rule: RampRule, state: RampState, track: Track) -> tuple[RampState
         return RampState(), None, _trace(rule, RuleStatus.UNKNOWN, reason)
     value_m, sigma_m = figures
     level = ramp_level(rule, value_m, sigma_m, is_on=state.is_on)
-    reason = f"{value_m:.2f} m ± {sigma_m:.2f} between {rule.start_m:.2f} m (off) and {rule.full_m:.2f} m (full)"
+    reason = f"{metres(value_m, sigma_m)} between {rule.start_m:.2f} m (off) and {rule.full_m:.2f} m (full)"
     if level <= 0:
         return RampState(), None, _trace(rule, RuleStatus.IDLE, reason)
     trace = _trace(rule, RuleStatus.ACTIVE, reason)

@@ -1,0 +1,132 @@
+"""From a checked configuration to the parts of a run: the only place that builds drivers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from stadimeter.app.capture import Capture, capture_for
+from stadimeter.app.clock import MonotonicClock, SteppedClock
+from stadimeter.app.cycle import Cycle
+from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.config.loader import Configuration, DriverChoice
+from stadimeter.config.plugins import DriverContext, Shared
+from stadimeter.core.clock import Clock
+from stadimeter.core.outputs import safe_command
+from stadimeter.detectors.protocol import Detector
+from stadimeter.errors import ConfigError, Problem
+from stadimeter.messaging.protocol import Messenger
+
+
+@dataclass(slots=True, kw_only=True)
+class Parts:
+    """The parts of a run, built and not yet opened.
+
+    Attributes:
+        configuration: What they were built from.
+        clock: The run's clock.
+        capture: Where frames come from.
+        outputs: The outputs, in the order of the plan.
+        messenger: Who tells other programs; None if nobody does.
+        cycle: One turn of the loop.
+        shared: What the drivers share; its closers are called at the end.
+    """
+
+    configuration: Configuration
+    clock: Clock
+    capture: Capture
+    outputs: tuple[LeasedOutput, ...]
+    messenger: Messenger | None
+    cycle: Cycle
+    shared: Shared = field(default_factory=Shared)
+
+
+def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
+    """Build the parts of a run. Touches no hardware.
+
+    A camera that delivers frames at its own pace runs on the computer's clock. Recordings and simulations run on a
+    stepped clock, on which each run is the same.
+
+    Args:
+        configuration: The checked configuration.
+        speed: How fast recordings and simulations run: 1 is real time, None as fast as the computer can.
+
+    Returns:
+        The parts.
+
+    Raises:
+        ConfigError: The configuration lacks a camera model.
+        DriverError: A driver cannot be built.
+    """
+    if configuration.camera_model is None:
+        raise ConfigError([_no_camera_model(configuration)])
+    clock: Clock = SteppedClock(speed=speed)
+    builder = _Builder(configuration, clock)
+    camera = builder.build(configuration.camera)
+    if camera.is_live:
+        clock = MonotonicClock()
+        builder = _Builder(configuration, clock)
+        camera = builder.build(configuration.camera)
+    outputs = builder.outputs()
+    capture = capture_for(camera, clock)
+    detectors: dict[str, Detector] = {target.name: builder.build(target) for target in configuration.targets}
+    messenger: Messenger | None = builder.build(configuration.messenger) if configuration.messenger else None
+    cycle = Cycle(
+        clock=clock,
+        capture=capture,
+        camera_model=configuration.camera_model,
+        detectors=detectors,
+        outputs=outputs,
+    )
+    return Parts(
+        configuration=configuration,
+        clock=clock,
+        capture=capture,
+        outputs=outputs,
+        messenger=messenger,
+        cycle=cycle,
+        shared=builder.shared,
+    )
+
+
+class _Builder:
+    """Builds drivers that share one clock and one world."""
+
+    def __init__(self, configuration: Configuration, clock: Clock) -> None:
+        self.shared = Shared()
+        self._configuration = configuration
+        self._clock = clock
+        if configuration.world is not None:
+            self.build(configuration.world)
+
+    def build(self, choice: DriverChoice) -> Any:
+        context = DriverContext(
+            name=choice.name,
+            clock=self._clock,
+            camera_model=self._configuration.camera_model,
+            shared=self.shared,
+        )
+        return choice.plugin.build(choice.options, context)
+
+    def outputs(self) -> tuple[LeasedOutput, ...]:
+        choices = {choice.name: choice for choice in self._configuration.actuators}
+        if self._configuration.base is not None:
+            choices[self._configuration.base.name] = self._configuration.base
+        return tuple(
+            LeasedOutput(
+                self.build(choices[output.name]),
+                safe_command(output),
+                self._configuration.leases_s[output.name],
+                self._clock,
+            )
+            for output in self._configuration.plan.outputs
+        )
+
+
+def _no_camera_model(configuration: Configuration) -> Problem:
+    return Problem(
+        "there is no camera model, so no distance can be measured",
+        file=str(configuration.path),
+        key="camera.model",
+        hint="make one with `stadimeter calibrate distance PICTURE@DISTANCE … -o camera.toml` and name it here",
+    )

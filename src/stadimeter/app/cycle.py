@@ -1,0 +1,115 @@
+"""One turn of the control loop: look, measure, decide, act."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+
+from stadimeter.app.capture import Capture
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.clock import Clock
+from stadimeter.core.command import Command
+from stadimeter.core.decide import State, decide
+from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Measurement
+from stadimeter.core.observation import FrameStamp, Observation, OutputFault
+from stadimeter.detectors.protocol import Detector
+from stadimeter.errors import DriverError
+from stadimeter.ranging.measure import measure_frame
+
+FRAME_WAIT_S = 0.1
+"""A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass."""
+
+
+class _Stopwatch:
+    """Splits one cycle into the times of its parts. It measures cost, so it runs on real time in a simulation too."""
+
+    def __init__(self) -> None:
+        self.laps_s: dict[str, float] = {}
+        self._last_s = perf_counter()
+
+    def lap(self, name: str) -> None:
+        now_s = perf_counter()
+        self.laps_s[name] = now_s - self._last_s
+        self._last_s = now_s
+
+
+@dataclass(slots=True, kw_only=True)
+class Cycle:
+    """The parts that one turn of the loop needs.
+
+    Attributes:
+        clock: The run's clock.
+        capture: Where frames come from.
+        camera_model: The lens.
+        detectors: One for each target, by the target's name.
+        outputs: The outputs, in the order of the plan.
+    """
+
+    clock: Clock
+    capture: Capture
+    camera_model: CameraModel
+    detectors: Mapping[str, Detector]
+    outputs: Sequence[LeasedOutput]
+    _newest: Frame | None = field(default=None)
+
+    def run(self, state: State) -> tuple[State, CycleRecord, Frame | None]:
+        """Turn once.
+
+        Args:
+            state: What the core remembers.
+
+        Returns:
+            What it remembers now, the record of the cycle, and the frame that was new in it, if any.
+
+        Raises:
+            EndOfFramesError: A recording is at its end.
+            PictureError: A recording is damaged.
+            CalibrationError: The camera model does not fit the pictures.
+        """
+        watch = _Stopwatch()
+        frame, camera_fault = self._next_frame()
+        watch.lap("capture")
+        now_s = self.clock.now_s()
+        measurements = self._measured(frame) if frame else ()
+        watch.lap("measure")
+        observation = Observation(
+            now_s=now_s,
+            frame=FrameStamp(sequence=frame.sequence, captured_at_s=frame.captured_at_s) if frame else None,
+            measurements=measurements,
+            camera_fault=camera_fault,
+            output_faults=tuple(
+                OutputFault(output=output.name, reason=output.fault) for output in self.outputs if output.fault
+            ),
+        )
+        state, decision = decide(state, observation)
+        watch.lap("decide")
+        applied = self._applied(decision.commands)
+        watch.lap("apply")
+        record = CycleRecord(observation=observation, decision=decision, applied=applied, timings_s=watch.laps_s)
+        return state, record, frame
+
+    def _next_frame(self) -> tuple[Frame | None, str]:
+        """Return the frame that is new, or None and the reason."""
+        try:
+            frame = self.capture.latest(FRAME_WAIT_S)
+        except DriverError as error:
+            return None, str(error)
+        before = self._newest
+        if before is not None and frame.captured_at_s <= before.captured_at_s:
+            return None, f"the camera repeats frame {frame.sequence}"
+        self._newest = frame
+        return frame, ""
+
+    def _measured(self, frame: Frame) -> tuple[Measurement, ...]:
+        return tuple(
+            measure_frame(frame, detector.detect(frame), detector.target_size, self.camera_model)
+            for detector in self.detectors.values()
+        )
+
+    def _applied(self, commands: Sequence[Command]) -> tuple[Command, ...]:
+        applied = (output.apply(command) for output, command in zip(self.outputs, commands, strict=True))
+        return tuple(command for command in applied if command is not None)

@@ -1,0 +1,71 @@
+"""Figures on a run: how many frames, how often the target was tracked, how old the data was that was acted on."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from stadimeter.app.cycle_record import CycleRecord
+
+LATEST = 10_000
+"""Percentiles are over this many of the newest cycles: a run of weeks needs no more memory than one of minutes."""
+
+
+def _latest() -> deque[float]:
+    return deque(maxlen=LATEST)
+
+
+@dataclass(slots=True)
+class Health:
+    """Counts and times of a run.
+
+    Attributes:
+        cycles: Turns of the loop.
+        frames: Turns with a new frame.
+        track_statuses: For each target, how many frames it spent in each status.
+        events: How many events of each kind.
+        data_ages_s: For the newest cycles, the age of the frame when its commands had been applied.
+        cycle_times_s: For the newest cycles, the computing time without waiting for the frame.
+    """
+
+    cycles: int = 0
+    frames: int = 0
+    track_statuses: dict[str, Counter[str]] = field(default_factory=dict)
+    events: Counter[str] = field(default_factory=Counter)
+    data_ages_s: deque[float] = field(default_factory=_latest)
+    cycle_times_s: deque[float] = field(default_factory=_latest)
+
+    def add(self, record: CycleRecord) -> None:
+        """Take in one cycle.
+
+        Args:
+            record: The cycle.
+        """
+        self.cycles += 1
+        for event in record.decision.events:
+            self.events[event.kind.value] += 1
+        stamp = record.observation.frame
+        if stamp is None:
+            return
+        self.frames += 1
+        busy_s = sum(seconds for name, seconds in record.timings_s.items() if name != "capture")
+        self.cycle_times_s.append(busy_s)
+        self.data_ages_s.append(record.observation.now_s - stamp.captured_at_s + busy_s)
+        for track in record.decision.tracks:
+            self.track_statuses.setdefault(track.target, Counter())[track.status.value] += 1
+
+
+def percentile(ordered: Sequence[float], share: float) -> float | None:
+    """Return the value that this share of the values does not exceed.
+
+    Args:
+        ordered: The values, smallest first.
+        share: From 0 to 1.
+
+    Returns:
+        One of the values; None if there are none.
+    """
+    if not ordered:
+        return None
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]

@@ -1,0 +1,150 @@
+"""One output of a run: its driver, the lease of its newest command, and whether it is in order.
+
+Every command carries the capture time of the frame that justifies it. When that frame is older than the lease, the
+output goes to its safe value, whatever the control loop is doing. A driver that failed is stopped and not used again in
+this run: a base that was unplugged must not drive off when somebody plugs it in again.
+"""
+
+from __future__ import annotations
+
+import threading
+from contextlib import suppress
+from typing import Any, Protocol
+
+from stadimeter.core.clock import Clock
+from stadimeter.core.command import Command
+from stadimeter.errors import DriverError
+
+
+class OutputDriver(Protocol):
+    """What an actuator and a base have in common. `apply` takes and returns the kind of command that it understands."""
+
+    def open(self) -> None:
+        """Acquire the device, switched off or standing."""
+        ...
+
+    def apply(self, command: Any) -> Command:
+        """Act as commanded and return what was really applied."""
+        ...
+
+    def tick(self, now_s: float) -> None:
+        """Move patterns on, read what the device sent."""
+        ...
+
+    def stop(self) -> None:
+        """Switch off or stand still at once."""
+        ...
+
+    def close(self) -> None:
+        """Stop, then release the device."""
+        ...
+
+
+class LeasedOutput:
+    """One actuator or base of a run. Its methods may be called from any thread.
+
+    Args:
+        driver: The actuator or base.
+        safe: The command for its safe value.
+        lease_s: How old the frame behind a command may grow.
+        clock: The run's clock.
+
+    Attributes:
+        name: Its name in the configuration.
+        safe: The command for its safe value.
+        fault: Why the driver is out of order; empty if it is in order.
+    """
+
+    def __init__(self, driver: OutputDriver, safe: Command, lease_s: float, clock: Clock) -> None:
+        self.name = safe.output
+        self.safe = safe
+        self.fault = ""
+        self._driver = driver
+        self._lease_s = lease_s
+        self._clock = clock
+        self._command = safe
+        self._retired = False
+        # A signal may arrive while the control thread is in here, and its handler must get in as well.
+        self._lock = threading.RLock()
+
+    def open(self) -> None:
+        """Acquire the device and put it at its safe value.
+
+        Raises:
+            DriverError: The device cannot be acquired.
+        """
+        with self._lock:
+            self._driver.open()
+            self._driver.apply(self.safe)
+
+    def apply(self, command: Command) -> Command | None:
+        """Act as commanded, unless the frame behind the command is too old already: then the safe value is applied.
+
+        Args:
+            command: What to do.
+
+        Returns:
+            What was really applied; None if nothing was, because the driver is out of order or the output is retired.
+        """
+        with self._lock:
+            if self.fault or self._retired:
+                return None
+            self._command = self.safe if self._is_stale(command, self._clock.now_s()) else command
+            try:
+                return self._driver.apply(self._command)
+            except DriverError as error:
+                self._fail(error)
+                return None
+
+    def check(self, now_s: float) -> None:
+        """End the newest command if its lease has run out, and let the driver move its patterns on.
+
+        Args:
+            now_s: The run's clock.
+        """
+        with self._lock:
+            if self.fault or self._retired:
+                self._repeat_stop(now_s)
+                return
+            try:
+                if self._is_stale(self._command, now_s):
+                    self._command = self.safe
+                    self._driver.apply(self.safe)
+                self._driver.tick(now_s)
+            except DriverError as error:
+                self._fail(error)
+
+    def retire(self) -> None:
+        """Stop for good: no later command moves it.
+
+        Raises:
+            DriverError: The stop could not be sent.
+        """
+        with self._lock:
+            self._retired = True
+            self._driver.stop()
+
+    def close(self) -> None:
+        """Stop and release the device.
+
+        Raises:
+            DriverError: The stop could not be sent; the device is released all the same.
+        """
+        with self._lock:
+            self._retired = True
+            self._driver.close()
+
+    def _repeat_stop(self, now_s: float) -> None:
+        """Let the driver repeat a stop that nobody has acknowledged. Its fault is known already."""
+        with suppress(DriverError):
+            self._driver.tick(now_s)
+
+    def _is_stale(self, command: Command, now_s: float) -> bool:
+        return command.captured_at_s is not None and not now_s - command.captured_at_s <= self._lease_s
+
+    def _fail(self, error: DriverError) -> None:
+        self.fault = str(error) or type(error).__name__
+        try:
+            self._driver.stop()
+        except DriverError as second:
+            self.fault += f"; stopping it failed too: {second}"

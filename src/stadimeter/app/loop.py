@@ -1,0 +1,190 @@
+"""The control loop: opens the parts of a run, turns cycle after cycle, and stops everything on every way out."""
+
+from __future__ import annotations
+
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Protocol
+
+from stadimeter.app.bootstrap import Parts
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.guard import Guard, retire_all
+from stadimeter.app.health import Health
+from stadimeter.app.journal import JournalWriter
+from stadimeter.app.reporting import Reporter
+from stadimeter.core.decide import State, initial_state
+from stadimeter.core.frame import Frame
+from stadimeter.core.message import Message
+from stadimeter.errors import DriverError, EndOfFramesError
+
+
+class _Openable(Protocol):
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+Listener = Callable[[CycleRecord, Frame | None], None]
+
+
+PUBLISHED_MAX = 50
+"""So many messages are kept for whoever watches the run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """When a run ends by itself.
+
+    Attributes:
+        frames: After this many frames; None for no such limit.
+        seconds: After this long on the run's clock; None for no such limit.
+    """
+
+    frames: int | None = None
+    seconds: float | None = None
+
+
+@dataclass(slots=True)
+class Loop:
+    """A run: its parts, turned until it ends.
+
+    Attributes:
+        parts: The parts.
+        journal: Where each cycle is recorded; None for nowhere.
+        listeners: Called after each cycle with its record and the frame that was new in it.
+        health: Figures on the run so far.
+        ending: Why the run ended, in words; empty while it runs.
+        troubles: What went wrong on the way out.
+        reporter: Composes what other programs are told.
+        published: The newest messages with the time of each on the run's clock, newest first.
+    """
+
+    parts: Parts
+    journal: JournalWriter | None = None
+    listeners: list[Listener] = field(default_factory=list)
+    health: Health = field(default_factory=Health)
+    ending: str = ""
+    troubles: list[str] = field(default_factory=list)
+    reporter: Reporter = field(default_factory=lambda: Reporter(boot_id=uuid.uuid4().hex))
+    published: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=PUBLISHED_MAX))
+
+    def run(self, limits: Limits | None = None) -> None:
+        """Run until a limit is reached, the frames end, or somebody asks for the end.
+
+        Whatever happens, every output is stopped first, and then everything is closed in reverse order of opening.
+
+        Args:
+            limits: When to end by itself.
+
+        Raises:
+            DriverError: A device could not be opened; the message names every one that could not.
+            StadimeterError: The run cannot go on; the outputs are stopped.
+        """
+        with ExitStack() as closing:
+            guard = self._open(closing)
+            try:
+                self._turn(limits or Limits(), guard)
+            except EndOfFramesError as end:
+                self.ending = self.ending or str(end)
+            finally:
+                self.troubles += retire_all(self.parts.outputs)
+            self._publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
+
+    def stop(self, why: str) -> None:
+        """Stop every output at once, and end the run after this cycle. May be called from a signal handler.
+
+        Args:
+            why: The reason, in words.
+        """
+        self.ending = self.ending or why
+        self.troubles += retire_all(self.parts.outputs)
+
+    def trouble(self) -> str:
+        """Return in words what is wrong outside the loop: with the camera, or with the messenger.
+
+        Returns:
+            The words; empty if nothing is wrong.
+        """
+        messenger = self.parts.messenger
+        troubles = (self.parts.capture.trouble(), messenger.trouble() if messenger else "")
+        return "; ".join(trouble for trouble in troubles if trouble)
+
+    def _open(self, closing: ExitStack) -> Guard:
+        """Open everything; what is open is closed again on the way out, even if a later part cannot be opened."""
+        parts = self.parts
+        closing.callback(self._close_shared)
+        failures: list[str] = []
+        for name, part in self._openable():
+            closing.callback(self._close, name, part.close)
+            try:
+                part.open()
+            except DriverError as error:
+                failures.append(f"{name}: {error}")
+        if failures:
+            raise DriverError("\n".join(failures))
+        guard = Guard(parts.outputs, parts.clock)
+        guard.start()
+        closing.callback(guard.stop)
+        return guard
+
+    def _openable(self) -> Iterator[tuple[str, _Openable]]:
+        """Yield what must be opened, by name: the camera last, so that everything is ready for its first frame."""
+        parts = self.parts
+        if parts.messenger is not None:
+            yield "messenger", parts.messenger
+        for output in parts.outputs:
+            yield output.name, output
+        yield "camera", parts.capture
+
+    def _turn(self, limits: Limits, guard: Guard) -> None:
+        parts = self.parts
+        state: State = initial_state(parts.configuration.plan)
+        began_s = parts.clock.now_s()
+        while not self.ending:
+            state, record, frame = parts.cycle.run(state)
+            if self.journal is not None:
+                self.journal.write(record)
+            self._report(record)
+            self.health.add(record)
+            for listener in self.listeners:
+                listener(record, frame)
+            if guard.failure is not None:
+                raise guard.failure
+            self.ending = self.ending or self._limit_reached(limits, record.observation.now_s - began_s)
+
+    def _limit_reached(self, limits: Limits, seconds: float) -> str:
+        if limits.frames is not None and self.health.frames >= limits.frames:
+            return f"{limits.frames} frames, as asked for"
+        if limits.seconds is not None and seconds >= limits.seconds:
+            return f"{limits.seconds:g} s, as asked for"
+        return ""
+
+    def _report(self, record: CycleRecord) -> None:
+        now_s = record.observation.now_s
+        self._publish(now_s, self.reporter.messages(now_s, _wall_clock(), record.decision))
+
+    def _publish(self, now_s: float, messages: Iterable[Message]) -> None:
+        if self.parts.messenger is None:
+            return
+        for message in messages:
+            self.parts.messenger.publish(message)
+            self.published.appendleft((now_s, message))
+
+    def _close(self, name: str, close: Callable[[], None]) -> None:
+        try:
+            close()
+        except DriverError as error:
+            self.troubles.append(f"{name}: {error}")
+
+    def _close_shared(self) -> None:
+        for close in reversed(self.parts.shared.closers):
+            self._close("shared part", close)
+
+
+def _wall_clock() -> str:
+    """Return the time of day for people to read, RFC 3339 in UTC. Nothing is decided by it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -1,0 +1,173 @@
+"""Measuring targets in picture files, one after the other: a bad picture does not stop the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stadimeter.app.clock import SteppedClock
+from stadimeter.cameras.protocol import Camera
+from stadimeter.config.loader import DriverChoice
+from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection
+from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.detectors.protocol import Detector
+from stadimeter.errors import PictureError, StadimeterError
+from stadimeter.ranging.measure import measure_frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedDetector:
+    """A target that is looked for.
+
+    Attributes:
+        name: The target's name.
+        detector: What finds it.
+    """
+
+    name: str
+    detector: Detector
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TargetResult:
+    """What became of one target in one picture.
+
+    Attributes:
+        file: The picture's path as it was given.
+        measurement: The measurement, with the reason where there is no distance.
+        detection: Where the target is; None if the picture could not be read.
+    """
+
+    file: str
+    measurement: Measurement
+    detection: Detection | None = None
+
+    def record(self) -> dict[str, str | float | None]:
+        """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""
+        measured = self.measurement
+        return {
+            "file": self.file,
+            "target": measured.target,
+            "status": measured.status.value,
+            "distance_m": measured.distance_m,
+            "depth_m": measured.depth_m,
+            "sigma_m": measured.sigma_m,
+            "bearing_rad": measured.bearing_rad,
+            "elevation_rad": measured.elevation_rad,
+            "reason": measured.reason,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PictureResult:
+    """What was found in one picture.
+
+    Attributes:
+        file: The picture's path as it was given.
+        frame: The picture; None if it could not be read.
+        targets: One result for each target.
+    """
+
+    file: str
+    frame: Frame | None
+    targets: tuple[TargetResult, ...]
+
+
+def build_detectors(choices: Sequence[DriverChoice], camera_model: CameraModel | None) -> tuple[NamedDetector, ...]:
+    """Build the detectors of targets.
+
+    Args:
+        choices: The targets' drivers with their checked options.
+        camera_model: The lens; None where it is not known yet.
+
+    Returns:
+        The detectors, in the same order.
+
+    Raises:
+        StadimeterError: A detector cannot be built.
+    """
+    clock = SteppedClock()
+    return tuple(
+        NamedDetector(
+            name=choice.name,
+            detector=choice.plugin.build(
+                choice.options, DriverContext(name=choice.name, clock=clock, camera_model=camera_model)
+            ),
+        )
+        for choice in choices
+    )
+
+
+def open_picture(path: Path) -> Frame:
+    """Read a picture file through the ``images`` camera.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The picture.
+
+    Raises:
+        PictureError: It is missing, a folder, empty, damaged, or not a picture.
+    """
+    if path.is_dir():
+        raise PictureError(f"{path} is a folder, not a picture")
+    if not path.exists():
+        raise PictureError(f"there is no picture {path}")
+    plugin = load_plugin(CAMERAS, "images")
+    camera: Camera = plugin.build(
+        plugin.options.model_validate({"paths": [str(path)]}), DriverContext(name="pictures", clock=SteppedClock())
+    )
+    camera.open()
+    try:
+        return camera.read()
+    finally:
+        camera.close()
+
+
+def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: CameraModel) -> PictureResult:
+    """Measure every target in a picture file.
+
+    Args:
+        path: The file.
+        targets: What to look for.
+        camera_model: The lens, at any resolution of the pictures' aspect.
+
+    Returns:
+        One result for each target. Where the picture cannot be read, or has another aspect than the camera model, the
+        status is ``error`` and the reason says why.
+    """
+    try:
+        frame = open_picture(path)
+    except StadimeterError as error:
+        return PictureResult(file=str(path), frame=None, targets=_failed(path, targets, error))
+    try:
+        camera_model.scaled_to(frame.width_px, frame.height_px)
+    except StadimeterError as error:
+        return PictureResult(file=str(path), frame=frame, targets=_failed(path, targets, error))
+    return PictureResult(
+        file=str(path), frame=frame, targets=tuple(_measured(path, frame, target, camera_model) for target in targets)
+    )
+
+
+def _measured(path: Path, frame: Frame, target: NamedDetector, camera_model: CameraModel) -> TargetResult:
+    detection = target.detector.detect(frame)
+    measurement = measure_frame(frame, detection, target.detector.target_size, camera_model)
+    return TargetResult(file=str(path), measurement=measurement, detection=detection)
+
+
+def _failed(path: Path, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:
+    reason = " ".join(str(error).split())
+    return tuple(
+        TargetResult(
+            file=str(path),
+            measurement=Measurement(
+                target=target.name, status=MeasurementStatus.ERROR, captured_at_s=0.0, reason=reason
+            ),
+        )
+        for target in targets
+    )

@@ -1,0 +1,34 @@
+"""Signals that end a run: the outputs stop at once, inside the handler."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def stopping_on_signals(stop: Callable[[str], None]) -> Iterator[None]:
+    """Call ``stop`` with the signal's name when the process is asked to end.
+
+    Without handlers, SIGTERM and SIGHUP would end the process with every pin left as it was.
+
+    Args:
+        stop: Stops the outputs and asks the loop to end; called in the main thread.
+
+    Yields:
+        Nothing; the handlers that were there before are put back afterwards.
+    """
+
+    def handle(number: int, _frame: FrameType | None) -> None:
+        stop(signal.Signals(number).name)
+
+    before = {number: signal.signal(number, handle) for number in ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,99 @@
+"""What annotated copies say, and what their files are called."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from stadimeter.app.annotation import Mark
+from stadimeter.app.measuring import PictureResult, TargetResult
+from stadimeter.cli.formatting import METRE, LengthUnit, format_distance
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.errors import ConfigError, Problem
+
+KEPT_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+"""A copy is of the same kind as the picture where that is one of these, else a PNG."""
+
+_WORDS = {
+    MeasurementStatus.NOT_FOUND: "not found",
+    MeasurementStatus.TRUNCATED: "cut off by the border",
+    MeasurementStatus.ERROR: "no measurement",
+}
+
+
+def copy_paths(images: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
+    """Choose a file for the copy of each picture; two pictures of the same name get two.
+
+    No copy has the name of its picture, so that the folder may be the pictures' own.
+
+    Args:
+        images: The pictures.
+        folder: Where to; it is made if it is not there. None for no copies.
+
+    Returns:
+        The copy of each picture.
+
+    Raises:
+        ConfigError: The folder cannot be made.
+    """
+    if folder is None:
+        return {}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ConfigError([Problem(f"the folder {folder} cannot be made: {reason}", key="--annotate")]) from error
+    paths: dict[Path, Path] = {}
+    for image in dict.fromkeys(images):
+        suffix = image.suffix if image.suffix.lower() in KEPT_SUFFIXES else ".png"
+        taken = set(paths.values()) | set(images)
+        names = (
+            f"{image.stem}-measured{number}{suffix}" for number in ("", *(f"-{n}" for n in range(2, len(images) + 3)))
+        )
+        paths[image] = next(folder / name for name in names if folder / name not in taken)
+    return paths
+
+
+def marks_of(result: PictureResult, unit: LengthUnit) -> tuple[Mark, ...]:
+    """Say what to draw into the copy of a picture.
+
+    Args:
+        result: What was found in it.
+        unit: The unit of the headlines.
+
+    Returns:
+        One mark for each target.
+    """
+    return tuple(_mark(each, unit) for each in result.targets)
+
+
+def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
+    measured = result.measurement
+    detection = result.detection or Detection(target=measured.target, status=DetectionStatus.NOT_FOUND)
+    if measured.status is not MeasurementStatus.MEASURED:
+        words = _WORDS[measured.status]
+        return Mark(detection=detection, headline=words, lines=(f"{measured.target}: {words}", measured.reason))
+    return Mark(
+        detection=detection,
+        headline=format_distance(measured.distance_m, measured.sigma_m, unit),
+        lines=_legend(measured, detection, unit),
+    )
+
+
+def _legend(measured: Measurement, detection: Detection, unit: LengthUnit) -> tuple[str, ...]:
+    distance = format_distance(measured.distance_m, measured.sigma_m, unit)
+    in_metres = "" if unit is METRE else f"  =  {format_distance(measured.distance_m, measured.sigma_m, METRE)}"
+    depth = format_distance(measured.depth_m, measured.sigma_m, unit)
+    direction = f"{_angle(measured.bearing_rad, 'right', 'left')}, {_angle(measured.elevation_rad, 'up', 'down')}"
+    return (
+        f"{measured.target}: {distance}{in_metres}",
+        f"depth {depth}, {direction}",
+        f"{detection.width_px:.1f} x {detection.height_px:.1f} px ± {detection.size_sigma_px:.1f}",
+    )
+
+
+def _angle(angle_rad: float | None, positive: str, negative: str) -> str:
+    degrees = math.degrees(angle_rad or 0.0)
+    return f"{abs(degrees):.1f} deg {positive if degrees >= 0 else negative}"

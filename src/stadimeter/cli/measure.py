@@ -1,0 +1,205 @@
+"""The command ``measure``: how far away a target is in pictures."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from stadimeter.app.annotation import annotate, write_picture
+from stadimeter.app.measuring import NamedDetector, PictureResult, TargetResult, build_detectors, measure_picture
+from stadimeter.cli.annotated_copies import copy_paths, marks_of
+from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, told_plainly
+from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_distance
+from stadimeter.cli.target_options import (
+    BallOption,
+    ConfigOption,
+    HsvOption,
+    KnownSideOption,
+    SheetOption,
+    WantedTargets,
+    wanted_targets,
+)
+from stadimeter.config.camera_file import load_camera_model
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.measurement import MeasurementStatus
+from stadimeter.errors import ConfigError, PictureError, Problem
+
+MANY_PICTURES = 5
+"""More pictures than this have a progress bar, where somebody is looking."""
+
+EXIT_CODES = {
+    MeasurementStatus.MEASURED: DONE,
+    MeasurementStatus.NOT_FOUND: NOT_FOUND,
+    MeasurementStatus.TRUNCATED: NOT_FOUND,
+    MeasurementStatus.ERROR: WRONG,
+}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the command line.
+
+    Args:
+        app: The command line.
+    """
+    app.command()(measure)
+
+
+def measure(
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Picture files.")],
+    camera: Annotated[
+        Path | None,
+        typer.Option("--camera", metavar="FILE", help="The camera file, made by `stadimeter calibrate distance`."),
+    ] = None,
+    sheet: SheetOption = None,
+    known_side: KnownSideOption = "auto",
+    ball: BallOption = None,
+    hsv: HsvOption = None,
+    config: ConfigOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.")] = False,
+    copies: Annotated[
+        Path | None,
+        typer.Option("--annotate", metavar="DIR", help="Write a copy of each picture there, with what was measured."),
+    ] = None,
+) -> None:
+    """Measure how far away a target is in pictures.
+
+    Needs the target's size, and a camera file from `stadimeter calibrate distance` for the camera that took the
+    pictures. A camera file fits every resolution of the same aspect.
+
+    Prints one line for each picture: the distance, which is the length of the straight line from the camera to the
+    target's centre, with its standard deviation. A target that is cut off by the border of the picture has no size, so
+    it has no distance.
+
+    With --json, each line is an object with file, target, status (measured, not_found, truncated or error),
+    distance_m, depth_m, sigma_m, bearing_rad (positive to the right), elevation_rad (positive upwards) and reason.
+
+    **Examples**
+
+    - `stadimeter measure 3ft.png 4ft.png --camera camera.toml --sheet 11in,8.5in`
+
+    - `stadimeter measure shots/*.jpg --camera camera.toml --ball 6.4cm --hsv "29,86,6:64,255,255" --json`
+
+    - `stadimeter measure shots/*.jpg --config config/follow-ball.toml --annotate annotated`
+
+    **Exit code**: 0 everything was measured; 1 a target was not found, or cut off; 2 an option, a file or a
+    picture is wrong. A bad picture does not stop the others.
+    """
+    with told_plainly():
+        wanted = wanted_targets(sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, config=config)
+        camera_model = _camera_model(camera, wanted)
+        targets = build_detectors(wanted.choices, camera_model)
+        printer = _json_printer() if as_json else _line_printer(images, wanted)
+        paths = copy_paths(images, copies)
+        codes = [
+            _one(image, targets, camera_model, printer, paths.get(image), wanted.unit) for image in _counted(images)
+        ]
+    raise typer.Exit(max(codes))
+
+
+def _camera_model(file: Path | None, wanted: WantedTargets) -> CameraModel:
+    if file is not None:
+        return load_camera_model(file)
+    if wanted.camera_model is not None:
+        return wanted.camera_model
+    hint = "make one with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
+    raise ConfigError(
+        [Problem("the camera file is missing; without it pixels say nothing about metres", key="--camera", hint=hint)]
+    )
+
+
+Printer = Callable[[TargetResult], None]
+
+
+def _one(
+    image: Path,
+    targets: Sequence[NamedDetector],
+    camera_model: CameraModel,
+    printer: Printer,
+    copy: Path | None,
+    unit: LengthUnit,
+) -> int:
+    """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
+    result = measure_picture(image, targets, camera_model)
+    for each in result.targets:
+        printer(each)
+    code = max(EXIT_CODES[each.measurement.status] for each in result.targets)
+    return max(code, _write_copy(result, copy, unit)) if copy else code
+
+
+def _write_copy(result: PictureResult, copy: Path, unit: LengthUnit) -> int:
+    if result.frame is None:
+        return DONE
+    try:
+        write_picture(copy, annotate(result.frame.image, marks_of(result, unit)))
+    except PictureError as error:
+        typer.echo(f"error: {error}", err=True)
+        return WRONG
+    return DONE
+
+
+def _json_printer() -> Printer:
+    def print_record(result: TargetResult) -> None:
+        typer.echo(json.dumps(result.record()))
+        _tell_error(result)
+
+    return print_record
+
+
+def _line_printer(images: Sequence[Path], wanted: WantedTargets) -> Printer:
+    file_width = max(len(str(image)) for image in images)
+    target_width = max(len(choice.name) for choice in wanted.choices)
+
+    def print_line(result: TargetResult) -> None:
+        if not _tell_error(result):
+            head = f"{result.file:<{file_width}}  {result.measurement.target:<{target_width}}"
+            typer.echo(f"{head}  {_in_words(result, wanted.unit)}")
+
+    return print_line
+
+
+def _tell_error(result: TargetResult) -> bool:
+    """Tell a bad picture on standard error; return whether it is one."""
+    is_error = result.measurement.status is MeasurementStatus.ERROR
+    if is_error:
+        typer.echo(f"error: {result.file}: {result.measurement.reason}", err=True)
+    return is_error
+
+
+def _in_words(result: TargetResult, unit: LengthUnit) -> str:
+    measured = result.measurement
+    if measured.status is not MeasurementStatus.MEASURED:
+        status = "truncated" if measured.status is MeasurementStatus.TRUNCATED else "not found"
+        return f"{status}: {measured.reason}"
+    in_metres = format_distance(measured.distance_m, measured.sigma_m, METRE)
+    first = "" if unit is METRE else f"{format_distance(measured.distance_m, measured.sigma_m, unit):<16}"
+    depth = format_distance(measured.depth_m, measured.sigma_m, unit)
+    return f"{first}{in_metres:<18}depth {depth:<16}{format_bearing(measured.bearing_rad)}"
+
+
+def _counted(images: Sequence[Path]) -> Iterator[Path]:
+    """Yield the pictures, with a progress bar if there are many and somebody is looking."""
+    if len(images) <= MANY_PICTURES or not sys.stderr.isatty():
+        yield from images
+        return
+    with _progress() as progress:
+        task = progress.add_task("measuring", total=len(images))
+        for image in images:
+            yield image
+            progress.advance(task)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    # Lines printed meanwhile go above the bar where both share a terminal; elsewhere they must stay on standard output.
+    shared = sys.stdout.isatty()
+    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=shared) as progress:
+        yield progress
