@@ -1,0 +1,226 @@
+"""The commands run, demo and replay, as a user types them."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CONFIG = Path(__file__).resolve().parents[2] / "config"
+
+SIMULATED = """
+[camera]
+driver = "simulated"
+render = false
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+fy_px = 600.0
+cx_px = 319.5
+cy_px = 239.5
+[targets.ball]
+detector = "ideal"
+[actuators.motor]
+driver = "simulated"
+[rules.far]
+actuator = "motor"
+ramp = { from = "0.5 m", to = "1 m" }
+[world]
+"""
+
+
+def stadimeter(*words, cwd=None, env=None):
+    return subprocess.run(
+        [sys.executable, "-m", "stadimeter", *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=cwd,
+        env={**os.environ, "NO_COLOR": "1", "COLUMNS": "100", **(env or {})},
+    )
+
+
+@pytest.fixture
+def simulated(tmp_path):
+    path = tmp_path / "simulated.toml"
+    path.write_text(SIMULATED)
+    return path
+
+
+def test_a_run_prints_lines_and_a_summary_and_ends_with_0(simulated):
+    done = stadimeter("run", simulated, "--seconds", 3, "--speed", 0)
+    assert done.returncode == 0, done.stderr
+    assert "ball target seen" in done.stdout
+    assert "motor 100 %" in done.stdout
+    assert done.stdout.splitlines()[-4].startswith("Ended: 3 s, as asked for. 90 frames in 90 cycles.")
+    assert done.stderr == ""
+
+
+def test_json_prints_one_object_and_nothing_else(simulated):
+    done = stadimeter("run", simulated, "--frames", 30, "--speed", 0, "--json")
+    figures = json.loads(done.stdout)
+    assert figures["frames"] == 30
+    assert figures["ended"] == "30 frames, as asked for"
+    assert figures["tracks"]["ball"]["tracking"] >= 28
+
+
+def test_a_journal_replays_to_identical_decisions(simulated, tmp_path):
+    journal = tmp_path / "run.jsonl"
+    assert stadimeter("run", simulated, "--seconds", 2, "--speed", 0, "--journal", journal).returncode == 0
+    done = stadimeter("replay", journal, "--config", simulated, "--strict")
+    assert done.returncode == 0, done.stdout
+    assert "60 cycles, 60 decisions identical, with the configuration of the recording." in done.stdout
+
+
+def test_changed_rules_show_where_they_differ(simulated, tmp_path):
+    journal = tmp_path / "run.jsonl"
+    stadimeter("run", simulated, "--seconds", 2, "--speed", 0, "--journal", journal)
+    changed = tmp_path / "changed.toml"
+    changed.write_text(SIMULATED.replace("0.5 m", "4 m").replace('to = "1 m"', 'to = "9 m"'))
+    done = stadimeter("replay", journal, "--config", changed, "--strict", "--json")
+    figures = json.loads(done.stdout)
+    assert done.returncode == 1
+    assert figures["identical"] < figures["cycles"] == 60
+    assert figures["same_configuration"] is False
+    assert "rules" in figures["differences"][0]["what"]
+
+
+def test_a_journal_that_was_cut_off_is_used_as_far_as_it_goes_and_said_so(simulated, tmp_path):
+    journal = tmp_path / "run.jsonl"
+    stadimeter("run", simulated, "--seconds", 1, "--speed", 0, "--journal", journal)
+    journal.write_bytes(journal.read_bytes()[:-30])
+    done = stadimeter("replay", journal, "--config", simulated)
+    assert done.returncode == 0
+    assert "the last line is cut off; the 29 whole cycles are used" in done.stderr
+
+
+def test_the_demo_shows_rules_acting_without_hardware():
+    done = stadimeter("demo", "--plain", "--seconds", 10, "--speed", 0)
+    assert done.returncode == 0, done.stderr
+    assert "ACTIVE follow" in done.stdout
+    assert "ACTIVE far" in done.stdout
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("name", ["distance-alert", "follow-ball", "appliance"])
+def test_a_configuration_for_real_hardware_says_plainly_that_there_is_none(name):
+    done = stadimeter("run", CONFIG / f"{name}.toml", "--seconds", 1)
+    assert done.returncode == 2
+    assert "error: camera: " in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def bad(path, old, new):
+    text = SIMULATED.replace(old, new)
+    assert text != SIMULATED
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("[world]", "[world", "simulated.toml:19: "),
+        ('from = "0.5 m"', 'from = "0.5 metres"', "unknown unit 'metres'"),
+        ('from = "0.5 m"', "from = 0.5", "no unit"),
+        ('from = "0.5 m"', 'from = "-1 m"', "below zero"),
+        ('from = "0.5 m"', "from = nan", "unit"),
+        ('actuator = "motor"', 'actuator = "moter"', "did you mean 'motor'?"),
+        ('driver = "simulated"\n[rules', 'driver = "buzzzer"\n[rules', "did you mean 'buzzer'?"),
+        ("render = false", "rendr = false", "did you mean 'render'?"),
+    ],
+)
+def test_a_mistake_in_the_configuration_is_one_clear_line_and_2(tmp_path, old, new, expected):
+    done = stadimeter("run", bad(tmp_path / "simulated.toml", old, new), "--seconds", 1, "--speed", 0)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert expected in line
+
+
+def test_a_configuration_that_is_missing_or_a_directory_is_one_clear_line_and_2(tmp_path):
+    for path in (tmp_path / "none.toml", tmp_path):
+        done = stadimeter("run", path)
+        assert done.returncode == 2
+        assert len(done.stderr.splitlines()) == 1
+        assert str(path) in done.stderr
+
+
+def test_a_full_disk_under_the_journal_is_one_clear_line_and_2(simulated):
+    done = stadimeter("run", simulated, "--seconds", 1, "--speed", 0, "--journal", "/dev/full")
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == ["error: /dev/full: No space left on device; the journal ends here, intact"]
+
+
+def test_a_journal_in_a_folder_that_is_not_there_is_one_clear_line_and_2(simulated, tmp_path):
+    done = stadimeter("run", simulated, "--journal", tmp_path / "no" / "run.jsonl", "--speed", 0)
+    assert done.returncode == 2
+    assert "the journal cannot be written: No such file or directory" in done.stderr
+
+
+BASE = """
+[base]
+driver = "ros-arduino-bridge"
+port = "{port}"
+wheel_diameter = "6.5 cm"
+ticks_per_turn = 800
+track_width = "20 cm"
+boot_wait = "100 ms"
+[rules.follow]
+actuator = "base"
+follow = {{ distance = "1 m" }}
+"""
+
+
+def test_a_serial_port_that_is_absent_is_one_clear_line_and_2(tmp_path):
+    path = tmp_path / "simulated.toml"
+    path.write_text(SIMULATED + BASE.format(port="/dev/ttyNONE7"))
+    done = stadimeter("run", path, "--seconds", 1, "--speed", 0)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "/dev/ttyNONE7" in line
+
+
+def test_a_serial_port_that_is_already_open_is_one_clear_line_and_2(tmp_path):
+    import fcntl
+    import termios
+
+    master, slave = pty.openpty()
+    try:
+        fcntl.flock(slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        path = tmp_path / "simulated.toml"
+        path.write_text(SIMULATED + BASE.format(port=os.ttyname(slave)))
+        done = stadimeter("run", path, "--seconds", 1, "--speed", 0)
+        assert termios.tcgetattr(slave)
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "another program" in line
+
+
+def test_a_broker_that_is_away_is_said_in_words_and_does_not_stop_the_run(tmp_path):
+    path = tmp_path / "simulated.toml"
+    path.write_text(SIMULATED + '[messenger]\ndriver = "mqtt"\nhost = "127.0.0.1"\nport = 9\n')
+    done = stadimeter("run", path, "--seconds", 1, "--speed", 1)
+    assert done.returncode == 0
+    assert "127.0.0.1:9 refused the connection" in done.stdout
+    assert "30 frames" in done.stdout
+
+
+def test_the_version_and_the_help_are_there():
+    assert stadimeter("--version").stdout.startswith("stadimeter 0.")
+    for command in ("run", "demo", "measure", "calibrate", "check", "replay"):
+        assert command in stadimeter("--help").stdout
+        assert stadimeter(command, "--help").returncode == 0
+
+
+def test_bad_usage_ends_with_2():
+    assert stadimeter("run").returncode == 2
+    assert stadimeter("run", "x.toml", "--frames", 0).returncode == 2
+    assert stadimeter("fly").returncode == 2

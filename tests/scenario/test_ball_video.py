@@ -1,0 +1,142 @@
+"""A real video of a green ball, through the whole program: camera file, motor, base and a real broker's stand-in."""
+
+import json
+
+import pytest
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.journal import JournalWriter, read_journal
+from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.loop import Loop
+from stadimeter.app.replay import replay
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.outputs import safe_command
+from stadimeter.core.track import TrackStatus
+from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
+
+# The ball's size is not known; with 6.4 cm and 600 px it moves between about 0.5 and 1 m.
+CONFIGURATION = """
+[camera]
+driver = "video"
+path = "{video}"
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+fy_px = 600.0
+cx_px = 319.5
+cy_px = 239.5
+[targets.ball]
+detector = "ball"
+diameter = "6.4 cm"
+hsv = "29,86,6:64,255,255"
+[actuators.motor]
+driver = "simulated"
+[base]
+driver = "simulated"
+[rules.far]
+actuator = "motor"
+ramp = {{ from = "70 cm", to = "1.2 m" }}
+[rules.follow]
+actuator = "base"
+follow = {{ distance = "60 cm" }}
+[rules.near]
+severity = "alarm"
+when = {{ below = "60 cm" }}
+[world]
+"""
+
+
+@pytest.fixture(scope="module")
+def run(real_pictures, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ball video")
+    path = folder / "ball.toml"
+    path.write_text(CONFIGURATION.format(video=real_pictures / "ball_video" / "green_ball.mp4"))
+    configuration = load_configuration(path)
+    parts = build(configuration, speed=None)
+    doubles = {"motor": RecordingActuator(parts.clock, "motor"), "base": RecordingBase(parts.clock, "base")}
+    parts.outputs = parts.cycle.outputs = tuple(
+        LeasedOutput(doubles[output.name], safe_command(output), 0.3, parts.clock)
+        for output in configuration.plan.outputs
+    )
+    parts.messenger = RecordingMessenger()
+    loop = Loop(parts, journal=JournalWriter(folder / "ball.jsonl", configuration.text))
+    loop.run()
+    loop.journal.close()
+    return loop, read_journal(folder / "ball.jsonl")
+
+
+@pytest.fixture(scope="module")
+def records(run):
+    return list(run[1].records())
+
+
+pytestmark = pytest.mark.long
+
+
+def test_the_video_ends_normally_after_all_its_frames(run):
+    assert run[0].health.frames == 1004
+    assert run[0].ending.endswith("green_ball.mp4 is at its end")
+
+
+def test_the_ball_is_tracked_in_at_least_800_frames(run):
+    statuses = run[0].health.track_statuses["ball"]
+    assert statuses["tracking"] >= 800
+
+
+def test_the_ball_is_lost_when_it_has_left(records):
+    assert records[-1].decision.tracks[0].status is TrackStatus.LOST
+    assert records[-1].decision.commands == tuple(command for command in records[0].decision.commands), (
+        "at the end everything is as safe as at the start"
+    )
+
+
+def test_the_motor_follows_its_ramp_in_every_frame(records):
+    acted = 0
+    for record in records:
+        (track,) = record.decision.tracks
+        level = record.applied[0].level
+        if not track.is_valid or record.decision.safety != "active":
+            assert level == 0.0
+        elif track.distance_m > 0.7:
+            assert level == pytest.approx(min(1.0, (track.distance_m - 0.7) / 0.5))
+            acted += 1
+    assert acted > 100
+
+
+def test_the_base_turns_towards_the_ball_and_never_backs_off(records):
+    turned = 0
+    for record in records:
+        (track,), base = record.decision.tracks, record.applied[1]
+        assert base.linear_mps >= 0
+        if track.is_valid and base.angular_radps:
+            assert (base.angular_radps > 0) is (track.bearing_rad < 0)
+            turned += 1
+        if not track.is_valid:
+            assert (base.linear_mps, base.angular_radps) == (0.0, 0.0)
+    assert turned > 100
+
+
+def test_alarms_are_sent_as_they_were_raised_and_cleared(run, records):
+    happened = [
+        (event.source, event.kind.value)
+        for record in records
+        for event in record.decision.events
+        if event.source == "near"
+    ]
+    sent = [json.loads(payload) for payload in run[0].parts.messenger.payloads("event/alarm")]
+    assert [(alarm["rule"], alarm["event_type"]) for alarm in sent] == happened
+    assert happened
+
+
+def test_states_are_sent_at_most_twice_a_second_but_for_changes_of_status(run, records):
+    states = [json.loads(payload) for payload in run[0].parts.messenger.payloads("target/ball/state")]
+    changes = sum(a["status"] != b["status"] for a, b in zip(states, states[1:], strict=False))
+    seconds = records[-1].observation.now_s - records[0].observation.now_s
+    assert len(states) <= 2 * seconds + changes + 1
+
+
+def test_a_replay_gives_identical_decisions(run):
+    loop, journal = run
+    result = replay(journal, loop.parts.configuration.plan)
+    assert (result.cycles, result.identical) == (1004, 1004)
