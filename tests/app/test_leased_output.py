@@ -112,6 +112,18 @@ def test_a_retired_output_stays_off_whatever_comes(output, driver):
     assert driver.level == 0.0
 
 
+def test_a_command_that_a_signal_handler_interrupts_does_not_move_it_again(output, driver):
+    apply = driver.apply
+
+    def interrupted(command):
+        output.retire()
+        return apply(command)
+
+    driver.apply = interrupted
+    assert output.apply(full(100.0)) is None
+    assert driver.level == 0.0
+
+
 def test_every_output_is_stopped_even_if_one_fails(clock):
     drivers = [RecordingActuator(clock, name) for name in ("a", "b", "c")]
     outputs = [

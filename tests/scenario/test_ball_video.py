@@ -1,6 +1,7 @@
 """A real video of a green ball, through the whole program: camera file, motor, base and a real broker's stand-in."""
 
 import json
+from itertools import pairwise
 
 import pytest
 
@@ -131,7 +132,7 @@ def test_alarms_are_sent_as_they_were_raised_and_cleared(run, records):
 
 def test_states_are_sent_at_most_twice_a_second_but_for_changes_of_status(run, records):
     states = [json.loads(payload) for payload in run[0].parts.messenger.payloads("target/ball/state")]
-    changes = sum(a["status"] != b["status"] for a, b in zip(states, states[1:], strict=False))
+    changes = sum(a["status"] != b["status"] for a, b in pairwise(states))
     seconds = records[-1].observation.now_s - records[0].observation.now_s
     assert len(states) <= 2 * seconds + changes + 1
 

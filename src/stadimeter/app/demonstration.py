@@ -9,14 +9,12 @@ from stadimeter.config.loader import Configuration, load_configuration
 
 
 def demo_configuration() -> Configuration:
-    """Load the demonstration's configuration.
+    """Load the demonstration's configuration: ``config/demo.toml`` of the checkout, or its copy in a package.
 
     Returns:
-        The configuration ``config/demo.toml`` of the checkout, or its copy in an installed package.
+        The configuration.
 
     Raises:
         ConfigError: It is damaged.
     """
-    package = Path(stadimeter.__file__).parent
-    installed = package / "configurations" / "demo.toml"
-    return load_configuration(installed if installed.exists() else package.parents[1] / "config" / "demo.toml")
+    return load_configuration(Path(stadimeter.__file__).parent / "configurations" / "demo.toml")

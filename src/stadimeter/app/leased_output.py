@@ -91,7 +91,8 @@ class LeasedOutput:
                 return None
             self._command = self.safe if self._is_stale(command, self._clock.now_s()) else command
             try:
-                return self._driver.apply(self._command)
+                applied = self._driver.apply(self._command)
+                return None if self._stopped_again() else applied
             except DriverError as error:
                 self._fail(error)
                 return None
@@ -133,6 +134,12 @@ class LeasedOutput:
         with self._lock:
             self._retired = True
             self._driver.close()
+
+    def _stopped_again(self) -> bool:
+        """A signal handler may have retired the output while its driver was applying a command: stop it once more."""
+        if self._retired:
+            self._driver.stop()
+        return self._retired
 
     def _repeat_stop(self, now_s: float) -> None:
         """Let the driver repeat a stop that nobody has acknowledged. Its fault is known already."""

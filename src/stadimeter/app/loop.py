@@ -31,6 +31,9 @@ class _Openable(Protocol):
 Listener = Callable[[CycleRecord, Frame | None], None]
 
 
+SETTLE_S = 0.2
+"""After everything was stopped, the guard goes on for this long, so that a stop which nobody acknowledged is repeated."""
+
 PUBLISHED_MAX = 50
 """So many messages are kept for whoever watches the run."""
 
@@ -92,6 +95,7 @@ class Loop:
                 self.ending = self.ending or str(end)
             finally:
                 self.troubles += retire_all(self.parts.outputs)
+                self.parts.clock.sleep_until_s(self.parts.clock.now_s() + SETTLE_S)
             self._publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
 
     def stop(self, why: str) -> None:
