@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import socket
+import struct
 import threading
 import time
 from contextlib import suppress
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
+from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # paho 2.1 and 2.2 both have it there
 
 from stadimeter.core.message import Message
 from stadimeter.messaging.back_off import BackOff, Patience
@@ -130,7 +132,12 @@ class BrokerLink:
             self._take_stock()
 
     def _loop(self, wait_s: float) -> bool:
-        return self._client.loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
+        """Let paho read and write; return whether the connection still stands."""
+        try:
+            return self._client.loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
+        except (LookupError, TypeError, ValueError, struct.error, MQTTException):  # from paho 2.1, and not caught there
+            self._events.nonsense_came()
+            return False
 
     def _take_stock(self) -> None:
         """Act on what paho's callbacks left for us."""
@@ -187,8 +194,6 @@ class BrokerLink:
     def _note_done(self) -> None:
         for number in self._events.take_done():
             self._outbox.done(number)
-
-    # Between attempts.
 
     def _pause_s(self) -> float:
         """Say why there is no connection, and return for how long to rest."""

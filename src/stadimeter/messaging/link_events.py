@@ -15,6 +15,8 @@ from stadimeter.messaging.mqtt_options import MqttOptions
 
 STABLE_S = 10.0
 """A connection that ends sooner is not taken for a sign that all is well."""
+SUSPICIOUS = 3
+"""After so many connections in a row that ended soon, two programs with one name are suspected."""
 
 
 class LinkEvents:
@@ -82,6 +84,11 @@ class LinkEvents:
         self.ending = words.silent(self._options, had_answered=False)
         self.suspects_version = not self._was_ever_accepted
 
+    def nonsense_came(self) -> None:
+        """Note that the other side sent what is not MQTT."""
+        self.ending = words.no_broker(self._options)
+        self.suspects_version = not self._was_ever_accepted
+
     def take_done(self) -> Iterator[int]:
         """Yield, once each, the numbers of the messages that were written (QoS 0) or acknowledged (QoS 1)."""
         while self._done:
@@ -104,14 +111,13 @@ class LinkEvents:
             self._short_lives = 0 if self.was_stable else self._short_lives + 1
         if self.ending:
             return
+        guess = words.shared_name(self._options) if self._short_lives >= SUSPICIOUS else ""
         if flags.is_disconnect_packet_from_server:
-            self.ending = words.sent_away(self._options, reason)
             self.was_taken_over = reason.value == words.TAKEN_OVER
+            self.ending = words.sent_away(self._options, reason) + ("" if self.was_taken_over else guess)
             return
         self.suspects_version = not self._was_ever_accepted
-        self.ending = words.broke_off(
-            self._options, reason, had_answered=self.is_accepted, short_lives=self._short_lives
-        )
+        self.ending = words.broke_off(self._options, reason, had_answered=self.is_accepted) + guess
 
     def _on_publish(self, _client: Client, _data: Any, number: int, reason: ReasonCode, _more: Any) -> None:
         if reason.is_failure:

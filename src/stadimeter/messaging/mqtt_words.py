@@ -80,15 +80,13 @@ def sent_away(options: MqttOptions, reason: ReasonCode) -> str:
     return f"{options.place} ended the connection ({reason})"
 
 
-def broke_off(options: MqttOptions, reason: ReasonCode, *, had_answered: bool, short_lives: int = 0) -> str:
+def broke_off(options: MqttOptions, reason: ReasonCode, *, had_answered: bool) -> str:
     """Say how a connection ended without a word from the broker.
 
     Args:
-        options: Where the broker is, and who we said we are.
+        options: Where the broker is.
         reason: What paho made of it.
         had_answered: Whether the broker had accepted us.
-        short_lives: How many connections in a row ended soon after the broker had accepted us. MQTT 3.1.1 has no other
-            sign of two programs that take the connection from each other.
 
     Returns:
         One line, without what happens next.
@@ -96,11 +94,23 @@ def broke_off(options: MqttOptions, reason: ReasonCode, *, had_answered: bool, s
     if reason.value == KEEPALIVE:
         return silent(options, had_answered=had_answered)
     if reason.value == NO_MQTT:
-        return f"{options.place} does not answer as an MQTT broker does"
+        return no_broker(options)
     if not had_answered:
         return f"{options.place} hung up without an answer (is it an MQTT broker, with TLS as configured?)"
-    guess = f" (does another program use the client id '{options.client_id}'?)" if short_lives >= 3 else ""
-    return f"the connection to {options.place} was lost{guess}"
+    return f"the connection to {options.place} was lost"
+
+
+def no_broker(options: MqttOptions) -> str:
+    """Say, in one line, that what was received is not MQTT."""
+    return f"{options.place} does not answer as an MQTT broker does"
+
+
+def shared_name(options: MqttOptions) -> str:
+    """Guess, for the end of a line, at two programs that take the connection from each other.
+
+    Few brokers say so, and with MQTT 3.1.1 none can.
+    """
+    return f" (does another program use the client id '{options.client_id}'?)"
 
 
 def silent(options: MqttOptions, *, had_answered: bool) -> str:

@@ -20,6 +20,9 @@ from stadimeter.core.detection import Points
 Vector = tuple[float, float, float]
 
 
+NO_DIRECTION_M = 1e-12
+"""Nearer to the axis than this, rounding leaves nothing of the direction, and the outline is a circle anyway."""
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Silhouette:
     """The ellipse that a ball fills in a picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
@@ -78,7 +81,7 @@ def silhouette(model: CameraModel, centre_m: Vector, radius_m: float) -> Silhoue
         centre_px=(model.cx_px + model.fx_px * x * z / power, model.cy_px + model.fy_px * y * z / power),
         half_across_px=(model.fx_px * across, model.fy_px * across),
         half_along_px=(model.fx_px * along, model.fy_px * along),
-        along=(x / off_axis, y / off_axis) if off_axis else (1.0, 0.0),
+        along=(x / off_axis, y / off_axis) if off_axis > NO_DIRECTION_M else (1.0, 0.0),
         extent_px=(
             model.cx_px + model.fx_px * left,
             model.cy_px + model.fy_px * top,

@@ -11,7 +11,6 @@ import socket
 import subprocess
 import threading
 import time
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -167,6 +166,7 @@ class AmqttBroker:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
         self._broker: Any = None
+        self._connections: set[asyncio.StreamWriter] = set()
 
     def start(self) -> None:
         """Start; return when it accepts connections."""
@@ -189,24 +189,29 @@ class AmqttBroker:
         # A library for tests only, and only where mosquitto is missing.
         from amqtt.broker import Broker  # type: ignore[import-untyped] # noqa: PLC0415
 
+        connections = self._connections
+
         class TidyBroker(Broker):  # type: ignore[misc] # a class of that library
-            """Closes connections that did not get as far as a session, too."""
+            """Knows every connection, also those that did not get as far as a session."""
 
             async def stream_connected(
                 self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, listener_name: str
             ) -> None:
+                connections.add(writer)
                 try:
                     await super().stream_connected(reader, writer, listener_name)
                 finally:
-                    writer.close()
-                    with suppress(OSError):  # the client may have broken it off
-                        await writer.wait_closed()
+                    writer.transport.abort()
+                    connections.discard(writer)
 
         listeners = {"default": {"type": "tcp", "bind": f"{HOST}:{self.port}"}}
         self._broker = TidyBroker({"listeners": listeners, "plugins": self._plugins})
         await self._broker.start()
 
     async def _stop(self) -> None:
+        # Without this, amqtt now and then waits for ever for a connection that swallowed its cancellation.
+        for writer in list(self._connections):
+            writer.transport.abort()
         await self._broker.shutdown()
         others = asyncio.all_tasks() - {asyncio.current_task()}
         for task in others:
