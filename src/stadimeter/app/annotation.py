@@ -71,7 +71,7 @@ def annotate(image: Image, marks: Sequence[Mark]) -> Image:
     for mark in marks:
         if len(mark.detection.outline_px):
             _draw_headline(canvas, mark, factor, scale)
-    _draw_legend(canvas, marks, scale)
+    _draw_legend(canvas, marks, factor, scale)
     return canvas
 
 
@@ -160,15 +160,19 @@ def _draw_headline(canvas: Image, mark: Mark, factor: int, scale: float) -> None
     panel.draw(left, top)
 
 
-def _draw_legend(canvas: Image, marks: Sequence[Mark], scale: float) -> None:
-    """Write what was measured into the lower left corner, the first target on top."""
-    bottom = canvas.shape[0] - round(14 * scale)
-    for mark in reversed(marks):
-        if mark.lines:
-            panel = _Panel(mark.lines, _COLOURS[mark.detection.status], 0.7, scale, canvas)
-            bottom -= panel.height
-            panel.draw(round(14 * scale), bottom)
-            bottom -= round(8 * scale)
+def _draw_legend(canvas: Image, marks: Sequence[Mark], factor: int, scale: float) -> None:
+    """Write what was measured into the lower left corner, or into the upper one where a target is in the way."""
+    panels = [_Panel(mark.lines, _COLOURS[mark.detection.status], 0.7, scale, canvas) for mark in marks if mark.lines]
+    margin, gap = round(14 * scale), round(8 * scale)
+    height = sum(panel.height + gap for panel in panels) - gap
+    right = margin + max((panel.width for panel in panels), default=0)
+    top = canvas.shape[0] - margin - height
+    outlines = [_on_canvas(mark.detection.outline_px, factor) for mark in marks]
+    if any(((outline[:, 0] < right + margin) & (outline[:, 1] > top - margin)).any() for outline in outlines):
+        top = margin
+    for panel in panels:
+        panel.draw(margin, top)
+        top += panel.height + gap
 
 
 class _Panel:

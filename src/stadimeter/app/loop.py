@@ -32,7 +32,7 @@ Listener = Callable[[CycleRecord, Frame | None], None]
 
 
 SETTLE_S = 0.2
-"""After everything was stopped, the guard goes on for this long, so that a stop which nobody acknowledged is repeated."""
+"""After everything was stopped, the guard goes on for this long: a stop that nobody acknowledged is repeated."""
 
 PUBLISHED_MAX = 50
 """So many messages are kept for whoever watches the run."""

@@ -131,7 +131,8 @@ def _choice(driver: str, table: dict[str, Any], keys: dict[str, str]) -> DriverC
     except ValidationError as error:
         found = plain_words.findings(error, plugin.options, table, ())
         told = [Problem(each.message, key=keys.get(str(each.path[-1]), ""), hint=each.hint) for each in found]
-        raise ConfigError(told) from error
+        first_of_each_option = {problem.key: problem for problem in reversed(told)}
+        raise ConfigError(reversed(first_of_each_option.values())) from error
     return DriverChoice(name=driver, driver=driver, plugin=plugin, options=options)
 
 

@@ -24,7 +24,8 @@ def _date_text(value: object) -> object:
 
 
 Pixels = Annotated[int, Field(gt=0, strict=True)]
-FocalPixels = Annotated[float, Field(gt=0)]
+FocalPixels = Annotated[float, Field(gt=0, strict=True)]
+CentrePixels = Annotated[float, Field(strict=True)]
 
 
 class CameraTable(BaseModel):
@@ -49,9 +50,9 @@ class CameraTable(BaseModel):
     height_px: Pixels
     fx_px: FocalPixels
     fy_px: FocalPixels | None = None
-    cx_px: float | None = None
-    cy_px: float | None = None
-    focal_relative_sigma: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    cx_px: CentrePixels | None = None
+    cy_px: CentrePixels | None = None
+    focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
     method: str = ""
     date: Annotated[str, BeforeValidator(_date_text)] = ""
     notes: tuple[str, ...] = ()

@@ -35,8 +35,9 @@ class Detection:
         outline_px: Its outline, shape ``(n, 2)``, x and y in pixels: the four corners of a sheet in order around it,
             or points on the limb of a ball. Empty if it was not found.
         centre_px: The centre as x, y; meaningless if it was not found.
-        width_px: The apparent width: of a sheet the mean of its two more horizontal sides, of a ball its diameter.
-        height_px: The apparent height: of a sheet the mean of its two more vertical sides, of a ball its diameter.
+        width_px: The apparent width: of a sheet the mean of its two more horizontal sides, of a ball the smaller
+            diameter of its outline, which gives the depth wherever in the picture the ball is.
+        height_px: The apparent height: of a sheet the mean of its two more vertical sides, of a ball the same as the width.
         size_sigma_px: The standard deviation of the apparent size.
         quality: From 0, barely a candidate, to 1, as it should look.
     """

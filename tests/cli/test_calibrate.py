@@ -1,0 +1,166 @@
+"""The command ``calibrate distance``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from stadimeter.cli.main import app
+from stadimeter.config.camera_file import load_camera_model
+
+SHEET = ("--sheet", "11in,8.5in")
+
+
+def _run(*arguments: object) -> Result:
+    result = CliRunner().invoke(app, list(map(str, arguments)))
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def _picture(path: Path, width_px: int, height_px: int, centre: tuple[int, int] = (320, 240)) -> Path:
+    image = np.full((480, 640, 3), (70, 100, 120), np.uint8)
+    left, top = centre[0] - width_px // 2, centre[1] - height_px // 2
+    cv2.rectangle(image, (left, top), (left + width_px - 1, top + height_px - 1), (230, 232, 228), -1)
+    cv2.imwrite(str(path), image)
+    return path
+
+
+@pytest.fixture
+def near(tmp_path: Path) -> Path:
+    return _picture(tmp_path / "near.png", 220, 170)
+
+
+@pytest.fixture
+def output(tmp_path: Path) -> Path:
+    return tmp_path / "camera.toml"
+
+
+def test_one_picture_is_enough(near: Path, output: Path) -> None:
+    result = _run("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    first, second, third = result.stdout.splitlines()
+    assert "of 8.5 in appears 170.0 px at 30.0 in" in first
+    assert second.startswith("focal length 600.")
+    assert second.endswith("for pictures of 640x480")
+    assert third == f"wrote {output}"
+    model = load_camera_model(output)
+    assert model.fx_px == pytest.approx(600, rel=0.003)
+    assert model.focal_relative_sigma == pytest.approx(0.01, abs=0.003)
+    assert model.provenance.date
+    assert str(near) in model.provenance.notes[0]
+
+
+def test_what_was_calibrated_measures_right(near: Path, output: Path, tmp_path: Path) -> None:
+    far = _picture(tmp_path / "far.png", 110, 85)
+    _run("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)
+    record = json.loads(_run("measure", far, "--camera", output, *SHEET, "--json").stdout)
+    assert record["distance_m"] == pytest.approx(60 * 0.0254, rel=0.01)
+
+
+def test_several_pictures_are_listed_and_combined(near: Path, output: Path, tmp_path: Path) -> None:
+    far = _picture(tmp_path / "far.png", 110, 85)
+    result = _run("calibrate", "distance", f"{near}@30in", f"{far}@5ft", *SHEET, "-o", output)
+    assert result.exit_code == 0
+    assert len(result.stdout.splitlines()) == 4
+    assert len(load_camera_model(output).provenance.notes) == 2
+
+
+def test_a_file_that_is_there_is_replaced_and_that_is_said(near: Path, output: Path) -> None:
+    output.write_text("old", encoding="utf-8")
+    result = _run("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)
+    assert result.stdout.splitlines()[-1] == f"replaced {output}"
+    assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.003)
+
+
+def test_a_target_far_from_the_middle_is_noted(output: Path, tmp_path: Path) -> None:
+    aside = _picture(tmp_path / "aside.png", 110, 85, (560, 60))
+    result = _run("calibrate", "distance", f"{aside}@5ft", *SHEET, "-o", output)
+    assert result.exit_code == 0
+    assert "the target is 27° from the middle of the picture" in result.stderr
+    assert load_camera_model(output).focal_relative_sigma > 0.04
+
+
+def test_a_picture_without_the_target_is_left_out_and_exits_1(near: Path, output: Path, tmp_path: Path) -> None:
+    wall = _picture(tmp_path / "wall.png", 1, 1)
+    result = _run("calibrate", "distance", f"{near}@30in", f"{wall}@30in", *SHEET, "-o", output)
+    assert result.exit_code == 1
+    assert result.stderr.startswith(f"left out: {wall}: ")
+    assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.003)
+
+
+def test_no_picture_with_the_target_writes_nothing(output: Path, tmp_path: Path) -> None:
+    wall = _picture(tmp_path / "wall.png", 1, 1)
+    result = _run("calibrate", "distance", f"{wall}@30in", *SHEET, "-o", output)
+    assert result.exit_code == 1
+    assert "nothing was written" in result.stderr
+    assert not output.exists()
+
+
+def test_an_at_sign_in_the_path_belongs_to_the_path(output: Path, tmp_path: Path) -> None:
+    picture = _picture(tmp_path / "me@home.png", 220, 170)
+    assert _run("calibrate", "distance", f"{picture}@30in", *SHEET, "-o", output).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("distance", "said"),
+    [
+        ("", "does not say how far away the target is"),
+        ("@", "'' is not a number with a unit"),
+        ("@24", "'24' has no unit"),
+        ("@0in", "'0in' is not a length above zero"),
+        ("@-3 ft", "'-3 ft' is not a length above zero"),
+        ("@nan in", "'nan in' is not a number with a unit"),
+        ("@24 inn", "unknown unit 'inn'; did you mean"),
+    ],
+)
+def test_a_bad_distance_is_one_line_and_exit_2(near: Path, output: Path, distance: str, said: str) -> None:
+    result = _run("calibrate", "distance", f"{near}{distance}", *SHEET, "-o", output)
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert said in line
+    assert not output.exists()
+
+
+def test_a_picture_that_cannot_be_read_exits_2_and_writes_nothing(near: Path, output: Path, tmp_path: Path) -> None:
+    result = _run("calibrate", "distance", f"{near}@30in", f"{tmp_path / 'missing.png'}@30in", *SHEET, "-o", output)
+    assert result.exit_code == 2
+    assert "there is no picture" in result.stderr
+    assert not output.exists()
+
+
+def test_pictures_of_two_resolutions_are_refused(near: Path, output: Path, tmp_path: Path) -> None:
+    large = tmp_path / "large.png"
+    cv2.imwrite(str(large), cv2.resize(cv2.imread(str(near)), (1280, 960)))
+    result = _run("calibrate", "distance", f"{near}@30in", f"{large}@30in", *SHEET, "-o", output)
+    assert result.exit_code == 2
+    assert "calibrate from pictures of one resolution" in result.stderr
+
+
+def test_a_place_that_cannot_be_written_exits_2(near: Path, tmp_path: Path) -> None:
+    result = _run("calibrate", "distance", f"{near}@30in", *SHEET, "-o", tmp_path / "missing" / "camera.toml")
+    assert result.exit_code == 2
+    assert "the camera file cannot be written: no such file or directory" in result.stderr
+
+
+def test_the_help_reads_like_a_manual_page() -> None:
+    result = _run("calibrate", "distance", "--help")
+    assert result.exit_code == 0
+    for words in ("PATH@DISTANCE", "--sheet", "--output", "Examples", "Exit code", "depth"):
+        assert words in result.stdout
+
+
+def test_the_real_sheet_from_calibration_to_measurement(real_pictures: Path, output: Path) -> None:
+    folder = real_pictures / "seed_sheet"
+    assert _run("calibrate", "distance", f"{folder / '2ft.png'}@24in", *SHEET, "-o", output).exit_code == 0
+    pictures = [folder / "3ft.png", folder / "4ft.png", *sorted((folder / "original").glob("*.jpg"))]
+    result = _run("measure", *pictures, "--camera", output, *SHEET, "--json")
+    assert result.exit_code == 0
+    for record in map(json.loads, result.stdout.splitlines()):
+        assert record["distance_m"] / 0.3048 == pytest.approx(int(Path(record["file"]).name[0]), rel=0.06)

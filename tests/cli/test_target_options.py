@@ -1,0 +1,66 @@
+"""The options that say what to look for."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE
+from stadimeter.cli.target_options import wanted_targets
+from stadimeter.errors import ConfigError
+
+HSV = "29,86,6:64,255,255"
+
+
+def _wanted(**given: object):
+    return wanted_targets(**{"sheet": None, "known_side": "auto", "ball": None, "hsv": None, **given})
+
+
+def test_a_sheet_of_letter_paper() -> None:
+    (choice,) = _wanted(sheet="11in,8.5in", known_side="height").choices
+    assert (choice.name, choice.driver) == ("sheet", "sheet")
+    assert choice.options.width == pytest.approx(0.2794)
+    assert choice.options.height == pytest.approx(0.2159)
+    assert choice.options.known_side == "height"
+
+
+def test_a_tennis_ball() -> None:
+    (choice,) = _wanted(ball="6.4cm", hsv=HSV).choices
+    assert choice.options.diameter == pytest.approx(0.064)
+    assert str(choice.options.hsv) == HSV
+
+
+@pytest.mark.parametrize(
+    ("sheet", "unit"),
+    [("11in,8.5in", INCH), ('11",8.5in', INCH), ("1ft,8in", FOOT), ("297 mm,21cm", CENTIMETRE), ("1e-1 m,1m", METRE)],
+)
+def test_distances_are_shown_in_the_unit_of_the_size(sheet: str, unit: object) -> None:
+    assert _wanted(sheet=sheet).unit is unit
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({}, "nothing says what to look for"),
+        ({"sheet": "11in,8.5in", "ball": "6cm", "hsv": HSV}, "--sheet and --ball exclude each other"),
+        ({"ball": "6cm"}, "--ball needs the ball's colours"),
+        ({"hsv": HSV}, "nothing says what to look for"),
+        ({"hsv": HSV, "sheet": "11in,8.5in"}, "give --ball DIAMETER with it"),
+        ({"ball": "6cm", "hsv": HSV, "known_side": "width"}, "give --sheet WIDTH,HEIGHT with it"),
+        ({"sheet": "11in"}, "'11in' is not a width and a height"),
+        ({"sheet": "11,8.5"}, "--sheet: '11' has no unit"),
+        ({"sheet": "11in,0in"}, "--sheet: '0in' is not a length above zero"),
+        ({"sheet": "-11in,8in"}, "--sheet: '-11in' is not a length above zero"),
+        ({"sheet": "nanin,8in"}, "--sheet: 'nanin' is not a number with a unit"),
+        ({"sheet": "11im,8in"}, "--sheet: '11im': unknown unit 'im'"),
+        ({"sheet": "11in,8in", "known_side": "depth"}, "--known-side: 'depth' is not one of: auto, width, height"),
+        ({"ball": "6.4", "hsv": HSV}, "--ball: '6.4' has no unit"),
+        ({"ball": "6cm", "hsv": "1,2,3"}, "--hsv: '1,2,3' has 1 limits, not 2"),
+        ({"ball": "6cm", "hsv": "200,2,3:1,2,3"}, "hue 200 is outside 0 to 179"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(given: dict[str, str], said: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(said)) as caught:
+        _wanted(**given)
+    assert "\n" not in str(caught.value)

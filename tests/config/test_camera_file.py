@@ -1,0 +1,171 @@
+"""Camera files: written for people, read back to the last bit, refused with the line that is wrong."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.config.camera_file import camera_model_from_table, load_camera_model, save_camera_model
+from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.errors import ConfigError
+
+MODEL = CameraModel(
+    width_px=600,
+    height_px=800,
+    fx_px=672.4445773839064,
+    fy_px=670.1,
+    cx_px=299.5,
+    cy_px=401.25,
+    focal_relative_sigma=0.0123,
+    provenance=Provenance(
+        method="one picture at a known distance",
+        date="2026-01-31",
+        notes=("2ft.png: P = 238.16 px", 'a "quoted" \\ name\twith ½ and \x7f'),
+    ),
+)
+WRITTEN = """\
+# by hand
+width_px = 640
+height_px = 480
+fx_px = 600.0
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "camera.toml"
+
+
+def test_what_was_saved_is_read_back_to_the_last_bit(file: Path) -> None:
+    save_camera_model(file, MODEL)
+    assert load_camera_model(file) == MODEL
+
+
+@given(
+    focal=st.floats(1e-3, 1e9),
+    centre=st.floats(-1e6, 1e6),
+    sigma=st.floats(0, 0.99),
+    texts=st.lists(st.text(st.characters(exclude_categories=("Cs",)))),
+)
+def test_any_model_survives(
+    tmp_path_factory: pytest.TempPathFactory, focal: float, centre: float, sigma: float, texts: list[str]
+) -> None:
+    file = tmp_path_factory.mktemp("camera") / "camera.toml"
+    provenance = Provenance(method=texts[0] if texts else "", date="2026-01-31", notes=tuple(texts))
+    model = CameraModel(
+        width_px=640,
+        height_px=480,
+        fx_px=focal,
+        fy_px=focal,
+        cx_px=centre,
+        cy_px=-centre,
+        focal_relative_sigma=sigma,
+        provenance=provenance,
+    )
+    save_camera_model(file, model)
+    assert load_camera_model(file) == model
+
+
+def test_a_person_can_read_it(file: Path) -> None:
+    save_camera_model(file, MODEL)
+    text = file.read_text(encoding="utf-8")
+    assert "# The pictures that it is for" in text
+    assert "\nwidth_px = 600\nheight_px = 800\n" in text
+    assert 'date = "2026-01-31"' in text
+    assert "1.2 %" in text
+    assert tomllib.loads(text)["notes"][0] == "2ft.png: P = 238.16 px"
+
+
+def test_a_short_file_has_square_pixels_and_the_axis_in_the_middle(file: Path) -> None:
+    file.write_text(WRITTEN, encoding="utf-8")
+    assert load_camera_model(file) == CameraModel.with_focal_length(600.0, 640, 480)
+
+
+def test_a_date_may_stand_without_quotes(file: Path) -> None:
+    file.write_text(WRITTEN + "date = 2026-01-31\n", encoding="utf-8")
+    assert load_camera_model(file).provenance.date == "2026-01-31"
+
+
+def test_a_file_that_is_there_is_replaced_and_nothing_is_left_beside_it(file: Path) -> None:
+    file.write_text("old", encoding="utf-8")
+    save_camera_model(file, MODEL)
+    assert load_camera_model(file) == MODEL
+    assert [each.name for each in file.parent.iterdir()] == ["camera.toml"]
+
+
+@pytest.mark.parametrize("place", ["missing/camera.toml", "folder"])
+def test_where_it_cannot_be_written_nothing_is_left(tmp_path: Path, place: str) -> None:
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ConfigError, match="the camera file cannot be written") as caught:
+        save_camera_model(tmp_path / place, MODEL)
+    assert caught.value.problems[0].file == str(tmp_path / place)
+    assert [each.name for each in tmp_path.rglob("*")] == ["folder"]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "key", "said"),
+    [
+        (WRITTEN + "fx = 3\n", 5, "fx", "unknown key 'fx'"),
+        (WRITTEN + "cx_px = nan\n", 5, "cx_px", "nan is not a finite number"),
+        (WRITTEN + "cx_px = inf\n", 5, "cx_px", "inf is not a finite number"),
+        (WRITTEN + "focal_relative_sigma = -0.1\n", 5, "focal_relative_sigma", "-0.1 is below 0"),
+        (WRITTEN + 'notes = "one"\n', 5, "notes", "'one' is not a list"),
+        (WRITTEN.replace("600.0", "-600.0"), 4, "fx_px", "-600.0 is not above 0"),
+        (WRITTEN.replace("600.0", '"600"x'), 4, "", "this is not valid TOML"),
+        (WRITTEN.replace("640", "0"), 2, "width_px", "0 is not above 0"),
+        (WRITTEN.replace("640", "640.5"), 2, "width_px", "640.5 is not a whole number"),
+        (WRITTEN.replace("fx_px", "fy_px"), 0, "fx_px", "'fx_px' is missing"),
+        ("", 0, "width_px", "'width_px' is missing"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(file: Path, text: str, line: int, key: str, said: str) -> None:
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_camera_model(file)
+    problem = next(each for each in caught.value.problems if each.key == key)
+    assert (problem.file, problem.line) == (str(file), line)
+    assert said in problem.message
+
+
+def test_every_mistake_is_listed(file: Path) -> None:
+    file.write_text("width_px = -1\nheight_px = 2\nfx_px = nan\nfocus = 1\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_camera_model(file)
+    assert [problem.line for problem in caught.value.problems] == [1, 3, 4]
+
+
+def test_a_mistyped_key_has_a_suggestion(file: Path) -> None:
+    file.write_text(WRITTEN + "fy_pix = 600\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="did you mean 'fy_px'"):
+        load_camera_model(file)
+
+
+def test_a_file_that_is_missing_says_how_to_make_one(file: Path) -> None:
+    with pytest.raises(ConfigError, match=r"there is no such camera file.*calibrate distance"):
+        load_camera_model(file)
+
+
+def test_a_directory_is_not_a_camera_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="this is a directory, not a camera file"):
+        load_camera_model(tmp_path)
+
+
+def test_a_picture_is_not_a_camera_file(file: Path) -> None:
+    file.write_bytes(b"width_px = 1\n\x89PNG\xff\xfe")
+    with pytest.raises(ConfigError, match="this is not UTF-8 text") as caught:
+        load_camera_model(file)
+    assert caught.value.problems[0].line == 2
+
+
+def test_a_table_of_a_configuration_holds_the_same_keys() -> None:
+    table = {"width_px": 640, "height_px": 480, "fx_px": 600.0}
+    assert camera_model_from_table(table) == CameraModel.with_focal_length(600.0, 640, 480)
+    assert camera_model_from_table({**table, "fx_px": 600}).fx_px == 600.0
+    with pytest.raises(ConfigError) as caught:
+        camera_model_from_table({**table, "fx_px": "600"})
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.line, problem.key) == ("", 0, "fx_px")

@@ -1,0 +1,228 @@
+"""The ball detector on drawn pictures, whose truth is exact, and on real ones."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.frame import Frame
+from stadimeter.core.target import BallSize
+from stadimeter.detectors.ball import PLUGIN, BallOptions
+from stadimeter.ranging.measure import measure
+
+pytestmark = pytest.mark.vision
+
+RED = (40, 30, 200)
+GREEN_HSV = "29,86,6:64,255,255"
+
+
+def test_a_red_ball_is_found_though_its_hue_wraps_through_zero(ball_detector, draw, wall) -> None:
+    for bgr in (RED, (60, 30, 200), (30, 45, 200)):  # hue 178, 175 and 3
+        found = ball_detector().detect(draw.frame(draw.noise(draw.disc(wall(), (300.3, 200.7), 40.4, bgr))))
+        assert found.status is DetectionStatus.FOUND
+        assert found.centre_px == pytest.approx((300.3, 200.7), abs=0.2)
+        assert found.width_px == pytest.approx(80.8, abs=0.4)
+        assert found.height_px == found.width_px
+        assert found.target == "ball"
+
+
+@pytest.mark.parametrize("radius", [6.6, 10, 25, 75, 180])
+def test_the_diameter_is_right_within_three_standard_deviations(ball_detector, draw, wall, radius: float) -> None:
+    found = ball_detector().detect(draw.frame(draw.noise(draw.disc(wall(), (320.2, 240.4), radius, RED))))
+    assert abs(found.width_px - 2 * radius) < 3 * found.size_sigma_px
+    assert found.size_sigma_px < max(1.2, 0.05 * radius)
+
+
+def test_the_outline_lies_on_the_limb(ball_detector, draw, wall) -> None:
+    found = ball_detector().detect(draw.frame(draw.disc(wall(), (200, 240), 50, RED)))
+    distances = np.hypot(found.outline_px[:, 0] - 200, found.outline_px[:, 1] - 240)
+    assert len(distances) > 60
+    assert np.abs(distances - 50).max() < 1.0
+
+
+@pytest.mark.parametrize("hidden", ["left", "below", "corner"])
+def test_a_ball_partly_hidden_keeps_its_size(ball_detector, draw, wall, hidden: str) -> None:
+    covers = {
+        "left": [(200, 150), (285, 150), (285, 350), (200, 350)],
+        "below": [(220, 265), (420, 265), (420, 380), (220, 380)],
+        "corner": [(320, 240), (420, 220), (420, 330), (300, 330)],
+    }
+    picture = draw.polygon(draw.disc(wall(), (320, 240), 50, RED), covers[hidden], (130, 160, 200))
+    found = ball_detector().detect(draw.frame(draw.noise(picture)))
+    assert found.status is DetectionStatus.FOUND
+    assert found.width_px == pytest.approx(100, rel=0.03)
+    assert found.centre_px == pytest.approx((320, 240), abs=2)
+
+
+def test_a_seam_across_the_ball_does_not_matter(ball_detector, draw, wall) -> None:
+    picture = draw.disc(wall(), (320, 240), 60, RED)
+    cv2.ellipse(picture, (320, 300), (75, 60), 0, 200, 340, (220, 225, 230), 7, cv2.LINE_AA)
+    found = ball_detector().detect(draw.frame(draw.noise(picture)))
+    assert found.width_px == pytest.approx(120, rel=0.02)
+
+
+def test_a_side_in_the_shade_does_not_shrink_the_ball(ball_detector, draw, wall) -> None:
+    columns = np.arange(640)[None, :, None]
+    light = np.clip(1.15 - (columns - 260) / 130, 0.25, 1.0)
+    ball = draw.disc(wall(bgr=(180, 170, 160)), (320, 240), 60, RED) * light
+    inside = np.hypot(columns[..., 0] - 320, np.arange(480)[:, None] - 240) < 61
+    picture = np.where(inside[..., None], ball, wall(bgr=(180, 170, 160))).astype(np.uint8)
+    found = ball_detector().detect(draw.frame(draw.noise(picture)))
+    assert found.width_px == pytest.approx(120, rel=0.03)
+
+
+def test_motion_blur_widens_the_ball_no_more_than_it_smears_it(ball_detector, draw, wall) -> None:
+    sharp = draw.disc(wall(), (320, 240), 40, RED)
+    kernel = np.zeros((9, 9))
+    kernel[4] = 1 / 9
+    found = ball_detector().detect(draw.frame(draw.noise(cv2.filter2D(sharp, -1, kernel))))
+    assert found.status is DetectionStatus.FOUND
+    assert 78 < found.width_px < 88
+
+
+@pytest.mark.parametrize("centre", [(20, 240), (320, 10), (630, 240), (320, 470), (39.5, 240)])
+def test_a_ball_cut_off_by_the_border_is_truncated(ball_detector, draw, wall, centre) -> None:
+    found = ball_detector().detect(draw.frame(draw.noise(draw.disc(wall(), centre, 40, RED))))
+    assert found.status is DetectionStatus.TRUNCATED
+    assert "cut off by the border" in found.reason
+
+
+def test_the_ball_wins_over_larger_things_of_its_colour(ball_detector, draw, wall) -> None:
+    picture = draw.polygon(wall(), [(20, 20), (300, 30), (310, 90), (20, 100)], RED)
+    picture = draw.polygon(picture, [(500, 300), (620, 300), (620, 330), (500, 460)], RED)
+    found = ball_detector().detect(draw.frame(draw.noise(draw.disc(picture, (320, 300), 35, RED))))
+    assert found.centre_px == pytest.approx((320, 300), abs=0.5)
+
+
+def test_a_picture_without_the_colour_says_so(ball_detector, draw, wall) -> None:
+    found = ball_detector().detect(draw.frame(wall()))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.reason == "no pixel has the ball's colour 170,100,60:10,255,255"
+
+
+def test_a_ball_that_is_too_small_says_how_small(ball_detector, draw, wall) -> None:
+    found = ball_detector(min_radius_px=8).detect(draw.frame(draw.disc(wall(), (320, 240), 4, RED)))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.reason in {"largest blob 7 px, limit 16 px", "largest blob 9 px, limit 16 px"}
+
+
+def test_a_ball_that_is_too_large_says_so(ball_detector, draw, wall) -> None:
+    found = ball_detector(max_radius_px=50).detect(draw.frame(draw.disc(wall(), (320, 240), 80, RED)))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert "lies in a circle of 160 px, limit 12 to 100 px" in found.reason
+
+
+def test_a_bar_of_the_colour_is_not_round(ball_detector, draw, wall) -> None:
+    picture = draw.polygon(wall(), [(100, 200), (500, 200), (500, 230), (100, 230)], RED)
+    found = ball_detector().detect(draw.frame(picture))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.reason.startswith("largest blob 40")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_is_no_ball(ball_detector, draw, seed: int) -> None:
+    noise = np.random.default_rng(seed).integers(0, 256, (480, 640, 3), np.uint8)
+    found = ball_detector().detect(draw.frame(noise))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.reason
+
+
+def test_black_shows_every_hue_in_its_noise_and_is_no_ball(ball_detector, draw, wall) -> None:
+    picture = draw.noise(draw.disc(wall(bgr=(180, 180, 180)), (320, 240), 40, (8, 8, 8)), 2.0)
+    found = ball_detector(hsv="0,60,0:60,255,255").detect(draw.frame(picture))
+    assert found.status is DetectionStatus.NOT_FOUND
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (3, 3), (16, 16)])
+def test_a_tiny_picture_is_an_ordinary_result(ball_detector, draw, shape) -> None:
+    found = ball_detector().detect(draw.frame(np.full((*shape, 3), RED, np.uint8)))
+    assert found.status is not DetectionStatus.FOUND
+
+
+def test_the_frame_is_not_changed_and_gives_the_same_answer_again(ball_detector, draw, wall) -> None:
+    picture = draw.noise(draw.disc(wall(), (320, 240), 40, RED))
+    before = picture.copy()
+    detector = ball_detector()
+    first, second = detector.detect(draw.frame(picture)), detector.detect(draw.frame(picture))
+    assert np.array_equal(picture, before)
+    assert (first.width_px, first.centre_px) == (second.width_px, second.centre_px)
+
+
+def test_the_target_size_is_what_the_options_say(ball_detector) -> None:
+    assert ball_detector(diameter="20 cm").target_size == BallSize(diameter_m=pytest.approx(0.2))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"diameter": "0 cm"}, {"diameter": "6.4"}, {"hsv": "1,2,3"}, {"min_radius_px": 1}, {"radius": 3}]
+)
+def test_wrong_options_are_refused(wrong) -> None:
+    with pytest.raises(ValidationError):
+        BallOptions.model_validate({"diameter": "6.4 cm", "hsv": GREEN_HSV, **wrong})
+
+
+def test_the_plugin_names_the_target_after_its_table(driver_context) -> None:
+    options = PLUGIN.options.model_validate({"diameter": "6.4 cm", "hsv": GREEN_HSV})
+    detector = PLUGIN.build(options, driver_context("tennis"))
+    assert detector.detect(Frame(np.zeros((20, 20, 3), np.uint8), 0.0, 0)).target == "tennis"
+
+
+TENNIS_CAMERA = CameraModel(width_px=1530, height_px=2040, fx_px=1449.03, fy_px=1449.08, cx_px=768.12, cy_px=1028.81)
+
+
+def _tennis(real_pictures: Path, ball_detector) -> list[tuple[str, float, Detection]]:
+    folder = real_pictures / "tennis_ball"
+    detector = ball_detector(hsv=GREEN_HSV)
+    with (folder / "truth.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return [
+        (
+            row["file"],
+            float(row["ball_centre_depth_m"]),
+            detector.detect(Frame(cv2.imread(str(folder / "images" / row["file"])), 0.0, 0)),
+        )
+        for row in rows
+    ]
+
+
+def test_the_real_tennis_ball_is_measured_at_every_place_in_the_picture(real_pictures: Path, ball_detector) -> None:
+    errors = []
+    for name, depth_m, found in _tennis(real_pictures, ball_detector):
+        measured = measure(found, BallSize(diameter_m=0.064), TENNIS_CAMERA, 0.0)
+        if name == "44.5_30.jpg":
+            assert found.status is DetectionStatus.TRUNCATED
+            assert measured.distance_m is None
+        else:
+            assert measured.depth_m is not None, f"{name}: {measured.reason}"
+            errors.append(abs(measured.depth_m / depth_m - 1))
+    assert len(errors) == 32
+    assert np.median(errors) < 0.008
+    assert np.percentile(errors, 90) < 0.02
+    assert max(errors) < 0.025
+
+
+@pytest.mark.long
+def test_the_green_ball_in_a_hand_is_found_in_the_video(real_pictures: Path, ball_detector) -> None:
+    detector = ball_detector(hsv=GREEN_HSV)
+    capture = cv2.VideoCapture(str(real_pictures / "ball_video" / "green_ball.mp4"))
+    found = []
+    while True:
+        there, image = capture.read()
+        if not there:
+            break
+        detection = detector.detect(Frame(image, 0.0, len(found)))
+        found.append(detection.width_px if detection.status is DetectionStatus.FOUND else 0.0)
+    capture.release()
+    assert len(found) == 1004
+    seen = [width / 2 for width in found if width]
+    assert len(seen) >= 800
+    assert not any(found[:25]), "there is no ball before frame 29"
+    assert not any(found[975:]), "there is no ball after frame 960"
+    assert np.percentile(seen, 2) > 18
+    assert np.percentile(seen, 98) < 46

@@ -1,0 +1,79 @@
+"""Ranges of colours, as people write them."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.detectors.hsv_range import HsvRange, parse_hsv_range
+
+pytestmark = pytest.mark.vision
+
+
+def _pixel(blue: int, green: int, red: int) -> np.ndarray:
+    return np.full((1, 1, 3), (blue, green, red), np.uint8)
+
+
+def test_the_tutorials_green() -> None:
+    green = parse_hsv_range("29,86,6:64,255,255")
+    assert green == HsvRange((29, 86, 6), (64, 255, 255))
+    assert green.mask(_pixel(40, 200, 80))[0, 0] == 255
+    assert green.mask(_pixel(200, 80, 40))[0, 0] == 0
+
+
+def test_blanks_do_not_matter() -> None:
+    assert parse_hsv_range(" 29, 86,6 : 64 ,255,255") == parse_hsv_range("29,86,6:64,255,255")
+
+
+def test_a_lower_hue_above_the_upper_one_wraps_through_red() -> None:
+    red = parse_hsv_range("170,100,60:10,255,255")
+    for bgr in ((0, 0, 200), (40, 0, 200), (0, 30, 200)):  # hue 0, 174 and 4
+        assert red.mask(_pixel(*bgr))[0, 0] == 255
+    for bgr in ((0, 200, 0), (200, 0, 0), (0, 120, 200)):
+        assert red.mask(_pixel(*bgr))[0, 0] == 0
+
+
+def test_a_pixel_that_is_all_but_grey_has_no_hue() -> None:
+    dark_green = _pixel(10, 14, 10)
+    assert parse_hsv_range("40,0,0:80,255,255").mask(dark_green)[0, 0] == 0
+    assert parse_hsv_range("0,0,0:179,255,60").mask(dark_green)[0, 0] == 255
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (29, "is not a range of colours; write it as text"),
+        ("", "has 1 limits, not 2"),
+        ("29,86,6", "has 1 limits, not 2"),
+        ("1,2,3:4,5,6:7,8,9", "has 3 limits, not 2"),
+        ("29,86:64,255,255", "'29,86' has 2 numbers, not 3 for hue, saturation and value"),
+        ("29,86,6,1:64,255,255", "has 4 numbers, not 3"),
+        ("a,86,6:64,255,255", "hue 'a' is not a whole number"),
+        ("29,86,6:64,255,1.5", "value '1.5' is not a whole number"),
+        ("29,86,6:64,,255", "saturation '' is not a whole number"),
+        ("180,86,6:64,255,255", "hue 180 is outside 0 to 179"),
+        ("29,-1,6:64,255,255", "saturation -1 is outside 0 to 255"),
+        ("29,86,6:64,255,256", "value 256 is outside 0 to 255"),
+        ("29,86,6:64,20,255", "the lower saturation 86 is above the upper one 20, so no colour fits"),
+        ("²,86,6:64,255,255", "hue '²' is not a whole number"),
+    ],
+)
+def test_what_is_wrong_is_said(text: object, said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        parse_hsv_range(text)
+
+
+_CHANNELS = st.tuples(st.integers(0, 179), st.integers(0, 255), st.integers(0, 255))
+
+
+@given(lower=_CHANNELS, upper=_CHANNELS)
+def test_what_is_written_is_read_again(lower: tuple[int, int, int], upper: tuple[int, int, int]) -> None:
+    one = HsvRange(
+        (lower[0], min(lower[1], upper[1]), min(lower[2], upper[2])),
+        (upper[0], max(lower[1], upper[1]), max(lower[2], upper[2])),
+    )
+    assert parse_hsv_range(str(one)) == one

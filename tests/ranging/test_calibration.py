@@ -1,0 +1,128 @@
+"""From pictures at known distances to a camera model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.target import BallSize, SheetSize, TargetSize
+from stadimeter.errors import CalibrationError
+from stadimeter.ranging.calibration import KnownDistance, calibrate
+from stadimeter.ranging.measure import measure
+
+INCH_M = 0.0254
+LETTER = SheetSize(width_m=11 * INCH_M, height_m=8.5 * INCH_M)
+MIDDLE = (319.5, 239.5)
+Seen = Callable[..., Detection]
+
+
+def _known(detection: Detection, depth_m: float, size: TargetSize = LETTER, **changes: object) -> KnownDistance:
+    values = {"picture": "a.png", "width_px": 640, "height_px": 480, **changes}
+    return KnownDistance(detection=detection, size=size, depth_m=depth_m, **values)
+
+
+def test_the_worked_example(seen_sheet: Seen) -> None:
+    made = calibrate([_known(seen_sheet(248, 190, MIDDLE), 24 * INCH_M)], date="2026-01-31")
+    assert made.camera_model.fx_px == pytest.approx(541.09, abs=0.01)
+    later = measure(seen_sheet(170, 130, MIDDLE), LETTER, made.camera_model, 0.0)
+    assert later.distance_m / INCH_M == pytest.approx(35.0, abs=0.05)
+
+
+def test_the_model_has_square_pixels_and_the_axis_in_the_middle_and_says_where_it_comes_from(seen_sheet: Seen) -> None:
+    model = calibrate([_known(seen_sheet(248, 190, MIDDLE), 24 * INCH_M)], date="2026-01-31").camera_model
+    assert (model.width_px, model.height_px, model.cx_px, model.cy_px) == (640, 480, *MIDDLE)
+    assert model.fy_px == model.fx_px
+    assert (model.provenance.date, model.provenance.method) == ("2026-01-31", "one picture at a known distance")
+    (note,) = model.provenance.notes
+    assert note == "a.png: P = 248.00 px, D = 0.6096 m, W = 0.2794 m (longer side), F = 541.09 px"
+
+
+@given(away=st.floats(-0.5, 0.5), depth_m=st.floats(0.3, 5.0), radius_m=st.floats(0.01, 0.1))
+def test_a_ball_gives_the_true_focal_length_anywhere_in_the_picture(
+    camera: CameraModel, seen_ball: Seen, away: float, depth_m: float, radius_m: float
+) -> None:
+    seen = seen_ball((away * depth_m, 0.2 * depth_m, depth_m), radius_m)
+    made = calibrate([_known(seen, depth_m, BallSize(diameter_m=2 * radius_m))], date="")
+    assert made.camera_model.fx_px == pytest.approx(camera.fx_px, rel=1e-3)
+
+
+@given(width_px=st.floats(30, 400), x=st.floats(0, 640), depth_m=st.floats(0.2, 10))
+def test_the_calibration_picture_measures_as_deep_as_it_was(
+    seen_sheet: Seen, width_px: float, x: float, depth_m: float
+) -> None:
+    seen = seen_sheet(width_px, width_px * 0.7, (x, 100))
+    model = calibrate([_known(seen, depth_m)], date="").camera_model
+    assert measure(seen, LETTER, model, 0.0).depth_m == pytest.approx(depth_m)
+
+
+def test_the_uncertainty_has_the_tapes_part_and_the_pixels_part(seen_sheet: Seen) -> None:
+    seen = seen_sheet(100, 77.2, MIDDLE, sigma_px=2.0)
+    assert calibrate([_known(seen, 1.0)], date="").camera_model.focal_relative_sigma == pytest.approx(
+        math.hypot(0.02, 0.01), rel=1e-3
+    )
+    exact = calibrate([_known(seen, 1.0)], date="", distance_relative_sigma=0.0)
+    assert exact.camera_model.focal_relative_sigma == pytest.approx(0.02, rel=1e-3)
+
+
+def test_away_from_the_middle_the_focal_length_is_less_sure(seen_sheet: Seen) -> None:
+    middle = calibrate([_known(seen_sheet(100, 77.2, MIDDLE), 1.0)], date="")
+    corner = calibrate([_known(seen_sheet(100, 77.2, (600, 40)), 1.0)], date="")
+    assert corner.pictures[0].off_axis_rad > math.radians(30)
+    assert middle.camera_model.focal_relative_sigma < 0.011
+    assert corner.camera_model.focal_relative_sigma > 0.05
+
+
+def test_several_pictures_that_agree_are_surer_than_one(seen_sheet: Seen) -> None:
+    one = calibrate([_known(seen_sheet(220, 170, MIDDLE), 0.762)], date="")
+    four = calibrate([_known(seen_sheet(220 / k, 170 / k, MIDDLE), 0.762 * k) for k in (1, 2, 3, 4)], date="")
+    assert four.camera_model.fx_px == pytest.approx(one.camera_model.fx_px)
+    assert four.camera_model.focal_relative_sigma < 0.6 * one.camera_model.focal_relative_sigma
+    assert four.camera_model.provenance.method == "4 pictures at known distances"
+    assert len(four.camera_model.provenance.notes) == 4
+
+
+def test_pictures_that_differ_more_than_they_should_are_less_sure(seen_sheet: Seen) -> None:
+    good, bad = _known(seen_sheet(220, 170, MIDDLE), 0.762), _known(seen_sheet(110, 85, MIDDLE), 1.7)
+    made = calibrate([good, bad], date="")
+    spread = abs(made.pictures[0].focal_px - made.pictures[1].focal_px) / made.camera_model.fx_px
+    assert made.camera_model.focal_relative_sigma == pytest.approx(spread / 2, rel=0.1)
+
+
+def test_a_picture_without_the_target_is_left_out(seen_sheet: Seen) -> None:
+    missing = Detection(target="paper", status=DetectionStatus.NOT_FOUND, reason="no contour of four corners")
+    made = calibrate([_known(missing, 1.0), _known(seen_sheet(220, 170, MIDDLE), 0.762, picture="b.png")], date="")
+    assert [each.picture for each in made.pictures] == ["b.png"]
+
+
+def test_no_picture_with_the_target_is_an_error_that_says_why(seen_sheet: Seen) -> None:
+    cut = Detection(target="paper", status=DetectionStatus.TRUNCATED, reason="the sheet is cut off by the border")
+    with pytest.raises(CalibrationError, match=r"none of the pictures: a\.png: the sheet is cut off by the border"):
+        calibrate([_known(cut, 1.0)], date="")
+    with pytest.raises(CalibrationError, match="there is no picture to calibrate from"):
+        calibrate([], date="")
+
+
+def test_pictures_of_different_resolutions_are_refused(seen_sheet: Seen) -> None:
+    seen = seen_sheet(220, 170, MIDDLE)
+    with pytest.raises(CalibrationError, match=r"a\.png has 640x480 px, b\.png has 1280x960"):
+        calibrate([_known(seen, 1.0), _known(seen, 1.0, picture="b.png", width_px=1280, height_px=960)], date="")
+
+
+def test_a_camera_inside_the_ball_is_refused(seen_ball: Seen) -> None:
+    seen = seen_ball((0.0, 0.0, 1.0), 0.1)
+    with pytest.raises(CalibrationError, match="would be inside it"):
+        calibrate([_known(seen, 0.09, BallSize(diameter_m=0.2))], date="")
+
+
+@pytest.mark.parametrize("depth_m", [0.0, -1.0, math.nan, math.inf])
+def test_a_distance_that_is_none_is_refused(seen_sheet: Seen, seen_ball: Seen, depth_m: float) -> None:
+    ball = _known(seen_ball((0.0, 0.0, 1.0), 0.1), depth_m, BallSize(diameter_m=0.2))
+    for known in (_known(seen_sheet(220, 170, MIDDLE), depth_m), ball):
+        with pytest.raises(ValueError, match=r"is not a finite number above zero|would be inside it"):
+            calibrate([known], date="")
