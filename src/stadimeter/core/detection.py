@@ -37,7 +37,7 @@ class Detection:
         centre_px: The centre as x, y; meaningless if it was not found.
         width_px: The apparent width: of a sheet the mean of its two more horizontal sides, of a ball the smaller
             diameter of its outline, which gives the depth wherever in the picture the ball is.
-        height_px: The apparent height: of a sheet the mean of its two more vertical sides, of a ball the same as the width.
+        height_px: The apparent height: of a sheet the mean of its two more vertical sides, of a ball as the width.
         size_sigma_px: The standard deviation of the apparent size.
         quality: From 0, barely a candidate, to 1, as it should look.
     """
