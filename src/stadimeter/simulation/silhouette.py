@@ -23,6 +23,7 @@ Vector = tuple[float, float, float]
 NO_DIRECTION_M = 1e-12
 """Nearer to the axis than this, rounding leaves nothing of the direction, and the outline is a circle anyway."""
 
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Silhouette:
     """The ellipse that a ball fills in a picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
