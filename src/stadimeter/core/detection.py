@@ -51,3 +51,18 @@ class Detection:
     height_px: float = 0.0
     size_sigma_px: float = 0.0
     quality: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """Where a target is expected to be in the next picture.
+
+    Attributes:
+        centre_px: Its centre as x, y.
+        size_px: Its apparent size: of a ball the diameter, of a flat target its longer side.
+        sigma_px: Standard deviation of the centre and of the size.
+    """
+
+    centre_px: tuple[float, float]
+    size_px: float
+    sigma_px: float

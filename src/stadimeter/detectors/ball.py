@@ -13,7 +13,7 @@ from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Length
-from stadimeter.core.detection import Detection, DetectionStatus, Points
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import BallSize
 from stadimeter.detectors.border import touches_border
@@ -127,11 +127,12 @@ class BallDetector:
         """The ball's size."""
         return self._size
 
-    def detect(self, frame: Frame) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:  # noqa: ARG002 - not needed
         """Look for the ball.
 
         Args:
             frame: The frame; its image is not changed.
+            prediction: Not used: the whole frame is searched.
 
         Returns:
             The roundest blob of the ball's colour. Away from the optical axis a ball looks like an ellipse that

@@ -4,26 +4,28 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from stadimeter.core.detection import Detection
+from stadimeter.core.detection import Detection, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetSize
 
 
 class Detector(Protocol):
-    """Finds one target in a frame. It keeps no state, so a frame always gives the same answer."""
+    """Finds one target in a frame. It keeps no state: the same frame and prediction always give the same answer."""
 
     @property
     def target_size(self) -> TargetSize:
         """The known size of what it finds."""
         ...
 
-    def detect(self, frame: Frame) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
         """Look for the target.
 
         A frame without the target is an ordinary result, not an error.
 
         Args:
             frame: The frame; its image is not changed.
+            prediction: Where the target is expected, for a detector that can look there first; None to search the
+                whole frame.
 
         Returns:
             Where the target is; or that it is cut off by the border; or that it is not there, with a reason that

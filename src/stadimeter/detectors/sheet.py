@@ -11,7 +11,7 @@ from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Length
-from stadimeter.core.detection import Detection, DetectionStatus, Points
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import KnownSide, SheetSize
 from stadimeter.detectors.border import side_on_border, touches_border
@@ -127,11 +127,12 @@ class SheetDetector:
         """The sheet's size."""
         return self._size
 
-    def detect(self, frame: Frame) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:  # noqa: ARG002 - not needed
         """Look for the sheet.
 
         Args:
             frame: The frame; its image is not changed.
+            prediction: Not used: the whole frame is searched.
 
         Returns:
             The outline that looks most like the sheet, the larger the better; whole ones before those that the border

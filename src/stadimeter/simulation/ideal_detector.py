@@ -11,7 +11,7 @@ from pydantic import Field
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Points
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import BallSize
 from stadimeter.errors import ConfigError
@@ -72,11 +72,12 @@ class IdealDetector:
         """The ball's diameter."""
         return BallSize(diameter_m=self._diameter_m)
 
-    def detect(self, frame: Frame) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:  # noqa: ARG002 - not needed
         """Say where the world's ball is in a frame.
 
         Args:
             frame: The frame; only its number, its time and its resolution matter.
+            prediction: Not used: the whole frame is searched.
 
         Returns:
             Where the ball is, with noise; or that it is cut off by the border; or why it is not to be seen.

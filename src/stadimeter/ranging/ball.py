@@ -1,0 +1,54 @@
+"""Where a ball is, from the smaller diameter of its outline."""
+
+from __future__ import annotations
+
+import math
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection
+from stadimeter.core.target import BallSize
+from stadimeter.ranging.apparent_size import ApparentSize, apparent_size
+from stadimeter.ranging.reading import Reading, size_noise_share
+from stadimeter.ranging.similar_triangles import distance_m
+
+
+def read_ball(detection: Detection, size: BallSize, camera: CameraModel) -> Reading:
+    """Return where a ball's centre is.
+
+    Args:
+        detection: A ball that was found whole.
+        size: Its size.
+        camera: The camera model at the picture's resolution.
+
+    Returns:
+        The position and how sure it is.
+    """
+    known = apparent_size(detection, size, camera.fx_px, camera.fy_px)
+    depth_m = _depth_m(known)
+    x, y = _direction(known, camera.direction(*detection.centre_px))
+    return Reading(
+        position_m=(x * depth_m, y * depth_m, depth_m),
+        noise_share=size_noise_share(detection, camera, known.apparent),
+    )
+
+
+def _depth_m(known: ApparentSize) -> float:
+    """Return how deep the centre of a ball lies, from the smaller diameter of its outline.
+
+    The rays that graze a ball touch it nearer than its centre, so plain similar triangles read too near, by 0.5 % at
+    five diameters and 5.7 % at one and a half. With P the smaller diameter of the elliptical outline, wherever in the
+    picture it lies, ``Z² = (W F / P)² + (W / 2)²`` is exact: the cone of half angle α about an axis at θ to the optical
+    axis cuts the picture in an ellipse of the smaller half axis ``b = sin α / sqrt(cos² θ - sin² α)`` (for F = 1), and
+    ``sin α = W / 2 D``, ``Z = D cos θ``.
+    """
+    return math.hypot(distance_m(1.0, known.size_m, known.apparent), known.size_m / 2)
+
+
+def _direction(known: ApparentSize, centre: tuple[float, float]) -> tuple[float, float]:
+    """Return where the centre of a ball is, per unit of depth, from the centre of its outline.
+
+    The middle of the elliptical outline lies further out than the ball's centre, by the factor ``1 + b²`` with b as in
+    `_depth_m`.
+    """
+    nearer = 1 + (known.apparent / 2) ** 2
+    return centre[0] / nearer, centre[1] / nearer
