@@ -15,22 +15,11 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
 from stadimeter.errors import CalibrationError, DeviceOpenError, DriverError, JournalError
 from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
+from stadimeter.testing.simulated_run import SIMULATED_BALL
 
-CONFIGURATION = """
-[camera]
-driver = "simulated"
-render = false
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
-[targets.ball]
-detector = "ideal"
-[actuators.motor]
-driver = "simulated"
+CONFIGURATION = (
+    SIMULATED_BALL
+    + """
 [base]
 driver = "simulated"
 [rules.far]
@@ -43,6 +32,7 @@ follow = { distance = "1 m" }
 path = [{ at = "0 s", x = "2 m", y = "0 m" }]
 loop = false
 """
+)
 
 
 class Rig:

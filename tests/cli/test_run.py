@@ -9,28 +9,19 @@ from pathlib import Path
 
 import pytest
 
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 
-SIMULATED = """
-[camera]
-driver = "simulated"
-render = false
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
-[targets.ball]
-detector = "ideal"
-[actuators.motor]
-driver = "simulated"
+SIMULATED = (
+    SIMULATED_BALL
+    + """
 [rules.far]
 actuator = "motor"
 ramp = { from = "0.5 m", to = "1 m" }
 [world]
 """
+)
 
 
 def stadimeter(*words, cwd=None, env=None):
@@ -124,13 +115,13 @@ def bad(path, old, new):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("[world]", "[world", "simulated.toml:19: "),
+        ("[world]", "[world", "simulated.toml:"),
         ('from = "0.5 m"', 'from = "0.5 metres"', "unknown unit 'metres'"),
         ('from = "0.5 m"', "from = 0.5", "no unit"),
         ('from = "0.5 m"', 'from = "-1 m"', "below zero"),
         ('from = "0.5 m"', "from = nan", "unit"),
         ('actuator = "motor"', 'actuator = "moter"', "did you mean 'motor'?"),
-        ('driver = "simulated"\n[rules', 'driver = "buzzzer"\n[rules', "did you mean 'buzzer'?"),
+        ('driver = "simulated"\n\n[rules', 'driver = "buzzzer"\n\n[rules', "did you mean 'buzzer'?"),
         ("render = false", "rendr = false", "did you mean 'render'?"),
     ],
 )

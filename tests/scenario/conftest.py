@@ -13,27 +13,11 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
+from stadimeter.testing.simulated_run import SIMULATED_BALL
 
-WORLD = """
-[camera]
-driver = "simulated"
-rate = "30 Hz"
-render = false
-
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
-
-[targets.ball]
-detector = "ideal"
-
-[actuators.motor]
-driver = "simulated"
-
+WORLD = (
+    SIMULATED_BALL
+    + """
 [actuators.buzzer]
 driver = "simulated"
 
@@ -63,6 +47,7 @@ follow = { distance = "1 m", max_speed = "0.4 m/s" }
 camera_height = "12 cm"
 ticks_per_metre = 3917.7
 """
+)
 
 
 @dataclass(slots=True)

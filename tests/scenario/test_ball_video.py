@@ -14,20 +14,14 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.track import TrackStatus
 from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
+from stadimeter.testing.simulated_run import LENS
 
 # The ball's size is not known; with 6.4 cm and 600 px it moves between about 0.5 and 1 m.
 CONFIGURATION = """
 [camera]
 driver = "video"
 path = "{video}"
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
-[targets.ball]
+{lens}[targets.ball]
 detector = "ball"
 diameter = "6.4 cm"
 hsv = "29,86,6:64,255,255"
@@ -52,7 +46,7 @@ when = {{ below = "60 cm" }}
 def run(real_pictures, tmp_path_factory):
     folder = tmp_path_factory.mktemp("ball video")
     path = folder / "ball.toml"
-    path.write_text(CONFIGURATION.format(video=real_pictures / "ball_video" / "green_ball.mp4"))
+    path.write_text(CONFIGURATION.format(lens=LENS, video=real_pictures / "ball_video" / "green_ball.mp4"))
     configuration = load_configuration(path)
     parts = build(configuration, speed=None)
     doubles = {"motor": RecordingActuator(parts.clock, "motor"), "base": RecordingBase(parts.clock, "base")}

@@ -6,27 +6,11 @@ import pytest
 
 from stadimeter.app.journal import JournalWriter, read_journal
 from stadimeter.app.replay import replay
+from stadimeter.testing.simulated_run import SIMULATED_BALL
 
-STANDING = """
-[camera]
-driver = "simulated"
-rate = "30 Hz"
-render = false
-
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
-
-[targets.ball]
-detector = "ideal"
-
-[actuators.motor]
-driver = "simulated"
-
+STANDING = (
+    SIMULATED_BALL
+    + """
 [actuators.buzzer]
 driver = "simulated"
 
@@ -53,6 +37,7 @@ path = [
 ]
 loop = false
 """
+)
 
 
 def levels(run, output, from_s, to_s):
