@@ -92,3 +92,20 @@ def test_a_paced_clock_shows_the_time_that_was_asked_for():
     clock = SteppedClock(speed=1000.0)
     clock.sleep_until_s(2.0)
     assert clock.now_s() == pytest.approx(2.0)
+
+
+def test_a_paced_clock_that_was_held_up_goes_on_from_there_instead_of_catching_up(monkeypatch):
+    real_s, slept = [0.0], []
+    monkeypatch.setattr("stadimeter.app.clock.time.monotonic", lambda: real_s[0])
+
+    def sleep(seconds):
+        slept.append(seconds)
+        real_s[0] += seconds
+
+    monkeypatch.setattr("stadimeter.app.clock.time.sleep", sleep)
+    clock = SteppedClock(speed=1.0)
+    clock.sleep_until_s(1.0)
+    real_s[0] += 8.0
+    for step in range(1, 11):
+        clock.sleep_until_s(1.0 + step / 10)
+    assert sum(slept) == pytest.approx(1.9), "all but the step in which it was noticed took its time"

@@ -185,3 +185,56 @@ def test_the_guard_ends_a_command_while_the_control_thread_hangs():
     assert safe_again.wait(10), "the control thread waits here, and the guard acts"
     guard.stop()
     output.close()
+
+
+class Hanging(RecordingActuator):
+    """An actuator whose driver hangs in one of its methods until it is let go."""
+
+    def __init__(self, clock, name, where):
+        super().__init__(clock, name)
+        self.where, self.entered, self.let_go = where, threading.Event(), threading.Event()
+
+    def _hang(self, where):
+        if where == self.where and self.commands:
+            self.entered.set()
+            assert self.let_go.wait(20)
+
+    def tick(self, now_s):
+        self._hang("tick")
+        super().tick(now_s)
+
+    def apply(self, command):
+        applied = super().apply(command)
+        if command.captured_at_s is not None:
+            self._hang("apply")
+        return applied
+
+
+@pytest.mark.parametrize("where", ["apply", "tick"])
+def test_a_driver_that_hangs_keeps_no_other_output_from_stopping(where):
+    clock = MonotonicClock()
+    hanging, other = Hanging(clock, "a", where), RecordingActuator(clock, "b")
+    outputs = [
+        LeasedOutput(driver, LevelCommand(output=name, level=0), lease_s=0.05, clock=clock)
+        for driver, name in ((hanging, "a"), (other, "b"))
+    ]
+    for output in outputs:
+        output.open()
+    guard = Guard(outputs, clock)
+    outputs[1].apply(LevelCommand(output="b", level=1.0, captured_at_s=clock.now_s()))
+    command = LevelCommand(output="a", level=1.0, captured_at_s=clock.now_s() + 60)
+    control = threading.Thread(target=outputs[0].apply, args=(command,))
+    control.start()
+    guard.start()
+    try:
+        assert hanging.entered.wait(10)
+        while other.level:
+            threading.Event().wait(0.001)
+        troubles = retire_all(outputs)
+        assert troubles == ["a: its driver is busy and does not come back; it is stopped as soon as it does"]
+        assert other.stop_times_s
+    finally:
+        hanging.let_go.set()
+        control.join()
+        guard.stop()
+    assert hanging.level == 0.0, "it was stopped when it came back"

@@ -33,25 +33,17 @@ class Outage:
 
     Attributes:
         cause: What happened, in words.
-        retry_at_s: When it is opened again, or None if that was done and a new frame is awaited.
+        retry_after_s: After how long it is opened again, or None if that was done and a new frame is awaited.
     """
 
     cause: str
-    retry_at_s: float | None
+    retry_after_s: float | None
 
-    def in_words(self, now_s: float) -> str:
-        """Return what happened and what is done about it.
-
-        Args:
-            now_s: The time in seconds.
-
-        Returns:
-            One line.
-        """
-        if self.retry_at_s is None:
+    def in_words(self) -> str:
+        """Return what happened and what is done about it, in one line that stays the same until either changes."""
+        if self.retry_after_s is None:
             return f"{self.cause}; the camera was opened again and has given no new frame yet"
-        left_s = max(0.0, self.retry_at_s - now_s)
-        return f"{self.cause}; opening the camera again in {left_s:.1f} s"
+        return f"{self.cause}; opening the camera again after {self.retry_after_s:g} s"
 
 
 class CaptureThread:
@@ -99,9 +91,9 @@ class CaptureThread:
         """Return what is wrong with the camera at present, in words, or an empty string."""
         now_s = self._clock.now_s()
         if outage := self._outage:
-            return outage.in_words(now_s)
+            return outage.in_words()
         quiet_s = now_s - self._new_frame_at_s
-        return f"no new frame for {quiet_s:.1f} s" if quiet_s > QUIET_S else ""
+        return f"no new frame for over {QUIET_S:g} s" if quiet_s > QUIET_S else ""
 
     def _run(self) -> None:
         try:
@@ -132,7 +124,7 @@ class CaptureThread:
         while not self._stopped.is_set():
             self._camera.close()
             delay_s, self._delay_s = self._delay_s, min(2 * self._delay_s, LONGEST_DELAY_S)
-            self._outage = Outage(cause=cause, retry_at_s=self._clock.now_s() + delay_s)
+            self._outage = Outage(cause=cause, retry_after_s=delay_s)
             if self._wait(self._stopped, delay_s):
                 return
             try:
@@ -140,6 +132,6 @@ class CaptureThread:
             except RECOVERABLE as error:
                 cause = str(error)
             else:
-                self._outage = Outage(cause=cause, retry_at_s=None)
+                self._outage = Outage(cause=cause, retry_after_s=None)
                 self._freeze.restart(self._clock.now_s())
                 return

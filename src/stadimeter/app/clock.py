@@ -8,6 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 
+LATE_S = 0.2
+"""A paced clock that is this far behind real time no longer tries to catch up."""
+
+
 class MonotonicClock:
     """The computer's monotonic clock, for live cameras."""
 
@@ -99,3 +103,5 @@ class SteppedClock:
             ahead_s = (self._now_s - self._start_s) / self._speed - (time.monotonic() - self._started_real_s)
             if ahead_s > 0:
                 time.sleep(ahead_s)
+            elif ahead_s < -LATE_S:
+                self._started_real_s -= ahead_s  # it goes on from here; catching up would be a burst of commands

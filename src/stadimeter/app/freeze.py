@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from stadimeter.core.frame import Frame, Image
+from stadimeter.core.safety import FROM_THE_FUTURE_S
 
 FROZEN_AFTER_S = 1.0
 
@@ -16,7 +17,8 @@ class FreezeDetector:
 
     The noise of a sensor makes two exposures differ in some byte, so a picture that equals the one before, byte for
     byte, is that picture again: a driver or a stream that hangs repeats it at full rate, with fresh arrival times. A
-    capture time that does not advance shows the same. Robots that trusted such pictures drove into walls.
+    capture time that does not advance shows the same. A capture time from the future, or one that is no number, is not
+    believed, and not remembered: every later frame would look old beside it. Robots that trusted such pictures drove into walls.
 
     Args:
         frozen_after_s: After how many seconds of repeated pictures the camera counts as frozen.
@@ -46,7 +48,7 @@ class FreezeDetector:
         Returns:
             Whether it is a new picture.
         """
-        if frame.captured_at_s <= self._captured_at_s or self._repeats(frame.image):
+        if not self._captured_at_s < frame.captured_at_s <= now_s + FROM_THE_FUTURE_S or self._repeats(frame.image):
             return False
         self._image = frame.image
         self._captured_at_s = frame.captured_at_s

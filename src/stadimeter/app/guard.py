@@ -1,14 +1,16 @@
 """The guard: watches over the outputs apart from the control loop.
 
 It calls every output every 20 ms, so that a command whose frame has grown too old ends, even while the control loop
-hangs in a camera or a detector.
+hangs in a camera or a detector. On a real clock each output has a thread of its own: one driver that hangs keeps no
+other from stopping.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.leased_output import BUSY_WAIT_S, LeasedOutput
 from stadimeter.core.clock import Clock
 from stadimeter.errors import DriverError
 
@@ -30,34 +32,28 @@ class Guard:
         self.failure: Exception | None = None
         self._outputs = outputs
         self._clock = clock
-        self._cancel: Callable[[], None] | None = None
+        self._cancels: list[Callable[[], None]] = []
 
     def start(self) -> None:
         """Begin to watch."""
-        self._cancel = self._clock.call_every(PERIOD_S, self.step)
+        self._cancels = [self._clock.call_every(PERIOD_S, partial(self._check, output)) for output in self._outputs]
 
-    def step(self, now_s: float) -> None:
-        """Check every output once.
-
-        Args:
-            now_s: The run's clock.
-        """
-        for output in self._outputs:
-            try:
-                output.check(now_s)
-            except Exception as error:  # noqa: BLE001 - whatever it is, the outputs must stop; the loop reports it
-                self.failure = self.failure or error
-                retire_all(self._outputs)
+    def _check(self, output: LeasedOutput, now_s: float) -> None:
+        try:
+            output.check(now_s)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the outputs must stop; the loop reports it
+            self.failure = self.failure or error
+            retire_all(self._outputs)
 
     def stop(self) -> None:
         """Cease to watch. May be called any number of times."""
-        if self._cancel is not None:
-            self._cancel()
-            self._cancel = None
+        for cancel in self._cancels:
+            cancel()
+        self._cancels = []
 
 
 def retire_all(outputs: Sequence[LeasedOutput]) -> list[str]:
-    """Stop every output for good, each one whatever becomes of the others.
+    """Stop every output for good, each one whatever becomes of the others, and those that are busy last.
 
     Args:
         outputs: The outputs.
@@ -65,12 +61,18 @@ def retire_all(outputs: Sequence[LeasedOutput]) -> list[str]:
     Returns:
         What went wrong, in words.
     """
-    troubles: list[str] = []
     for output in outputs:
-        try:
-            output.retire()
-        except DriverError as error:
-            troubles.append(f"{output.name}: {error}")
-        except Exception as error:  # noqa: BLE001 - a defect in one driver must not keep the next from stopping
-            troubles.append(f"{output.name}: {type(error).__name__}: {error}")
-    return troubles
+        output.forbid()
+    busy = [output for output in outputs if _retired(output, 0.0)]
+    return [f"{output.name}: {trouble}" for output in busy if (trouble := _retired(output, BUSY_WAIT_S))]
+
+
+def _retired(output: LeasedOutput, wait_s: float) -> str:
+    """Stop one output for good; return what went wrong."""
+    try:
+        output.retire(wait_s)
+    except DriverError as error:
+        return str(error)
+    except Exception as error:  # noqa: BLE001 - a defect in one driver must not keep the next from stopping
+        return f"{type(error).__name__}: {error}"
+    return ""

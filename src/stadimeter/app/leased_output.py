@@ -8,12 +8,20 @@ this run: a base that was unplugged must not drive off when somebody plugs it in
 from __future__ import annotations
 
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
 from stadimeter.core.clock import Clock
 from stadimeter.core.command import Command
 from stadimeter.errors import DriverError
+
+
+BUSY_WAIT_S = 0.2
+"""A stop waits this long for a driver that is busy in another thread."""
+
+CLOSE_WAIT_S = 1.0
+"""Closing waits this long."""
 
 
 class OutputDriver(Protocol):
@@ -100,40 +108,79 @@ class LeasedOutput:
     def check(self, now_s: float) -> None:
         """End the newest command if its lease has run out, and let the driver move its patterns on.
 
+        Does nothing while the driver is busy with a call of another thread: it must not be called twice at once.
+
         Args:
             now_s: The run's clock.
         """
-        with self._lock:
-            if self.fault or self._retired:
-                self._repeat_stop(now_s)
-                return
-            try:
-                if self._is_stale(self._command, now_s):
-                    self._command = self.safe
-                    self._driver.apply(self.safe)
-                self._driver.tick(now_s)
-            except DriverError as error:
-                self._fail(error)
+        if not self._lock.acquire(blocking=False):
+            return
+        try:
+            self._check(now_s)
+        finally:
+            self._lock.release()
 
-    def retire(self) -> None:
+    def make_safe(self) -> None:
+        """Put it at its safe value, whatever it was told last. Does nothing while the driver is busy."""
+        if not self._lock.acquire(blocking=False):
+            return
+        try:
+            self._command = self.safe
+            if not self.fault and not self._retired:
+                self._driver.apply(self.safe)
+        except DriverError as error:
+            self._fail(error)
+        finally:
+            self._lock.release()
+
+    def forbid(self) -> None:
+        """Let no later command move it. A call that is under way in its driver is followed by a stop. Never waits."""
+        self._retired = True
+
+    def _check(self, now_s: float) -> None:
+        if self.fault or self._retired:
+            self._repeat_stop(now_s)
+            return
+        try:
+            if self._is_stale(self._command, now_s):
+                self._command = self.safe
+                self._driver.apply(self.safe)
+            self._driver.tick(now_s)
+            self._stopped_again()
+        except DriverError as error:
+            self._fail(error)
+
+    def retire(self, wait_s: float = BUSY_WAIT_S) -> None:
         """Stop for good: no later command moves it.
 
+        Args:
+            wait_s: How long to wait for a driver that is busy in another thread.
+
         Raises:
-            DriverError: The stop could not be sent.
+            DriverError: The stop could not be sent, or the driver is still busy; it is stopped when it comes back.
         """
-        with self._lock:
-            self._retired = True
+        self._retired = True
+        with self._free(wait_s):
             self._driver.stop()
 
     def close(self) -> None:
         """Stop and release the device.
 
         Raises:
-            DriverError: The stop could not be sent; the device is released all the same.
+            DriverError: The stop could not be sent; the device is released all the same. Or the driver is busy.
         """
-        with self._lock:
-            self._retired = True
+        self._retired = True
+        with self._free(CLOSE_WAIT_S):
             self._driver.close()
+
+    @contextmanager
+    def _free(self, wait_s: float) -> Iterator[None]:
+        if not self._lock.acquire(timeout=wait_s):
+            raise DriverError("its driver is busy and does not come back; it is stopped as soon as it does")
+        try:
+            yield
+        finally:
+            self._lock.release()
 
     def _stopped_again(self) -> bool:
         """A signal handler may have retired the output while its driver was applying a command: stop it once more."""
