@@ -329,3 +329,17 @@ def install_winch(monkeypatch: pytest.MonkeyPatch) -> None:
         return [*entry_points(group=group), *extra]
 
     monkeypatch.setattr(plugins, "entry_points", with_winch)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('[tracking]\ncoast = "1 h"', "tracking.coast: 3600 s is longer than outputs may act without seeing, 1 s"),
+        (
+            '[safety]\nmax_frame_age = "2 s"',
+            "safety.max_frame_age: 2 s is longer than outputs may act without seeing, 1 s",
+        ),
+    ],
+)
+def test_nothing_may_act_for_long_on_what_nobody_sees(told: Told, sound: str, text: str, line: str) -> None:
+    assert [said.partition(" (")[0] for said in told(sound + text)] == [line]

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-
 LATE_S = 0.2
 """A paced clock that is this far behind real time no longer tries to catch up."""
 

@@ -17,8 +17,9 @@ class FreezeDetector:
 
     The noise of a sensor makes two exposures differ in some byte, so a picture that equals the one before, byte for
     byte, is that picture again: a driver or a stream that hangs repeats it at full rate, with fresh arrival times. A
-    capture time that does not advance shows the same. A capture time from the future, or one that is no number, is not
-    believed, and not remembered: every later frame would look old beside it. Robots that trusted such pictures drove into walls.
+    capture time that does not advance shows the same. Robots that trusted such pictures drove into walls. A capture
+    time from the future, or one that is no number, is not believed and not remembered: every later frame would look
+    old beside it.
 
     Args:
         frozen_after_s: After how many seconds of repeated pictures the camera counts as frozen.

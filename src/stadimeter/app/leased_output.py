@@ -16,7 +16,6 @@ from stadimeter.core.clock import Clock
 from stadimeter.core.command import Command
 from stadimeter.errors import DriverError
 
-
 BUSY_WAIT_S = 0.2
 """A stop waits this long for a driver that is busy in another thread."""
 

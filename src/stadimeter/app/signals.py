@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,7 +15,8 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def stopping_on_signals(stop: Callable[[str], None]) -> Iterator[None]:
     """Call ``stop`` with the signal's name when the process is asked to end.
 
-    Without handlers, SIGTERM and SIGHUP would end the process with every pin left as it was.
+    Without handlers, SIGTERM and SIGHUP would end the process with every pin left as it was. A second signal ends the
+    process at once, after one more stop: the loop may be stuck, in a terminal that nobody reads for example.
 
     Args:
         stop: Stops the outputs and asks the loop to end; called in the main thread.
@@ -22,9 +24,15 @@ def stopping_on_signals(stop: Callable[[str], None]) -> Iterator[None]:
     Yields:
         Nothing; the handlers that were there before are put back afterwards.
     """
+    asked: list[int] = []
 
     def handle(number: int, _frame: FrameType | None) -> None:
-        stop(signal.Signals(number).name)
+        asked.append(number)
+        try:
+            stop(signal.Signals(number).name)
+        finally:
+            if len(asked) > 1:
+                os._exit(128 + number)
 
     before = {number: signal.signal(number, handle) for number in ENDING}
     try:

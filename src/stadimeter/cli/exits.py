@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -27,6 +29,9 @@ def told_plainly() -> Iterator[None]:
         for problem in error.problems:
             typer.echo(f"error: {problem}", err=True)
         raise typer.Exit(WRONG) from error
+    except BrokenPipeError:  # whoever read our output has enough, such as `head`
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nothing is left to write to at exit
+        raise typer.Exit(DONE) from None
     except StadimeterError as error:
         for line in str(error).splitlines():
             typer.echo(f"error: {line}", err=True)

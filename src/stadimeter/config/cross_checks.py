@@ -20,6 +20,9 @@ from stadimeter.config.units import PinMark, PortMark
 _IN_A_WORLD = {"camera": ("simulated",), "targets": ("ideal",), "base": ("simulated",)}
 """Drivers that show, know or move what is in the simulated world, by section."""
 
+LONGEST_BLIND_S = 1.0
+"""Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then."""
+
 Check = Callable[[Draft], Iterator[Finding]]
 
 
@@ -157,6 +160,23 @@ def _lens_known(draft: Draft) -> Iterator[Finding]:
         yield Finding(("camera", "model"), "rules need distances, and distances need a camera model", hint)
 
 
+def _never_blind_for_long(draft: Draft) -> Iterator[Finding]:
+    """Whatever a configuration says, nothing acts for long on what nobody sees any more."""
+    limits: list[tuple[KeyPath, float]] = [
+        (("actuators", name, "lease"), table.lease) for name, table in draft.actuator_tables.items()
+    ]
+    if draft.base_table is not None:
+        limits += [
+            (("base", "lease"), draft.base_table.lease),
+            (("tracking", "coast"), draft.tracking.coast),
+            (("safety", "max_frame_age"), draft.safety.max_frame_age),
+        ]
+    for path, seconds in limits:
+        if seconds > LONGEST_BLIND_S:
+            message = f"{seconds:g} s is longer than outputs may act without seeing, {LONGEST_BLIND_S:g} s"
+            yield Finding(path, message, 'a lease of "300 ms" suits most cameras')
+
+
 def _leases_long_enough(draft: Draft) -> Iterator[Finding]:
     age_s = draft.safety.max_frame_age
     leases: list[tuple[KeyPath, float]] = [
@@ -225,6 +245,7 @@ _ERRORS: tuple[Check, ...] = (
     _ports_once,
     _world_around,
     _lens_known,
+    _never_blind_for_long,
 )
 _WARNINGS: tuple[Check, ...] = (
     _leases_long_enough,
