@@ -1,5 +1,7 @@
 """The journal and its replay."""
 
+import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.journal import JournalWriter, read_journal
 from stadimeter.app.replay import replay
+from stadimeter.core.observation import Observation
 from stadimeter.core.plan import AlarmRule, BaseOutput, DistanceCondition, FollowRule, LevelOutput, Plan, RampRule
 from stadimeter.errors import JournalError
 from stadimeter.testing.observing import Rehearsal
@@ -55,6 +58,15 @@ def test_what_is_read_is_what_was_written_to_the_last_bit(tmp_path):
     journal = read_journal(tmp_path / "run.jsonl")
     assert [(r.observation.now_s, r.decision) for r in journal.records()] == recorder.decisions
     assert journal.header.configuration == "# configuration"
+
+
+def test_rules_that_did_not_change_are_not_written_again_and_read_all_the_same(tmp_path):
+    recorder = recorded(tmp_path / "run.jsonl", *[0.8] * 20)
+    written = [json.loads(line)["decision"]["rules"] for line in (tmp_path / "run.jsonl").read_text().splitlines()[1:]]
+    assert written.count("as before") > len(written) / 2
+    assert any({"rule": "near", "status": "active", "output": "buzzer"} in rules for rules in written)
+    read = [record.decision.rules for record in read_journal(tmp_path / "run.jsonl").records()]
+    assert read == [decision.rules for _, decision in recorder.decisions]
 
 
 def test_the_same_rules_over_a_recording_decide_the_same(tmp_path):
@@ -131,8 +143,47 @@ def test_a_journal_that_cannot_be_written_is_refused_at_once(tmp_path):
 
 
 def test_a_full_disk_is_told_in_one_line():
+    journal = JournalWriter(Path("/dev/full"), "")
     with pytest.raises(JournalError, match=r"/dev/full: No space left on device"):
-        JournalWriter(Path("/dev/full"), "")
+        journal.write(a_record())
+
+
+def a_record():
+    decision = Rehearsal(Plan(targets=("ball",))).see(2.0)
+    return CycleRecord(observation=Observation(now_s=1.0), decision=decision, applied=(), timings_s={})
+
+
+def test_an_old_journal_is_kept_until_there_is_a_new_cycle(tmp_path):
+    path = tmp_path / "run.jsonl"
+    recorded(path, 5, 4, 3)
+    old = path.read_bytes()
+    journal = JournalWriter(path, "")
+    journal.close()
+    assert path.read_bytes() == old
+    journal = JournalWriter(path, "")
+    journal.write(a_record())
+    journal.close()
+    assert len(list(read_journal(path).records())) == 1
+
+
+def test_a_file_that_is_no_journal_is_not_overwritten(tmp_path):
+    path = tmp_path / "configuration.toml"
+    path.write_text("[camera]\n")
+    with pytest.raises(JournalError, match="holds something else than a journal; choose another file"):
+        JournalWriter(path, "")
+    assert path.read_text() == "[camera]\n"
+
+
+def test_broken_figures_are_recorded_as_they_were(tmp_path):
+    recorded(tmp_path / "run.jsonl", 2.0, float("nan"), float("inf"))
+    distances = [
+        record.observation.measurements[0].distance_m
+        for record in read_journal(tmp_path / "run.jsonl").records()
+        if record.observation.measurements
+    ]
+    assert distances[0] == 2.0
+    assert math.isnan(distances[1])
+    assert distances[2] == math.inf
 
 
 FILL_THE_DISK = """

@@ -24,15 +24,22 @@ FRAME_S = 1 / 30
 anything = st.none() | st.floats(allow_nan=True, allow_infinity=True)
 
 
-def decision(tracks: Iterable[Track] = (), rules: Iterable[RuleTrace] = (), events: Iterable[Event] = ()) -> Decision:
+def decision(
+    tracks: Iterable[Track] = (),
+    rules: Iterable[RuleTrace] = (),
+    events: Iterable[Event] = (),
+    reason: str = "2.00 m is not below 0.50 m",
+) -> Decision:
+    rules = tuple(rules)
     return Decision(
         commands=(),
         events=tuple(events),
         tracks=tuple(tracks),
         safety=SafetyMode.ACTIVE,
         safety_reason="",
-        rules=tuple(rules),
+        rules=rules,
         outputs=(),
+        reasons={trace.rule: reason for trace in rules},
     )
 
 
@@ -53,8 +60,8 @@ def ball(
     )
 
 
-def near(status: RuleStatus, reason: str = "2.00 m is not below 0.50 m") -> RuleTrace:
-    return RuleTrace(rule="near", status=status, reason=reason)
+def near(status: RuleStatus) -> RuleTrace:
+    return RuleTrace(rule="near", status=status)
 
 
 def happened(kind: EventKind, source: str = "near", sequence: int = 0) -> Event:
@@ -83,7 +90,7 @@ class Listener:
 
     def decided(self, made: Decision, step_s: float = FRAME_S, wall_clock: str = NOON) -> list[Message]:
         self.now_s += step_s
-        messages = self.reporter.messages(self.now_s, wall_clock, made)
+        messages = self.reporter.messages(self.now_s, lambda: wall_clock, made)
         self.told += [(self.now_s, message) for message in messages]
         return list(messages)
 
@@ -254,7 +261,8 @@ def test_every_kind_of_event_is_told(kind: EventKind) -> None:
 def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do() -> None:
     listener = Listener()
     for number in range(100):
-        listener.decided(decision(rules=[near(RuleStatus.IDLE, f"{2 + number / 100:.2f} m is not below 0.50 m")]))
+        figures = f"{2 + number / 100:.2f} m is not below 0.50 m"
+        listener.decided(decision(rules=[near(RuleStatus.IDLE)], reason=figures))
     raised = decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)])
     event, state = listener.decided(raised, wall_clock=LATER)
     assert len(listener.told) == 3
@@ -304,7 +312,7 @@ def test_a_rule_that_never_saw_its_target_is_not_active() -> None:
 
 
 def test_text_that_is_not_ascii_stays_readable() -> None:
-    (message,) = Listener().decided(decision(rules=[near(RuleStatus.IDLE, "2.00 m ± 0.01 m")]))
+    (message,) = Listener().decided(decision(rules=[near(RuleStatus.IDLE)], reason="2.00 m ± 0.01 m"))
     assert "±" in message.payload
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import pytest
@@ -15,22 +15,23 @@ from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.track import Track, TrackStatus
 
 RULES = (
-    RuleTrace(
-        rule="too-near",
-        status=RuleStatus.ACTIVE,
-        reason="0.43 m is below 0.50 m: P 0.97",
-        output="buzzer",
-        wins=True,
-    ),
-    RuleTrace(rule="too-far", status=RuleStatus.IDLE, reason="2.43 m is not beyond 3.05 m", output="motor"),
-    RuleTrace(rule="follow", status=RuleStatus.UNKNOWN, reason="no target", output="base", wins=True),
-    RuleTrace(rule="keep-off", status=RuleStatus.PENDING, reason="for 0.2 s of 0.5 s", output="base"),
-    RuleTrace(rule="report", status=RuleStatus.CLEARING, reason="clears in 0.4 s"),
+    RuleTrace(rule="too-near", status=RuleStatus.ACTIVE, output="buzzer"),
+    RuleTrace(rule="too-far", status=RuleStatus.IDLE, output="motor"),
+    RuleTrace(rule="follow", status=RuleStatus.UNKNOWN, output="base"),
+    RuleTrace(rule="keep-off", status=RuleStatus.PENDING, output="base"),
+    RuleTrace(rule="report", status=RuleStatus.CLEARING),
 )
+REASONS = {
+    "too-near": "0.43 m is below 0.50 m: P 0.97",
+    "too-far": "2.43 m is not beyond 3.05 m",
+    "follow": "1.43 m too far",
+    "keep-off": "for 0.2 s of 0.5 s",
+    "report": "clears in 0.4 s",
+}
 OUTPUTS = (
-    OutputTrace(output="buzzer", winner="too-near", reason="0.43 m is below 0.50 m"),
+    OutputTrace(output="buzzer", winner="too-near"),
     OutputTrace(output="motor", winner="safe", reason="nothing asks for more"),
-    OutputTrace(output="base", winner="follow", reason="1.43 m too far", losers=("keep-off",)),
+    OutputTrace(output="base", winner="follow", losers=("keep-off",)),
 )
 
 
@@ -60,6 +61,7 @@ def cycle_record(
     outputs: tuple[OutputTrace, ...] = OUTPUTS,
     safety: SafetyMode = SafetyMode.ACTIVE,
     safety_reason: str = "",
+    reasons: Mapping[str, str] | None = None,
     **observed: object,
 ) -> CycleRecord:
     commands = (
@@ -82,6 +84,7 @@ def cycle_record(
             safety_reason=safety_reason,
             rules=rules,
             outputs=outputs,
+            reasons=REASONS if reasons is None else reasons,
         ),
         applied=commands if applied is None else applied,
         timings_s={"capture": 0.02, "measure": 0.008, "decide": 0.0003, "apply": 0.0002},

@@ -178,7 +178,8 @@ def test_an_alarm_that_drives_a_base_stops_it():
     run = rehearse(replace(NEAR, output="base"))
     decision = run.see(3, 0.8, 0.8)
     assert decision.outputs[1].winner == "near"
-    assert decision.outputs[1].reason.startswith("stop: ")
+    assert (decision.commands[1].linear_mps, decision.commands[1].angular_radps) == (0.0, 0.0)
+    assert decision.reasons["near"] == "0.800 m ± 0.010, below 1.05 m: P 1.00, ends at 0.50"
 
 
 def test_being_seen_and_being_lost_are_conditions_too():
@@ -197,3 +198,32 @@ def test_raised_and_cleared_always_alternate(distances):
         run.see(*distances, sigma_m=0.05)
     changes = [kind for kind in run.events("near") if kind in {"raised", "cleared"}]
     assert changes == ["raised", "cleared"] * (len(changes) // 2) + ["raised"] * (len(changes) % 2)
+
+
+def test_a_delay_is_forgotten_when_the_target_was_away_for_longer_than_the_grace():
+    run = rehearse(replace(NEAR, on_delay=OnDelay(hold_s=0.5)))
+    run.see(3, 0.8, 0.8, 0.8, 0.8, *[None] * 12, 0.8, 0.8, 0.8, 0.8)
+    assert run.events("near") == []
+
+
+def test_an_alarm_that_was_only_announced_acts_when_the_target_is_lost_and_that_means_danger():
+    run = rehearse(replace(NEAR, act_at_start=False, lost=Lost(grace_s=0.3, policy=LostPolicy.ASSERT)))
+    assert level(run.see(0.8, 0.8, 0.8)) == 0.0
+    assert level(run.see(*[None] * 8)) == 1.0
+
+
+def test_a_camera_that_is_dead_means_that_the_target_is_gone():
+    run = rehearse(replace(NEAR, name="gone", condition=PresenceCondition(seen=False), on_delay=OnDelay(hold_s=1.0)))
+    run.see(2, 2, 2)
+    run.wait(0.8)
+    assert run.events("gone") == []
+    run.wait(1.0)
+    assert run.events("gone") == ["raised"]
+
+
+def test_a_camera_that_is_dead_ends_being_seen():
+    run = rehearse(replace(NEAR, name="there", condition=PresenceCondition(seen=True)))
+    run.see(2, 2, 2)
+    assert run.events("there") == ["raised"]
+    run.wait(2.0)
+    assert run.events("there") == ["raised", "cleared"]

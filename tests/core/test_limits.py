@@ -46,7 +46,7 @@ def test_stopping_is_immediate():
 
 def test_the_highest_priority_wins_and_the_first_of_equals():
     requests = [
-        LevelRequest(rule=name, output=output, priority=priority, level=0.5, reason="")
+        LevelRequest(rule=name, output=output, priority=priority, level=0.5)
         for name, output, priority in [("a", "x", 1), ("b", "x", 9), ("c", "x", 9), ("d", "y", 1)]
     ]
     sorted_out = arbitrate(requests)

@@ -1,6 +1,7 @@
 """Ramps and the follow law."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -8,8 +9,8 @@ from hypothesis import strategies as st
 
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import FollowRule, RampRule
-from stadimeter.core.rules.follow import follow_twist, step_follow
-from stadimeter.core.rules.ramp import RampState, ramp_level, step_ramp
+from stadimeter.core.rules.follow import follow_twist, new_follow, step_follow
+from stadimeter.core.rules.ramp import new_ramp, ramp_level, step_ramp
 from stadimeter.core.track import Track, TrackStatus
 
 FAR = RampRule(name="far", target="ball", output="motor", start_m=3.0, full_m=6.0, level_min=0.25)
@@ -40,8 +41,6 @@ def test_noise_at_the_start_does_not_switch_it_off():
 
 
 def test_it_may_err_on_the_side_that_is_asked_for():
-    from dataclasses import replace
-
     neutral = level(NEAR, 0.6, 0.1)
     assert level(replace(NEAR, bias="cautious"), 0.6, 0.1) > neutral > level(replace(NEAR, bias="quiet"), 0.6, 0.1)
 
@@ -56,10 +55,10 @@ def test_it_is_monotonic_and_within_its_limits(a, b, gamma):
 @pytest.mark.parametrize("status", [TrackStatus.SEARCHING, TrackStatus.LOST])
 def test_a_ramp_without_its_target_asks_for_nothing(status):
     track = Track(target="ball", status=status, distance_m=5.0, sigma_m=0.1)
-    state, request, trace = step_ramp(FAR, RampState(is_on=True), track)
-    assert request is None
-    assert trace.status is RuleStatus.UNKNOWN
-    assert not state.is_on
+    step = step_ramp(FAR, replace(new_ramp(FAR), level=0.5), track)
+    assert step.request is None
+    assert step.trace.status is RuleStatus.UNKNOWN
+    assert step.level == 0.0
 
 
 def test_a_base_drives_towards_a_far_target_and_turns_to_it():
@@ -73,8 +72,6 @@ def test_a_base_within_the_deadband_stands_still():
 
 
 def test_a_base_does_not_reverse_unless_it_may():
-    from dataclasses import replace
-
     assert follow_twist(FOLLOW, 0.5, 0.0) == (0.0, 0.0)
     assert follow_twist(replace(FOLLOW, reverse_max_mps=0.1), 0.5, 0.0) == (-0.1, 0.0)
 
@@ -94,6 +91,6 @@ def test_a_base_is_never_asked_for_more_than_its_rule_allows(distance, bearing):
 
 def test_following_without_a_finite_bearing_asks_for_nothing():
     track = Track(target="ball", status=TrackStatus.TRACKING, distance_m=2.0, sigma_m=0.1, bearing_rad=math.nan)
-    request, trace = step_follow(FOLLOW, track)
-    assert request is None
-    assert trace.status is RuleStatus.UNKNOWN
+    step = step_follow(FOLLOW, new_follow(FOLLOW), track)
+    assert step.request is None
+    assert step.trace.status is RuleStatus.UNKNOWN

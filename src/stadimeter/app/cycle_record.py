@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
+
+from pydantic import ConfigDict
 
 from stadimeter.core.command import Command
 from stadimeter.core.decision import Decision
@@ -16,12 +19,15 @@ class CycleRecord:
 
     Attributes:
         observation: All that the core knew.
-        decision: What it decided.
         applied: What the drivers applied, in the order of ``decision.commands``.
-        timings_s: How long each part of the cycle took, in seconds: ``capture``, ``detect``, ``decide``, ``apply``.
+        timings_s: How long each part of the cycle took, in seconds: ``capture``, ``measure``, ``decide``, ``apply``.
+        decision: What it decided.
     """
 
+    # What is broken is recorded as it was: null would replay to something else than NaN.
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="constants")
+
     observation: Observation
-    decision: Decision
     applied: tuple[Command, ...]
     timings_s: Mapping[str, float]
+    decision: Decision

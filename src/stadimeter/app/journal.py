@@ -1,8 +1,10 @@
 """The journal: what was known, decided and done in each cycle, one line of JSON a cycle.
 
-The first line says what wrote the journal and holds the configuration. Every further line is one `CycleRecord`. Numbers
-are written so that reading them gives the same bits again; a recording replayed through the same rules gives the same
-decisions. Times are on the run's monotonic clock; the first line says which wall-clock time the journal began at.
+The first line says what wrote the journal and holds the configuration. Every further line is one `CycleRecord`, without
+the reasons of the rules: they follow from the rest. Its rules are ``"as before"`` while none of them changed: with many
+rules they would be most of each line, and a run of weeks wears out a memory card. Numbers are written so that reading
+them gives the same bits again; a recording replayed through the same rules gives the same decisions. Times are on the
+run's monotonic clock; the first line says which wall-clock time the journal began at.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,11 +24,17 @@ from pydantic import TypeAdapter, ValidationError
 
 import stadimeter
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.core.decision import RuleTrace
 from stadimeter.errors import JournalError
 
 FORMAT = 1
 
 _RECORD = TypeAdapter(CycleRecord)
+_RULES = TypeAdapter(tuple[RuleTrace, ...])
+_LEFT_OUT = {"decision": {"rules", "reasons"}}
+"""What `_RECORD` does not write. The decision comes last in a record, so the rules can be put at the line's end."""
+_FIRST_BYTES = b'{"stadimeter_journal":'
+_AS_BEFORE = b'"as before"'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,18 +74,22 @@ def sha256_of(text: str) -> str:
 class JournalWriter:
     """Writes a journal. Each line is written whole or not at all.
 
+    An old journal of that name is replaced by the first cycle, and not before: a run whose camera is missing destroys
+    nothing.
+
     Args:
-        path: The file; an old one of that name is replaced.
+        path: The file.
         configuration: The text of the run's configuration.
 
     Raises:
-        JournalError: The file cannot be written.
+        JournalError: The file cannot be written, or holds something else than a journal.
     """
 
     def __init__(self, path: Path, configuration: str) -> None:
         self._path = path
         self._size = 0
-        header = JournalHeader(
+        self._rules: tuple[RuleTrace, ...] | None = None
+        self._header = JournalHeader(
             stadimeter_journal=FORMAT,
             version=stadimeter.__version__,
             began_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
@@ -84,10 +97,12 @@ class JournalWriter:
             configuration_sha256=sha256_of(configuration),
         )
         try:
-            self._file = FileIO(path, "w")
+            self._file = FileIO(path, "r+" if path.exists() and not path.is_dir() else "w+")
         except OSError as error:
             raise JournalError(f"{path}: the journal cannot be written: {error.strerror or error}") from error
-        self._append(_HEADER.dump_json(header))
+        if not _may_replace(self._file):
+            self._file.close()
+            raise JournalError(f"{path} holds something else than a journal; choose another file")
 
     def write(self, record: CycleRecord) -> None:
         """Add one cycle.
@@ -99,11 +114,26 @@ class JournalWriter:
             JournalError: The line could not be written whole, for a full disk for example. What was written before
                 is intact.
         """
-        self._append(_RECORD.dump_json(record))
+        if self._size == 0:
+            self._begin()
+        self._append(self._line(record))
 
     def close(self) -> None:
         """Close the file. May be called any number of times."""
         self._file.close()
+
+    def _begin(self) -> None:
+        with suppress(OSError):  # a device or pipe has no beginning to go back to
+            self._file.seek(0)
+            self._file.truncate()
+        self._append(_HEADER.dump_json(self._header))
+
+    def _line(self, record: CycleRecord) -> bytes:
+        """Return a cycle as JSON."""
+        decision = record.decision
+        before, self._rules = self._rules, decision.rules
+        rules = _AS_BEFORE if decision.rules is before else _RULES.dump_json(decision.rules)
+        return b'%b,"rules":%b}}' % (_RECORD.dump_json(record, exclude=_LEFT_OUT)[: -len("}}")], rules)
 
     def _append(self, line: bytes) -> None:
         data = line + b"\n"
@@ -121,6 +151,13 @@ class JournalWriter:
         with suppress(OSError):  # a device or pipe cannot be cut; the reader skips a line that is not whole
             os.ftruncate(self._file.fileno(), self._size)
         self._file.close()
+
+
+def _may_replace(file: FileIO) -> bool:
+    """Return whether a file is empty, a journal, or no file that could hold anything, such as a device."""
+    if not file.seekable() or not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        return True
+    return file.read(len(_FIRST_BYTES)) in {b"", _FIRST_BYTES}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,11 +183,14 @@ class Journal:
         """
         with self.path.open("rb") as file:
             next(file)
+            rules = b""
             for number, line in enumerate(file, start=2):
                 if not line.endswith(b"\n"):
                     return
+                head, key, written = line.rpartition(b',"rules":')
+                rules = rules if written.startswith(_AS_BEFORE) else written
                 try:
-                    yield _RECORD.validate_json(line)
+                    yield _RECORD.validate_json(head + key + rules)
                 except ValidationError as error:
                     raise JournalError(f"{self.path}:{number}: not a cycle of a journal: {_first(error)}") from error
 

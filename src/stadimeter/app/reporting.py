@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace
@@ -34,6 +34,9 @@ EXPIRES_S = 10
 DEADBAND_M = 0.01
 DEADBAND_SIGMAS = 0.5
 
+WallClock = Callable[[], str]
+
+_JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 _RULE_EVENTS = {EventKind.RAISED, EventKind.CLEARED, EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}
 
 
@@ -49,26 +52,47 @@ class Reporter:
         self._boot_id = boot_id
         self._targets: dict[str, _TargetReports] = {}
         self._rules: dict[str, _RuleReports] = {}
+        self._rules_before: tuple[RuleTrace, ...] = ()
+        self._held_back: set[str] = set()
 
-    def messages(self, now_s: float, wall_clock: str, decision: Decision) -> tuple[Message, ...]:
+    def messages(self, now_s: float, wall_clock: WallClock, decision: Decision) -> tuple[Message, ...]:
         """Return what is to be told after a cycle. Call it for every cycle: silence is also decided here.
 
         Args:
             now_s: The run's monotonic clock.
-            wall_clock: The time of day, as RFC 3339 has it, in UTC.
+            wall_clock: Tells the time of day, as RFC 3339 has it, in UTC. Asked only when there is something to tell.
             decision: What was decided.
 
         Returns:
             Events first, then rules, then targets.
         """
-        messages = [_event_message(event, self._boot_id, wall_clock) for event in decision.events]
-        for trace in decision.rules:
-            reports = self._rules.setdefault(trace.rule, _RuleReports())
-            events = [event.kind for event in decision.events if event.source == trace.rule]
-            messages += reports.messages(now_s, wall_clock, trace, events)
+        messages = [_event_message(event, self._boot_id, wall_clock()) for event in decision.events]
+        messages += self._rule_messages(now_s, wall_clock, decision)
         for track in decision.tracks:
             messages += self._targets.setdefault(track.target, _TargetReports()).messages(now_s, wall_clock, track)
         return tuple(messages)
+
+    def _rule_messages(self, now_s: float, wall_clock: WallClock, decision: Decision) -> list[Message]:
+        messages: list[Message] = []
+        for trace in self._changed(decision):
+            time = wall_clock()
+            reports = self._rules.setdefault(trace.rule, _RuleReports())
+            events = [event.kind for event in decision.events if event.source == trace.rule]
+            if reports.is_due(now_s, time, trace, events):
+                messages.append(reports.tell(now_s, time, trace, decision.reasons.get(trace.rule, "")))
+            (self._held_back.add if reports.is_held_back else self._held_back.discard)(trace.rule)
+        return messages
+
+    def _changed(self, decision: Decision) -> list[RuleTrace]:
+        """Return the rules that there may be news of: of a hundred, few change in a cycle."""
+        before, self._rules_before = self._rules_before, decision.rules
+        names = self._held_back | {event.source for event in decision.events}
+        if before is decision.rules and not names:
+            return []
+        if len(before) != len(decision.rules):
+            return list(decision.rules)
+        pairs = zip(decision.rules, before, strict=True)
+        return [trace for trace, last in pairs if trace is not last or trace.rule in names]
 
     def last_messages(self, wall_clock: str) -> tuple[Message, ...]:
         """Return the figures that were held back so far, for the end of a run.
@@ -120,25 +144,25 @@ class _TargetReports:
     def __init__(self) -> None:
         self._told: _TargetState | None = None
         self._told_at_s = -math.inf
-        self._newest: _TargetState | None = None
+        self._newest: Track | None = None
         self._sequence = 0
 
-    def messages(self, now_s: float, wall_clock: str, track: Track) -> list[Message]:
-        self._newest = _TargetState.of(track)
-        if not self._is_due(self._newest, now_s - self._told_at_s):
+    def messages(self, now_s: float, wall_clock: WallClock, track: Track) -> list[Message]:
+        self._newest = track
+        if not self._is_due(track, now_s - self._told_at_s):
             return []
         self._told_at_s = now_s
-        return [self._tell(self._newest, wall_clock)]
+        return [self._tell(_TargetState.of(track), wall_clock())]
 
     def last_messages(self, wall_clock: str) -> list[Message]:
-        if self._newest is None or self._newest == self._told:
+        if self._newest is None or _TargetState.of(self._newest) == self._told:
             return []
-        return [self._tell(self._newest, wall_clock)]
+        return [self._tell(_TargetState.of(self._newest), wall_clock)]
 
-    def _is_due(self, state: _TargetState, silent_s: float) -> bool:
-        if self._told is None or state.status != self._told.status:
+    def _is_due(self, track: Track, silent_s: float) -> bool:
+        if self._told is None or track.status.value != self._told.status or silent_s >= HEARTBEAT_S:
             return True
-        return silent_s >= HEARTBEAT_S or (silent_s >= INTERVAL_S and state.has_moved_from(self._told))
+        return silent_s >= INTERVAL_S and _TargetState.of(track).has_moved_from(self._told)
 
     def _tell(self, state: _TargetState, wall_clock: str) -> Message:
         payload = {
@@ -169,6 +193,7 @@ class _RuleReports:
     """Decides when the state of one rule is told. The reason alone is not news: its figures change all the time."""
 
     def __init__(self) -> None:
+        self._newest = _RuleState(status=RuleStatus.UNKNOWN, is_active=False, is_data_lost=False)
         self._told: _RuleState | None = None
         self._told_at_s = -math.inf
         self._is_raised = False
@@ -176,13 +201,25 @@ class _RuleReports:
         self._was_active: bool | None = None
         self._since = ""
 
-    def messages(self, now_s: float, wall_clock: str, trace: RuleTrace, events: list[EventKind]) -> list[Message]:
-        state = self._state(trace.status, events)
+    @property
+    def is_held_back(self) -> bool:
+        """Whether the newest state is not told yet."""
+        return self._newest != self._told
+
+    def is_due(self, now_s: float, wall_clock: str, trace: RuleTrace, events: list[EventKind]) -> bool:
+        """Take in a cycle, and return whether it is to be told."""
+        state = self._newest = self._state(trace.status, events)
         if state.is_active is not self._was_active:
             self._was_active, self._since = state.is_active, wall_clock
-        if not self._is_due(state, now_s - self._told_at_s):
-            return []
-        self._told, self._told_at_s = state, now_s
+        told = self._told
+        if told is None or (state.is_active, state.is_data_lost) != (told.is_active, told.is_data_lost):
+            return True
+        return state != told and now_s - self._told_at_s >= INTERVAL_S
+
+    def tell(self, now_s: float, wall_clock: str, trace: RuleTrace, reason: str) -> Message:
+        """Return the newest state as a message."""
+        state = self._told = self._newest
+        self._told_at_s = now_s
         payload = {
             "v": FORM,
             "ts": wall_clock,
@@ -190,9 +227,9 @@ class _RuleReports:
             "status": state.status.value,
             "data_lost": state.is_data_lost,
             "since": self._since,
-            "reason": trace.reason,
+            "reason": reason,
         }
-        return [_message(f"rule/{trace.rule}/state", payload, qos=1, retain=True)]
+        return _message(f"rule/{trace.rule}/state", payload, qos=1, retain=True)
 
     def _state(self, status: RuleStatus, events: list[EventKind]) -> _RuleState:
         for kind in events:
@@ -205,12 +242,6 @@ class _RuleReports:
             status is RuleStatus.UNKNOWN and self._is_raised
         )
         return _RuleState(status=status, is_active=is_active, is_data_lost=self._is_data_lost)
-
-    def _is_due(self, state: _RuleState, silent_s: float) -> bool:
-        told = self._told
-        if told is None or (state.is_active, state.is_data_lost) != (told.is_active, told.is_data_lost):
-            return True
-        return state != told and silent_s >= INTERVAL_S
 
 
 def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
@@ -232,8 +263,7 @@ def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
 def _message(
     topic: str, payload: Mapping[str, object], *, qos: int, retain: bool, expires_s: int | None = None
 ) -> Message:
-    text = json.dumps(payload, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return Message(topic=topic, payload=text, qos=qos, retain=retain, expires_s=expires_s)
+    return Message(topic=topic, payload=_JSON.encode(payload), qos=qos, retain=retain, expires_s=expires_s)
 
 
 def _rounded(value: float | None) -> float | None:

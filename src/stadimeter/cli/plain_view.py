@@ -90,7 +90,8 @@ class PlainView:
         yield from (self._target(track) for track in decision.tracks)
         yield from (self._output(command) for command in record.applied)
         yield from (f"{fault.output} OUT OF ORDER: {fault.reason}" for fault in observation.output_faults)
-        yield from (_rule(trace) for trace in decision.rules if trace.status not in SILENT)
+        shown = (trace for trace in decision.rules if trace.status not in SILENT)
+        yield from (_rule(trace, decision.reasons.get(trace.rule, "")) for trace in shown)
 
     def _target(self, track: Track) -> str:
         if track.is_valid:
@@ -105,8 +106,8 @@ class PlainView:
         return f"{command.output} {speed} {format_turn(command.angular_radps)}"
 
 
-def _rule(trace: RuleTrace) -> str:
-    return f"{trace.status.value.upper()} {trace.rule}: {trace.reason}"
+def _rule(trace: RuleTrace, reason: str) -> str:
+    return f"{trace.status.value.upper()} {trace.rule}: {reason}"
 
 
 def _event_words(event: Event) -> str:

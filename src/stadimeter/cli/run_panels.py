@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.text import Text
 
@@ -89,17 +89,19 @@ def _rule_block(
         glyphs.fit(Text(glyphs.words(trace.rule), "bold"), name_width),
         (f"  {trace.status.value:<8}  ", style),
         glyphs.fit(Text(glyphs.words(drives), drives_style), output_width),
-    ), Text(glyphs.words(trace.reason), "dim" if trace.status is RuleStatus.IDLE else "")
+    ), Text(glyphs.words(record.decision.reasons.get(trace.rule, "")), "dim" if trace.status is RuleStatus.IDLE else "")
 
 
 def _drives(trace: RuleTrace, outputs: Sequence[OutputTrace]) -> tuple[str, str]:
     """Say what a rule has to do with its output, and in which style."""
     if trace.output is None:
         return "alert only", "dim"
-    if trace.wins:
+    output = next((output for output in outputs if output.output == trace.output), None)
+    if output is not None and output.winner == trace.rule:
         return f"→ {trace.output}", "green"
-    losers = next((output.losers for output in outputs if output.output == trace.output), ())
-    return (f"× {trace.output} overruled", "yellow") if trace.rule in losers else (f"· {trace.output}", "dim")
+    if output is not None and trace.rule in output.losers:
+        return f"× {trace.output} overruled", "yellow"
+    return f"· {trace.output}", "dim"
 
 
 def output_blocks(record: CycleRecord, unit: LengthUnit, width: int, glyphs: Glyphs) -> list[tuple[Text, Text]]:
@@ -113,7 +115,7 @@ def output_blocks(record: CycleRecord, unit: LengthUnit, width: int, glyphs: Gly
         name = glyphs.fit(Text(glyphs.words(command.output), "bold"), names)
         shown = applied.get(command.output)
         value = _value(shown, unit, max(6, min(20, width // 4)), glyphs) if shown else _broken()
-        who = _who(traces.get(command.output), glyphs)
+        who = _who(traces.get(command.output), record.decision.reasons, glyphs)
         if command.output in faults:
             who = Text(glyphs.words(faults[command.output]), "bold red")
         elif shown and (asked := _difference(command, shown)):
@@ -153,7 +155,7 @@ def _twist(command: TwistCommand, unit: LengthUnit, glyphs: Glyphs) -> Text:
     )
 
 
-def _who(trace: OutputTrace | None, glyphs: Glyphs) -> Text:
+def _who(trace: OutputTrace | None, reasons: Mapping[str, str], glyphs: Glyphs) -> Text:
     if trace is None:
         return Text()
     line = Text()
@@ -163,7 +165,8 @@ def _who(trace: OutputTrace | None, glyphs: Glyphs) -> Text:
         line.append("by ", "dim").append(glyphs.words(trace.winner), "yellow" if trace.winner == "safety" else "green")
     if trace.losers:
         line.append(glyphs.words(f" over {', '.join(trace.losers)}"), "yellow")
-    return line.append(glyphs.words(f": {trace.reason}") if trace.reason else "", "dim")
+    reason = trace.reason or reasons.get(trace.winner, "")
+    return line.append(glyphs.words(f": {reason}") if reason else "", "dim")
 
 
 def _difference(asked: Command, applied: Command) -> str:

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.lens_distortion import check_coefficients, distorted, undistorted
 from stadimeter.errors import CalibrationError
+
+ToneCurve = Literal["srgb", "linear"]
+"""How code values follow from light: as in sRGB, which nearly every camera imitates, or in proportion to it."""
 
 ASPECT_TOLERANCE = 0.01
 """Two resolutions have the same aspect if they differ by no more than this share: rounding to whole pixels, no crop."""
@@ -28,7 +36,10 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraModel:
-    """A pinhole camera. Pixel coordinates have (0, 0) at the centre of the top left pixel.
+    """A pinhole camera with a lens that may bend lines.
+
+    Pixel coordinates have (0, 0) at the centre of the top left pixel. Directions are x to the right and y down per unit
+    of depth, in the camera frame, with the bending of the lens taken out.
 
     Attributes:
         width_px: Width of the pictures that it is for.
@@ -37,6 +48,11 @@ class CameraModel:
         fy_px: Focal length in pixels, vertically.
         cx_px: Where the optical axis meets the picture, horizontally.
         cy_px: Where the optical axis meets the picture, vertically.
+        distortion: How the lens bends lines: k1, k2, p1, p2 and perhaps k3 as OpenCV has them, or empty for not at all.
+        tone_curve: How code values follow from light.
+        edge_bias_px: How far outwards each edge of a target brighter than its surroundings is measured, in pixels, once
+            the tone curve is undone: the target appears larger by twice this. A darker target appears smaller by as
+            much. It comes from what the tone curve leaves: sharpening, glare, a different curve.
         focal_relative_sigma: Standard deviation of the focal length, as a share of it.
         provenance: How it was made.
     """
@@ -47,6 +63,9 @@ class CameraModel:
     fy_px: float
     cx_px: float
     cy_px: float
+    distortion: tuple[float, ...] = ()
+    tone_curve: ToneCurve = "srgb"
+    edge_bias_px: float = 0.0
     focal_relative_sigma: float = 0.0
     provenance: Provenance = field(default_factory=Provenance)
 
@@ -60,6 +79,25 @@ class CameraModel:
             raise CalibrationError(f"optical centre {self.cx_px}, {self.cy_px} is not finite")
         if not (math.isfinite(self.focal_relative_sigma) and self.focal_relative_sigma >= 0):
             raise CalibrationError(f"focal_relative_sigma = {self.focal_relative_sigma} is not zero or more")
+        if self.tone_curve not in get_args(ToneCurve):
+            raise CalibrationError(f"tone_curve = {self.tone_curve!r} is neither 'srgb' nor 'linear'")
+        if not math.isfinite(self.edge_bias_px):
+            raise CalibrationError(f"edge_bias_px = {self.edge_bias_px} is not finite")
+        check_coefficients(self.distortion)
+        self._check_reach()
+
+    def _check_reach(self) -> None:
+        if not self.distortion:
+            return
+        right, bottom = self.width_px - 1.0, self.height_px - 1.0
+        corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
+        unreached = corners[~np.isfinite(self.directions(corners)).all(axis=1)]
+        if len(unreached):
+            x_px, y_px = unreached[0]
+            raise CalibrationError(
+                f"distortion {list(self.distortion)} folds the picture before its corner at {x_px:g}, {y_px:g} px; "
+                "no lens does this; calibrate with the board in the corners too"
+            )
 
     @classmethod
     def with_focal_length(cls, focal_px: float, width_px: int, height_px: int) -> CameraModel:
@@ -85,7 +123,8 @@ class CameraModel:
         """Return the model for another resolution of the same picture.
 
         A focal length in pixels grows with the number of pixels across the same view. Another aspect means that the
-        view was cropped, and how is not known.
+        view was cropped, and how is not known. Distortion belongs to directions and stays. The edge bias is made by the
+        optics and by what the camera does to its own pixels, and shrinks with the picture.
 
         Args:
             width_px: Width of the other pictures.
@@ -113,6 +152,7 @@ class CameraModel:
             fy_px=self.fy_px * scale_y,
             cx_px=(self.cx_px + 0.5) * scale_x - 0.5,
             cy_px=(self.cy_px + 0.5) * scale_y - 0.5,
+            edge_bias_px=self.edge_bias_px * math.sqrt(scale_x * scale_y),
         )
 
     def direction(self, x_px: float, y_px: float) -> tuple[float, float]:
@@ -123,6 +163,45 @@ class CameraModel:
             y_px: Vertical pixel coordinate.
 
         Returns:
-            The direction as x and y per unit of depth, x to the right and y down.
+            The direction as x and y per unit of depth, x to the right and y down; NaN as with `directions`.
         """
-        return (x_px - self.cx_px) / self.fx_px, (y_px - self.cy_px) / self.fy_px
+        if not self.distortion:
+            return (x_px - self.cx_px) / self.fx_px, (y_px - self.cy_px) / self.fy_px
+        x, y = self.directions(np.array([[x_px, y_px]]))[0]
+        return float(x), float(y)
+
+    def directions(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where pixels look to.
+
+        Args:
+            points_px: Pixel coordinates x and y, shape (n, 2).
+
+        Returns:
+            The directions as x to the right and y down per unit of depth, shape (n, 2). Every place inside the picture
+            has one; far outside, where the distortion has no inverse, they are NaN.
+        """
+        appearing = (np.asarray(points_px, dtype=np.float64) - self._centre()) / self._focal()
+        return undistorted(appearing, self.distortion) if self.distortion else appearing
+
+    def project(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return at which pixels directions appear: the inverse of `directions`.
+
+        Args:
+            directions: x to the right and y down per unit of depth, shape (n, 2); of a point x/z and y/z.
+
+        Returns:
+            Pixel coordinates x and y, shape (n, 2); NaN for directions that the lens does not reach.
+        """
+        straight = np.asarray(directions, dtype=np.float64)
+        appearing = distorted(straight, self.distortion) if self.distortion else straight
+        return appearing * self._focal() + self._centre()
+
+    def matrix(self) -> NDArray[np.float64]:
+        """Return the camera matrix as OpenCV has it, shape (3, 3)."""
+        return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
+
+    def _focal(self) -> NDArray[np.float64]:
+        return np.array([self.fx_px, self.fy_px])
+
+    def _centre(self) -> NDArray[np.float64]:
+        return np.array([self.cx_px, self.cy_px])

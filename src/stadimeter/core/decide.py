@@ -8,22 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from stadimeter.core import outputs
-from stadimeter.core.command import Command
-from stadimeter.core.decision import Decision, Event, EventKind, RuleTrace, SafetyMode, Severity
+from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.observation import Observation, OutputFault
-from stadimeter.core.plan import AlarmRule, AnyRule, BaseOutput, FollowRule, Plan, RampRule
-from stadimeter.core.rules.alarm import AlarmState, step_alarm
-from stadimeter.core.rules.arbitration import arbitrate
-from stadimeter.core.rules.follow import step_follow
-from stadimeter.core.rules.ramp import RampState, step_ramp
-from stadimeter.core.rules.request import Request
+from stadimeter.core.outputs import OutputStep, command_all, new_output
+from stadimeter.core.plan import Plan
+from stadimeter.core.rules.alarm import Sample
+from stadimeter.core.rules.judging import Judged, judge, not_judged_yet
+from stadimeter.core.rules.reasons import Reasons
 from stadimeter.core.safety import SafetyState, step_safety
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import TrackState, new_track
 from stadimeter.core.tracking.life_cycle import step as step_track
-
-RuleState = AlarmState | RampState | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,9 +29,9 @@ class State:
         plan: What the configuration declares.
         now_s: The time of the last cycle; None before the first.
         tracks: One for each target of the plan.
-        rules: What each rule of the plan remembers.
+        rules: What the rules of the plan did, and remember.
         safety: What safety remembers.
-        commands: The last command for each output of the plan.
+        outputs: What each output of the plan did.
         faults: The outputs that were out of order in the last cycle.
         events: How many events there were in the run.
     """
@@ -44,9 +39,9 @@ class State:
     plan: Plan
     now_s: float | None = None
     tracks: tuple[TrackState, ...] = ()
-    rules: tuple[RuleState, ...] = ()
+    rules: Judged = field(default_factory=Judged)
     safety: SafetyState = field(default_factory=SafetyState)
-    commands: tuple[Command, ...] = ()
+    outputs: tuple[OutputStep, ...] = ()
     faults: tuple[OutputFault, ...] = ()
     events: int = 0
 
@@ -63,8 +58,8 @@ def initial_state(plan: Plan) -> State:
     return State(
         plan=plan,
         tracks=tuple(new_track(target) for target in plan.targets),
-        rules=tuple(_initial_rule_state(rule) for rule in plan.rules),
-        commands=tuple(outputs.safe_command(output) for output in plan.outputs),
+        rules=not_judged_yet(plan),
+        outputs=tuple(new_output(output) for output in plan.outputs),
     )
 
 
@@ -83,12 +78,13 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     is_new = safety.frame is not state.safety.frame
     track_states = _step_tracks(state, observation, is_new=is_new)
     tracks = {tracked.track.target: tracked.track for tracked in track_states}
-    sample_at_s = safety.frame.captured_at_s if is_new and safety.frame else None
-    rule_states, requests, traces, rule_events = _step_rules(state, tracks, sample_at_s, observation.now_s)
     step_s = 0.0 if state.now_s is None else observation.now_s - state.now_s
-    commands, output_traces = outputs.command_all(
-        plan.outputs, state.commands, arbitrate(requests), safety, observation.output_faults, step_s
-    )
+    cycle = Sample(at_s=observation.now_s, since_s=step_s)
+    rules, rule_events = judge(plan.rules, state.rules, tracks, _sample(state, safety), cycle)
+    # After a gap the outputs have been stopped by their leases: they start from there, not from the last command.
+    before = state.outputs if step_s <= plan.safety.max_frame_age_s else tuple(map(new_output, plan.outputs))
+    slew_s = min(step_s, plan.safety.max_frame_age_s)
+    outputs = command_all(plan.outputs, before, rules.wanted, safety, observation.output_faults, slew_s)
     events = _numbered(
         _track_events(state, track_states, observation.now_s)
         + rule_events
@@ -96,33 +92,27 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         + _fault_events(state.faults, observation),
         state.events,
     )
-    winners = {trace.winner for trace in output_traces}
     decision = Decision(
-        commands=commands,
+        commands=tuple([step.command for step in outputs]),
         events=events,
         tracks=tuple(tracks.values()),
         safety=safety.mode,
         safety_reason=safety.reason,
-        rules=tuple(replace(trace, wins=True) if trace.rule in winners else trace for trace in traces),
-        outputs=output_traces,
+        outputs=tuple([step.trace for step in outputs]),
+        rules=rules.traces,
+        reasons=Reasons(rules=plan.rules, steps=rules.steps, tracks=tracks, now_s=observation.now_s),
     )
     remembered = State(
         plan=plan,
         now_s=observation.now_s,
         tracks=track_states,
-        rules=rule_states,
+        rules=rules,
         safety=safety,
-        commands=commands,
+        outputs=outputs,
         faults=observation.output_faults,
         events=state.events + len(events),
     )
     return remembered, decision
-
-
-def _initial_rule_state(rule: AnyRule) -> RuleState:
-    if isinstance(rule, AlarmRule):
-        return AlarmState()
-    return RampState() if isinstance(rule, RampRule) else None
 
 
 def _step_tracks(state: State, observation: Observation, *, is_new: bool) -> tuple[TrackState, ...]:
@@ -133,39 +123,20 @@ def _step_tracks(state: State, observation: Observation, *, is_new: bool) -> tup
     )
 
 
-def _step_rules(
-    state: State, tracks: dict[str, Track], sample_at_s: float | None, now_s: float
-) -> tuple[tuple[RuleState, ...], list[Request], list[RuleTrace], tuple[Event, ...]]:
-    bases = {output.name for output in state.plan.outputs if isinstance(output, BaseOutput)}
-    states: list[RuleState] = []
-    requests: list[Request] = []
-    traces: list[RuleTrace] = []
-    events: tuple[Event, ...] = ()
-    for rule, remembered in zip(state.plan.rules, state.rules, strict=True):
-        after: RuleState = None
-        request: Request | None
-        if isinstance(rule, AlarmRule) and isinstance(remembered, AlarmState):
-            is_base = rule.output in bases
-            alarm = step_alarm(rule, remembered, tracks[rule.target], sample_at_s, now_s, is_base=is_base)
-            after, request, trace = alarm.state, alarm.request, alarm.trace
-            events += alarm.events
-        elif isinstance(rule, RampRule) and isinstance(remembered, RampState):
-            after, request, trace = step_ramp(rule, remembered, tracks[rule.target])
-        elif isinstance(rule, FollowRule):
-            request, trace = step_follow(rule, tracks[rule.target])
-        else:
-            raise TypeError(f"rule {rule.name} remembers a {type(remembered).__name__}")
-        states.append(after)
-        traces.append(trace)
-        if request is not None:
-            requests.append(request)
-    return tuple(states), requests, traces, events
+def _sample(state: State, safety: SafetyState) -> Sample | None:
+    """Return the frame that is new in this cycle, if there is one."""
+    before, frame = state.safety.frame, safety.frame
+    if frame is None or frame is before:
+        return None
+    return Sample(at_s=frame.captured_at_s, since_s=frame.captured_at_s - before.captured_at_s if before else 0.0)
 
 
 def _track_events(state: State, after: tuple[TrackState, ...], now_s: float) -> tuple[Event, ...]:
     events: list[Event] = []
     for before_state, after_state in zip(state.tracks, after, strict=True):
         before, track = before_state.track, after_state.track
+        if before.status is track.status:
+            continue
         if not before.is_valid and track.is_valid:
             kind, reason = EventKind.TARGET_SEEN, f"was {before.status.value}"
         elif before.is_valid and track.status is TrackStatus.LOST:
@@ -195,6 +166,8 @@ def _camera_events(before: SafetyState, after: SafetyState, now_s: float) -> tup
 
 
 def _fault_events(before: tuple[OutputFault, ...], observation: Observation) -> tuple[Event, ...]:
+    if not before and not observation.output_faults:
+        return ()
     was = {fault.output for fault in before}
     now = {fault.output: fault.reason for fault in observation.output_faults}
     at_s = observation.now_s
@@ -213,4 +186,6 @@ def _fault_event(kind: EventKind, source: str, at_s: float, reason: str) -> Even
 
 
 def _numbered(events: tuple[Event, ...], first: int) -> tuple[Event, ...]:
+    if not events:
+        return events
     return tuple(replace(event, sequence=first + index) for index, event in enumerate(events))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from stadimeter.core.command import Command
@@ -73,21 +74,17 @@ class RuleStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RuleTrace:
-    """What one rule did in one cycle, and why.
+    """What one rule did in one cycle. Why is in `Decision.reasons`, and whether it won its output in `OutputTrace`.
 
     Attributes:
         rule: The rule's name.
         status: What the rule is doing.
-        reason: Why, in words with figures.
         output: The output it drives, if any.
-        wins: Whether its request is the one that the output follows.
     """
 
     rule: str
     status: RuleStatus
-    reason: str
     output: str | None = None
-    wins: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,13 +94,13 @@ class OutputTrace:
     Attributes:
         output: The output's name.
         winner: The rule that commands it, ``safety``, or ``safe`` if nobody asks for anything.
-        reason: Why.
+        reason: Why safety commands it, or nobody; empty if a rule does, whose reason is in `Decision.reasons`.
         losers: The rules that asked too, with less priority.
     """
 
     output: str
     winner: str
-    reason: str
+    reason: str = ""
     losers: tuple[str, ...] = ()
 
 
@@ -127,8 +124,11 @@ class Decision:
         tracks: Every target's track.
         safety: Whether outputs may act.
         safety_reason: Why they may not; empty if they may.
-        rules: What each rule did, in the order of the configuration.
         outputs: Who commands each output.
+        rules: What each rule did, in the order of the configuration.
+        reasons: Why each rule did so, by its name, in words with figures. They follow from the plan and the other
+            fields, so they are put into words only when somebody reads them, are in no journal, and do not count when
+            decisions are compared.
     """
 
     commands: tuple[Command, ...]
@@ -136,5 +136,6 @@ class Decision:
     tracks: tuple[Track, ...]
     safety: SafetyMode
     safety_reason: str
-    rules: tuple[RuleTrace, ...]
     outputs: tuple[OutputTrace, ...]
+    rules: tuple[RuleTrace, ...]
+    reasons: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import OutputTrace, SafetyMode
 from stadimeter.core.observation import OutputFault
@@ -9,6 +12,35 @@ from stadimeter.core.plan import BaseOutput, LevelOutput, Output
 from stadimeter.core.rules.limits import limited_twist, slewed_level
 from stadimeter.core.rules.request import LevelRequest, Request, TwistRequest
 from stadimeter.core.safety import SafetyState
+
+NOBODY = "nothing is asked of it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputStep:
+    """What one output does in one cycle.
+
+    Attributes:
+        command: What it shall do.
+        trace: Who commands it, and why.
+        wanted: What the rules want of it, the winner first.
+    """
+
+    command: Command
+    trace: OutputTrace
+    wanted: Sequence[Request] = ()
+
+
+def new_output(output: Output) -> OutputStep:
+    """Return an output at the start of a run.
+
+    Args:
+        output: The output.
+
+    Returns:
+        Its step before the first cycle: at its safe value.
+    """
+    return OutputStep(command=safe_command(output), trace=OutputTrace(output=output.name, winner="safe", reason=NOBODY))
 
 
 def safe_command(output: Output) -> Command:
@@ -27,17 +59,17 @@ def safe_command(output: Output) -> Command:
 
 def command_all(
     outputs: tuple[Output, ...],
-    before: tuple[Command, ...],
-    requests: dict[str, tuple[Request, ...]],
+    before: tuple[OutputStep, ...],
+    requests: Mapping[str, Sequence[Request]],
     safety: SafetyState,
     faults: tuple[OutputFault, ...],
     step_s: float,
-) -> tuple[tuple[Command, ...], tuple[OutputTrace, ...]]:
+) -> tuple[OutputStep, ...]:
     """Return one command for each output, and why.
 
     Args:
         outputs: The outputs.
-        before: Their commands in the cycle before.
+        before: Their steps in the cycle before.
         requests: What the rules want, for each output the winner first.
         safety: Whether outputs may act.
         faults: The outputs that are out of order.
@@ -47,21 +79,36 @@ def command_all(
         The commands and the reasons, in the order of the outputs.
     """
     out_of_order = {fault.output: fault.reason for fault in faults}
-    commands: list[Command] = []
-    traces: list[OutputTrace] = []
-    for output, last in zip(outputs, before, strict=True):
-        wanted = requests.get(output.name, ())
-        losers = tuple(request.rule for request in wanted)
-        forbidden = out_of_order.get(output.name) or (safety.reason if safety.mode is not SafetyMode.ACTIVE else "")
-        if forbidden or safety.frame is None:
-            commands.append(safe_command(output))
-            traces.append(OutputTrace(output=output.name, winner="safety", reason=forbidden, losers=losers))
-            continue
-        winner = wanted[0] if wanted else None
-        commands.append(_command(output, last, winner, safety.frame.captured_at_s, step_s))
-        who, why = (winner.rule, winner.reason) if winner else ("safe", "nothing is asked of it")
-        traces.append(OutputTrace(output=output.name, winner=who, reason=why, losers=losers[1:]))
-    return tuple(commands), tuple(traces)
+    no_output_may = safety.reason if safety.mode is not SafetyMode.ACTIVE else ""
+    return tuple(
+        _step(output, last, requests.get(output.name, ()), safety, out_of_order.get(output.name, no_output_may), step_s)
+        for output, last in zip(outputs, before, strict=True)
+    )
+
+
+def _step(
+    output: Output, before: OutputStep, wanted: Sequence[Request], safety: SafetyState, forbidden: str, step_s: float
+) -> OutputStep:
+    if forbidden or safety.frame is None:
+        trace = _trace(before, "safety", forbidden, wanted, wanted)
+        return OutputStep(command=safe_command(output), trace=trace, wanted=wanted)
+    winner = wanted[0] if wanted else None
+    command = _command(output, before.command, winner, safety.frame.captured_at_s, step_s)
+    who, reason = (winner.rule, "") if winner else ("safe", NOBODY)
+    return OutputStep(command=command, trace=_trace(before, who, reason, wanted, wanted[1:]), wanted=wanted)
+
+
+def _trace(
+    before: OutputStep, winner: str, reason: str, wanted: Sequence[Request], losing: Sequence[Request]
+) -> OutputTrace:
+    """Return the trace of the cycle before while it says the same."""
+    last = before.trace
+    if wanted is before.wanted and winner == last.winner and reason == last.reason:
+        return last
+    losers = tuple([request.rule for request in losing])
+    if (winner, reason, losers) == (last.winner, last.reason, last.losers):
+        return last
+    return OutputTrace(output=last.output, winner=winner, reason=reason, losers=losers)
 
 
 def _command(output: Output, before: Command, request: Request | None, captured_at_s: float, step_s: float) -> Command:

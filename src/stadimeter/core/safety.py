@@ -15,7 +15,7 @@ timeout of its own, a pull-down on each gate, and a switch in the motor supply.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import FrameStamp, Observation
@@ -64,10 +64,10 @@ def step_safety(state: SafetyState, observation: Observation, settings: Safety) 
         mode = SafetyMode.STARTING if state.mode is SafetyMode.STARTING else SafetyMode.STALE
         return SafetyState(mode=mode, good_frames=0, frame=frame, reason=fault)
     good_frames = min(settings.good_frames, state.good_frames + is_new)
-    state = replace(state, good_frames=good_frames, frame=frame)
     if state.mode is SafetyMode.ACTIVE or good_frames >= settings.good_frames:
-        return replace(state, mode=SafetyMode.ACTIVE, reason="")
-    return replace(state, reason=f"{good_frames} of {settings.good_frames} fresh frames in a row")
+        return SafetyState(mode=SafetyMode.ACTIVE, good_frames=good_frames, frame=frame, reason="")
+    reason = f"{good_frames} of {settings.good_frames} fresh frames in a row"
+    return SafetyState(mode=state.mode, good_frames=good_frames, frame=frame, reason=reason)
 
 
 def _newest(before: FrameStamp | None, new: FrameStamp | None, now_s: float) -> FrameStamp | None:

@@ -35,4 +35,15 @@ class SheetSize:
     known_side: KnownSide = "auto"
 
 
-TargetSize = BallSize | SheetSize
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TagSize:
+    """A square fiducial, such as an ArUco marker or an AprilTag.
+
+    Attributes:
+        side_m: The side of its black square, without the white around it.
+    """
+
+    side_m: float
+
+
+TargetSize = BallSize | SheetSize | TagSize

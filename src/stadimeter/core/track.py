@@ -31,8 +31,8 @@ class Track:
         closing_mps: Speed of approach, positive when the distance shrinks.
         sigma_m: Standard deviation of the distance.
         closing_sigma_mps: Standard deviation of the speed of approach.
-        bearing_rad: Filtered bearing, positive to the right.
-        elevation_rad: Filtered elevation, positive upwards.
+        bearing_rad: Bearing of the newest sighting, positive to the right.
+        elevation_rad: Elevation of the newest sighting, positive upwards.
         as_of_s: The capture time that the figures are for.
         measured_at_s: The capture time of the last measurement that was accepted.
         rejected: How many measurements in a row were refused as outliers.
@@ -56,4 +56,4 @@ class Track:
     @property
     def is_valid(self) -> bool:
         """Whether the figures may be acted on: tracked now, or coasting for a moment."""
-        return self.status in {TrackStatus.TRACKING, TrackStatus.COASTING}
+        return self.status is TrackStatus.TRACKING or self.status is TrackStatus.COASTING

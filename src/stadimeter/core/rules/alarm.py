@@ -14,13 +14,27 @@ raises nothing by itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
-from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace, Severity
-from stadimeter.core.plan import AlarmRule, LostPolicy
-from stadimeter.core.rules.conditions import Verdict, judge
+from stadimeter.core.decision import Event, EventKind, RuleStatus, Severity
+from stadimeter.core.plan import AlarmRule, DistanceCondition, LostPolicy
+from stadimeter.core.rules import conditions
 from stadimeter.core.rules.request import LevelRequest, Request, TwistRequest
+from stadimeter.core.rules.step import Step, trace_of
 from stadimeter.core.track import Track
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sample:
+    """What is judged in a cycle.
+
+    Attributes:
+        at_s: The capture time of the frame that is new; for the presence of a target, the time of the cycle.
+        since_s: How long after the frame before, or the cycle before, that is; 0 for the first.
+    """
+
+    at_s: float
+    since_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +47,7 @@ class AlarmState:
         held_last: Whether it held in the newest sample; only the time between two samples that both held counts.
         recent: Whether it held in each of the newest frames, oldest first.
         ended_s: For how long its condition has not held, on its way to being cleared.
-        judged_at_s: The time of the newest sample that was judged.
+        was_judged: Whether the newest sample was judged; only the time between two samples that both were counts.
         unknown_since_s: Since when there is nothing to judge by; None while there is.
         is_given_up: Whether the target has been away for so long that the output went to its safe value.
         held_from_start: Whether the condition has held in every sample of the run so far.
@@ -45,7 +59,7 @@ class AlarmState:
     held_last: bool = False
     recent: tuple[bool, ...] = ()
     ended_s: float = 0.0
-    judged_at_s: float | None = None
+    was_judged: bool = False
     unknown_since_s: float | None = None
     is_given_up: bool = False
     held_from_start: bool = True
@@ -53,87 +67,126 @@ class AlarmState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AlarmStep:
+class AlarmStep(Step):
     """What an alarm does in one cycle.
 
     Attributes:
-        state: What it remembers from now on.
-        events: What happened.
-        request: What it wants of its output, None if nothing.
-        trace: What it is doing, and why.
+        state: What it remembers.
     """
 
-    state: AlarmState
-    events: tuple[Event, ...]
-    request: Request | None
-    trace: RuleTrace
+    state: AlarmState = field(default_factory=AlarmState)
+
+
+def new_alarm(rule: AlarmRule) -> AlarmStep:
+    """Return an alarm at the start of a run.
+
+    Args:
+        rule: The alarm.
+
+    Returns:
+        Its step before the first cycle.
+    """
+    return AlarmStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
 
 
 def step_alarm(
-    rule: AlarmRule, state: AlarmState, track: Track, sample_at_s: float | None, now_s: float, *, is_base: bool
-) -> AlarmStep:
+    rule: AlarmRule, before: AlarmStep, track: Track, sample: Sample | None, now_s: float, *, is_base: bool
+) -> tuple[AlarmStep, tuple[Event, ...]]:
     """Judge an alarm for one cycle.
 
     Args:
         rule: The alarm.
-        state: What it remembers.
+        before: Its step in the cycle before.
         track: Its target.
-        sample_at_s: Capture time of the frame that is new in this cycle; None without one.
+        sample: The frame that is new in this cycle; None without one.
         now_s: The run's monotonic clock.
         is_base: Whether its output is a base, which it then stops.
 
     Returns:
-        What it does.
+        What it does, and what happened.
     """
-    verdict = judge(rule.condition, track, is_active=state.is_active)
-    if verdict.holds is None:
-        after, events = _without_target(rule, state, track, now_s, verdict)
+    holds = conditions.holds(rule.condition, track, is_active=before.state.is_active)
+    if holds is None:
+        state, events = _without_target(rule, before.state, track, now_s)
     else:
-        after, events = _back_in_sight(rule, state, track, now_s)
-        if sample_at_s is not None:
-            after, more = _judged(rule, after, track, sample_at_s, verdict)
+        state, events = _back_in_sight(rule, before.state, track, now_s)
+        if sample is not None and not _is_settled(state, holds=holds):
+            state, more = _judged(rule, state, track, sample, holds=holds)
             events += more
-    return AlarmStep(
-        state=after,
-        events=events,
-        request=_request(rule, after, verdict.reason, is_base=is_base),
-        trace=RuleTrace(
-            rule=rule.name, status=_status(after, verdict), reason=_reason(after, verdict, now_s), output=rule.output
-        ),
-    )
+    status = _status(state, holds=holds)
+    rests = _rests(rule, state, track, holds=holds)
+    if state is before.state and status is before.trace.status and rests is before.rests:
+        return before, events
+    trace = trace_of(rule, status, before.trace)
+    request = _request(rule, state, before.request, is_base=is_base)
+    return AlarmStep(trace=trace, request=request, state=state, rests=rests), events
+
+
+def why(rule: AlarmRule, state: AlarmState, track: Track, now_s: float) -> str:
+    """Return why an alarm does what it does, in words with figures.
+
+    Args:
+        rule: The alarm.
+        state: What it remembers after the cycle.
+        track: Its target.
+        now_s: The run's monotonic clock.
+
+    Returns:
+        The words.
+    """
+    words = conditions.in_words(rule.condition, track, is_active=state.is_active)
+    if state.unknown_since_s is None:
+        return words
+    held = "held: " if state.is_active and not state.is_given_up else ""
+    return f"{held}not seen for {now_s - state.unknown_since_s:.1f} s: {words}"
+
+
+def _is_settled(state: AlarmState, *, holds: bool | None) -> bool:
+    """Return whether a sample changes nothing: it is like the one before, and no timer runs."""
+    if not state.was_judged or holds is not state.held_last or holds is not state.is_active:
+        return False
+    return state.ended_s == 0.0 if holds else state.held_s == 0.0 and not any(state.recent)
+
+
+def _rests(rule: AlarmRule, state: AlarmState, track: Track, *, holds: bool | None) -> bool:
+    """Return whether nothing changes until the distance crosses a limit, or the target comes or goes."""
+    condition = rule.condition
+    if not isinstance(condition, DistanceCondition):
+        return False
+    if holds is None:
+        is_silent = not state.is_active and rule.lost.policy is not LostPolicy.ASSERT
+        return (is_silent and not _has_timers(state)) or (state.is_given_up and rule.lost.policy is LostPolicy.HOLD)
+    figures = conditions.quantity_of(track, condition.quantity)
+    if figures is None or not _is_settled(state, holds=holds):
+        return False
+    return conditions.rests(condition, figures[0], is_active=state.is_active)
 
 
 def _judged(
-    rule: AlarmRule, state: AlarmState, track: Track, at_s: float, verdict: Verdict
+    rule: AlarmRule, state: AlarmState, track: Track, sample: Sample, *, holds: bool
 ) -> tuple[AlarmState, tuple[Event, ...]]:
     """Take in one sample for which the condition is known."""
-    since_s = max(0.0, at_s - state.judged_at_s) if state.judged_at_s is not None else 0.0
-    holds = bool(verdict.holds)
-    held_before = state.held_last
-    state = replace(state, judged_at_s=at_s, held_last=holds, held_from_start=state.held_from_start and holds)
+    since_s = sample.since_s if state.was_judged else 0.0
+    from_start = state.held_from_start and holds
     if state.is_active:
-        return _while_active(rule, state, track, since_s, verdict)
+        ended_s = max(0.0, state.ended_s - since_s) if holds else state.ended_s + since_s
+        state = replace(state, was_judged=True, held_last=holds, held_from_start=from_start, ended_s=ended_s)
+        if holds or ended_s < rule.off_delay_s:
+            return state, ()
+        return _cleared(rule, state, track, sample.at_s)
     delay = rule.on_delay
-    held_s = state.held_s + since_s * held_before if holds else max(0.0, state.held_s - since_s)
+    held_s = state.held_s + since_s * state.held_last if holds else max(0.0, state.held_s - since_s)
     recent = (*state.recent, holds)[-delay.of_frames :] if delay.of_frames else ()
-    state = replace(state, held_s=held_s, recent=recent)
+    state = replace(state, was_judged=True, held_last=holds, held_from_start=from_start, held_s=held_s, recent=recent)
     if not holds or held_s < delay.hold_s or sum(recent) < delay.frames:
         return state, ()
-    return _raised(rule, state, track, verdict.reason)
+    return _raised(rule, state, track, sample.at_s)
 
 
-def _while_active(
-    rule: AlarmRule, state: AlarmState, track: Track, since_s: float, verdict: Verdict
+def _raised(
+    rule: AlarmRule, state: AlarmState, track: Track, at_s: float, reason: str = ""
 ) -> tuple[AlarmState, tuple[Event, ...]]:
-    if verdict.holds:
-        return replace(state, ended_s=max(0.0, state.ended_s - since_s)), ()
-    ended_s = state.ended_s + since_s
-    if ended_s < rule.off_delay_s:
-        return replace(state, ended_s=ended_s), ()
-    return _cleared(rule, state, track, verdict.reason)
-
-
-def _raised(rule: AlarmRule, state: AlarmState, track: Track, reason: str) -> tuple[AlarmState, tuple[Event, ...]]:
+    reason = reason or conditions.in_words(rule.condition, track, is_active=False)
     if state.held_from_start:
         reason = f"so from the start: {reason}"
     state = replace(
@@ -144,39 +197,57 @@ def _raised(rule: AlarmRule, state: AlarmState, track: Track, reason: str) -> tu
         recent=(),
         is_announced_only=state.held_from_start and not rule.act_at_start,
     )
-    return state, (_event(rule, EventKind.RAISED, track, state.judged_at_s or 0.0, reason),)
+    return state, (_event(rule, EventKind.RAISED, track, at_s, reason),)
 
 
-def _cleared(rule: AlarmRule, state: AlarmState, track: Track, reason: str) -> tuple[AlarmState, tuple[Event, ...]]:
-    at_s = state.judged_at_s or 0.0
+def _cleared(
+    rule: AlarmRule, state: AlarmState, track: Track, at_s: float, reason: str = ""
+) -> tuple[AlarmState, tuple[Event, ...]]:
+    reason = reason or conditions.in_words(rule.condition, track, is_active=True)
     state = replace(state, is_active=False, ended_s=0.0, held_s=0.0, recent=(), is_announced_only=False)
     return state, (_event(rule, EventKind.CLEARED, track, at_s, reason),)
 
 
 def _without_target(
-    rule: AlarmRule, state: AlarmState, track: Track, now_s: float, verdict: Verdict
+    rule: AlarmRule, state: AlarmState, track: Track, now_s: float
 ) -> tuple[AlarmState, tuple[Event, ...]]:
     """There is nothing to judge by: hold for the grace, then do as the policy says."""
-    since_s = now_s if state.unknown_since_s is None else state.unknown_since_s
-    state = replace(state, unknown_since_s=since_s)
-    away_s = now_s - since_s
+    if state.unknown_since_s is None:
+        state = replace(state, unknown_since_s=now_s)
+    away_s = now_s - (state.unknown_since_s or 0.0)
     policy = rule.lost.policy
-    if away_s < rule.lost.grace_s or policy is LostPolicy.HOLD:
+    if away_s < rule.lost.grace_s:
         return _give_up_if_late(rule, state, track, now_s)
-    reason = f"not seen for {away_s:.1f} s: {verdict.reason}"
-    state = replace(state, judged_at_s=now_s)
+    state = _without_timers(state)
+    if policy is LostPolicy.HOLD:
+        return _give_up_if_late(rule, state, track, now_s)
+    words = conditions.in_words(rule.condition, track, is_active=state.is_active)
+    reason = f"not seen for {away_s:.1f} s: {words}"
     if policy is LostPolicy.CLEAR and state.is_active:
-        return _cleared(rule, state, track, reason)
+        return _cleared(rule, state, track, now_s, reason)
     if policy is LostPolicy.ASSERT and not state.is_active:
-        return _raised(rule, replace(state, held_from_start=False), track, reason)
+        return _raised(rule, replace(state, held_from_start=False), track, now_s, reason)
+    if policy is LostPolicy.ASSERT and state.is_announced_only:  # not seeing is a danger of its own: it acts
+        state = replace(state, is_announced_only=False)
     return state, ()
+
+
+def _has_timers(state: AlarmState) -> bool:
+    return bool(state.held_s or state.ended_s or state.recent or state.held_last)
+
+
+def _without_timers(state: AlarmState) -> AlarmState:
+    """After the grace, what was counted before is too old to count on."""
+    if not _has_timers(state):
+        return state
+    return replace(state, held_s=0.0, ended_s=0.0, recent=(), held_last=False)
 
 
 def _give_up_if_late(
     rule: AlarmRule, state: AlarmState, track: Track, now_s: float
 ) -> tuple[AlarmState, tuple[Event, ...]]:
     """Stop acting on an alarm that nothing can confirm any more. An alarm that is not raised has nothing to give up."""
-    away_s = now_s - (state.unknown_since_s or now_s)
+    away_s = now_s - (state.unknown_since_s or 0.0)
     if state.is_given_up or not state.is_active or away_s < rule.lost.fault_after_s:
         return state, ()
     reason = f"active, but its target was not seen for {away_s:.1f} s; the output goes to its safe value"
@@ -189,41 +260,31 @@ def _back_in_sight(
     if state.unknown_since_s is None:
         return state, ()
     # The time out of sight counts for no timer, so the next sample starts counting anew.
-    back = replace(state, unknown_since_s=None, is_given_up=False, judged_at_s=None)
+    back = replace(state, unknown_since_s=None, is_given_up=False, was_judged=False)
     if not state.is_given_up:
         return back, ()
     reason = f"its target was seen again after {now_s - state.unknown_since_s:.1f} s"
     return back, (_event(rule, EventKind.MEASUREMENT_BACK, track, now_s, reason),)
 
 
-def _request(rule: AlarmRule, state: AlarmState, reason: str, *, is_base: bool) -> Request | None:
+def _request(rule: AlarmRule, state: AlarmState, before: Request | None, *, is_base: bool) -> Request | None:
     if rule.output is None or not state.is_active or state.is_given_up or state.is_announced_only:
         return None
+    if before is not None:  # an alarm always asks for the same
+        return before
     if is_base:
         return TwistRequest(
-            rule=rule.name,
-            output=rule.output,
-            priority=rule.priority,
-            linear_mps=0.0,
-            angular_radps=0.0,
-            reason=f"stop: {reason}",
+            rule=rule.name, output=rule.output, priority=rule.priority, linear_mps=0.0, angular_radps=0.0
         )
-    return LevelRequest(rule=rule.name, output=rule.output, priority=rule.priority, level=rule.level, reason=reason)
+    return LevelRequest(rule=rule.name, output=rule.output, priority=rule.priority, level=rule.level)
 
 
-def _status(state: AlarmState, verdict: Verdict) -> RuleStatus:
-    if verdict.holds is None:
+def _status(state: AlarmState, *, holds: bool | None) -> RuleStatus:
+    if holds is None:
         return RuleStatus.ACTIVE if state.is_active and not state.is_given_up else RuleStatus.UNKNOWN
     if state.is_active:
-        return RuleStatus.ACTIVE if verdict.holds else RuleStatus.CLEARING
-    return RuleStatus.PENDING if verdict.holds else RuleStatus.IDLE
-
-
-def _reason(state: AlarmState, verdict: Verdict, now_s: float) -> str:
-    if state.unknown_since_s is None:
-        return verdict.reason
-    held = "held: " if state.is_active and not state.is_given_up else ""
-    return f"{held}not seen for {now_s - state.unknown_since_s:.1f} s: {verdict.reason}"
+        return RuleStatus.ACTIVE if holds else RuleStatus.CLEARING
+    return RuleStatus.PENDING if holds else RuleStatus.IDLE
 
 
 def _event(rule: AlarmRule, kind: EventKind, track: Track, at_s: float, reason: str) -> Event:

@@ -9,27 +9,13 @@ uncertainty in conformity assessment" (a guard band chosen by which error one ac
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from stadimeter.core.plan import Condition, DistanceCondition, PresenceCondition, Quantity
 from stadimeter.core.rules.words import metres
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.track import Track
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
-    """Whether a condition holds.
-
-    Attributes:
-        holds: True or False; None if it cannot be known. None is never taken for either.
-        reason: The figures behind it.
-    """
-
-    holds: bool | None
-    reason: str
-
-
-def judge(condition: Condition, track: Track, *, is_active: bool) -> Verdict:
+def holds(condition: Condition, track: Track, *, is_active: bool) -> bool | None:
     """Return whether a condition holds.
 
     Args:
@@ -38,11 +24,67 @@ def judge(condition: Condition, track: Track, *, is_active: bool) -> Verdict:
         is_active: Whether it held until now: then it is judged by what ends it, not by what begins it.
 
     Returns:
-        The verdict.
+        True or False; None if it cannot be known. None is never taken for either.
     """
     if isinstance(condition, PresenceCondition):
-        return _judge_presence(condition, track)
-    return _judge_distance(condition, track, is_active=is_active)
+        return track.is_valid == condition.seen
+    figures = quantity_of(track, condition.quantity)
+    if figures is None:
+        return None
+    low_m, high_m = _limits_now(condition, *figures, is_active=is_active)
+    if condition.probability_on is None:
+        return low_m < figures[0] < high_m
+    likely = probability_between(low_m, high_m, *figures)
+    return likely > condition.probability_off if is_active else likely >= condition.probability_on
+
+
+def in_words(condition: Condition, track: Track, *, is_active: bool) -> str:
+    """Return the figures behind what `holds` returns for the same arguments.
+
+    Args:
+        condition: The condition.
+        track: The target.
+        is_active: Whether it is judged by what ends it.
+
+    Returns:
+        The words.
+    """
+    if isinstance(condition, PresenceCondition):
+        return f"{track.target} is {track.status.value}" + (f": {track.reason}" if track.reason else "")
+    figures = quantity_of(track, condition.quantity)
+    if figures is None:
+        return no_figures(track)
+    low_m, high_m = _limits_now(condition, *figures, is_active=is_active)
+    words = f"{metres(*figures)}, {_limits_in_words(low_m, high_m)}"
+    if condition.probability_on is None:
+        return words
+    likely = probability_between(low_m, high_m, *figures)
+    turns = f"ends at {condition.probability_off:.2f}" if is_active else f"begins at {condition.probability_on:.2f}"
+    return f"{words}: P {likely:.2f}, {turns}"
+
+
+def rests(condition: DistanceCondition, value_m: float, *, is_active: bool) -> bool:
+    """Return whether a condition surely stays as it is until the distance crosses one of its limits.
+
+    On one side of a limit a target is more likely than not to be on that side, whatever the standard deviation. What
+    ends a condition lies further out than what begins it. So with the usual probabilities nothing changes before.
+
+    Args:
+        condition: The condition.
+        value_m: The distance now.
+        is_active: Whether the condition holds, and is judged by what ends it.
+
+    Returns:
+        Whether it rests.
+    """
+    low_m, high_m = _limits(condition)
+    likely_on = condition.probability_on
+    if likely_on is not None and not condition.probability_off <= 0.5 <= likely_on:
+        return False
+    if not is_active:
+        return not low_m <= value_m <= high_m
+    is_narrow = math.isfinite(low_m) and math.isfinite(high_m)  # a target in there may still be unlikely to be
+    return low_m < value_m < high_m and (likely_on is None or not is_narrow)
 
 
 def quantity_of(track: Track, quantity: Quantity) -> tuple[float, float] | None:
@@ -63,34 +105,22 @@ def quantity_of(track: Track, quantity: Quantity) -> tuple[float, float] | None:
     return figure_m, track.sigma_m
 
 
-def _judge_presence(condition: PresenceCondition, track: Track) -> Verdict:
-    seen = track.status in {TrackStatus.TRACKING, TrackStatus.COASTING}
-    words = f"{track.target} is {track.status.value}"
-    return Verdict(holds=seen == condition.seen, reason=f"{words}: {track.reason}" if track.reason else words)
+def no_figures(track: Track) -> str:
+    """Return in words that there is no distance to act on.
+
+    Args:
+        track: The target.
+
+    Returns:
+        The words.
+    """
+    return f"{track.target} is {track.status.value}: {track.reason or 'no distance'}"
 
 
-def _judge_distance(condition: DistanceCondition, track: Track, *, is_active: bool) -> Verdict:
-    figures = quantity_of(track, condition.quantity)
-    if figures is None:
-        return Verdict(holds=None, reason=f"{track.target} is {track.status.value}: {track.reason or 'no distance'}")
-    value_m, sigma_m = figures
-    if is_active:
-        low_m, high_m = widened_limits(condition, value_m, sigma_m)
-    else:
-        low_m, high_m = _limits(condition)
-    words = f"{metres(value_m, sigma_m)}, {_limits_in_words(low_m, high_m)}"
-    if condition.probability_on is None:
-        return Verdict(holds=low_m < value_m < high_m, reason=words)
-    likely = probability_between(low_m, high_m, value_m, sigma_m)
-    if is_active:
-        return Verdict(
-            holds=likely > condition.probability_off,
-            reason=f"{words}: P {likely:.2f}, ends at {condition.probability_off:.2f}",
-        )
-    return Verdict(
-        holds=likely >= condition.probability_on,
-        reason=f"{words}: P {likely:.2f}, begins at {condition.probability_on:.2f}",
-    )
+def _limits_now(
+    condition: DistanceCondition, value_m: float, sigma_m: float, *, is_active: bool
+) -> tuple[float, float]:
+    return widened_limits(condition, value_m, sigma_m) if is_active else _limits(condition)
 
 
 def _limits(condition: DistanceCondition) -> tuple[float, float]:

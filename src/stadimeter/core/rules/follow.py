@@ -8,13 +8,36 @@ should stay near 0.35 / D. The cosine slows the base while it still has to turn.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-from stadimeter.core.decision import RuleStatus, RuleTrace
+from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import FollowRule
-from stadimeter.core.rules.conditions import quantity_of
+from stadimeter.core.rules.conditions import no_figures, quantity_of
 from stadimeter.core.rules.request import TwistRequest
+from stadimeter.core.rules.step import Step, trace_of
 from stadimeter.core.rules.words import metres
 from stadimeter.core.track import Track
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowStep(Step):
+    """What a follow rule does in one cycle. It remembers nothing."""
+
+
+def new_follow(rule: FollowRule) -> FollowStep:
+    """Return a follow rule at the start of a run.
+
+    Args:
+        rule: The rule.
+
+    Returns:
+        Its step before the first cycle.
+    """
+    return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
+
+
+UNSURE_SHARE = 0.3
+"""A base does not drive by a distance whose standard deviation is more than this share of it."""
 
 
 def follow_twist(rule: FollowRule, distance_m: float, bearing_rad: float) -> tuple[float, float]:
@@ -40,33 +63,57 @@ def follow_twist(rule: FollowRule, distance_m: float, bearing_rad: float) -> tup
     return linear_mps + 0.0, angular_radps + 0.0  # adding zero makes -0.0 an ordinary zero
 
 
-def step_follow(rule: FollowRule, track: Track) -> tuple[TwistRequest | None, RuleTrace]:
-    """Judge a follow rule for one cycle. It remembers nothing.
+def step_follow(rule: FollowRule, before: FollowStep, track: Track) -> FollowStep:
+    """Judge a follow rule for one cycle.
 
     Args:
         rule: The rule.
+        before: Its step in the cycle before, whose trace is kept while it is the same.
         track: Its target.
 
     Returns:
-        What it wants of its base, None if nothing; and why.
+        What it does.
     """
-    figures = quantity_of(track, "distance")
-    if figures is None or track.bearing_rad is None or not math.isfinite(track.bearing_rad) or rule.output is None:
-        reason = f"{track.target} is {track.status.value}: {track.reason or 'no distance'}"
-        return None, RuleTrace(rule=rule.name, status=RuleStatus.UNKNOWN, reason=reason, output=rule.output)
-    distance_m, sigma_m = figures
-    linear_mps, angular_radps = follow_twist(rule, distance_m, track.bearing_rad)
-    reason = (
-        f"{metres(distance_m, sigma_m)} at {math.degrees(track.bearing_rad):+.0f}°, "
-        f"to keep {rule.distance_m:.2f} m ahead"
-    )
+    figures = _figures(track)
+    if figures is None or rule.output is None:
+        return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN, before.trace))
+    distance_m, _, bearing_rad = figures
+    linear_mps, angular_radps = follow_twist(rule, distance_m, bearing_rad)
     request = TwistRequest(
         rule=rule.name,
         output=rule.output,
         priority=rule.priority,
         linear_mps=linear_mps,
         angular_radps=angular_radps,
-        reason=reason,
     )
     status = RuleStatus.ACTIVE if (linear_mps, angular_radps) != (0.0, 0.0) else RuleStatus.IDLE
-    return request, RuleTrace(rule=rule.name, status=status, reason=reason, output=rule.output)
+    return FollowStep(trace=trace_of(rule, status, before.trace), request=request)
+
+
+def why(rule: FollowRule, track: Track) -> str:
+    """Return why a follow rule does what it does, in words with figures.
+
+    Args:
+        rule: The rule.
+        track: Its target.
+
+    Returns:
+        The words.
+    """
+    figures = _figures(track)
+    if figures is None:
+        known = quantity_of(track, "distance")
+        return f"{metres(*known)} is too unsure to drive by" if known else no_figures(track)
+    distance_m, sigma_m, bearing_rad = figures
+    where = f"{metres(distance_m, sigma_m)} at {math.degrees(bearing_rad):+.0f}°"
+    return f"{where}, to keep {rule.distance_m:.2f} m ahead"
+
+
+def _figures(track: Track) -> tuple[float, float, float] | None:
+    """Return distance, its standard deviation and bearing; None while they cannot be acted on."""
+    figures = quantity_of(track, "distance")
+    if figures is None or track.bearing_rad is None or not math.isfinite(track.bearing_rad):
+        return None
+    if figures[1] > UNSURE_SHARE * figures[0]:
+        return None
+    return *figures, track.bearing_rad

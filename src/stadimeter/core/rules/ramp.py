@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stadimeter.core.decision import RuleStatus, RuleTrace
+from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import RampRule
-from stadimeter.core.rules.conditions import quantity_of
+from stadimeter.core.rules.conditions import no_figures, quantity_of
 from stadimeter.core.rules.request import LevelRequest
+from stadimeter.core.rules.step import Step, trace_of
 from stadimeter.core.rules.words import metres
 from stadimeter.core.track import Track
 
@@ -17,14 +18,26 @@ HOLD_ON_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RampState:
-    """What a ramp remembers.
+class RampStep(Step):
+    """What a ramp does in one cycle.
 
     Attributes:
-        is_on: Whether its output is above zero.
+        level: The level that it gives; above zero, it holds on to noise.
     """
 
-    is_on: bool = False
+    level: float = 0.0
+
+
+def new_ramp(rule: RampRule) -> RampStep:
+    """Return a ramp at the start of a run.
+
+    Args:
+        rule: The ramp.
+
+    Returns:
+        Its step before the first cycle.
+    """
+    return RampStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
 
 
 def ramp_level(rule: RampRule, value_m: float, sigma_m: float, *, is_on: bool) -> float:
@@ -54,32 +67,54 @@ def ramp_level(rule: RampRule, value_m: float, sigma_m: float, *, is_on: bool) -
     return rule.level_min + math.pow(min(share, 1.0), rule.gamma) * (rule.level_max - rule.level_min)
 
 
-def step_ramp(rule: RampRule, state: RampState, track: Track) -> tuple[RampState, LevelRequest | None, RuleTrace]:
+def step_ramp(rule: RampRule, before: RampStep, track: Track) -> RampStep:
     """Judge a ramp for one cycle.
 
     Args:
         rule: The ramp.
-        state: What it remembers.
+        before: Its step in the cycle before.
         track: Its target.
 
     Returns:
-        What it remembers now; what it wants of its output, None if nothing; and why.
+        What it does.
     """
     figures = quantity_of(track, rule.quantity)
     if figures is None:
-        reason = f"{track.target} is {track.status.value}: {track.reason or 'no distance'}"
-        return RampState(), None, _trace(rule, RuleStatus.UNKNOWN, reason)
-    value_m, sigma_m = figures
-    level = ramp_level(rule, value_m, sigma_m, is_on=state.is_on)
-    reason = f"{metres(value_m, sigma_m)} between {rule.start_m:.2f} m (off) and {rule.full_m:.2f} m (full)"
-    if level <= 0:
-        return RampState(), None, _trace(rule, RuleStatus.IDLE, reason)
-    trace = _trace(rule, RuleStatus.ACTIVE, reason)
-    if rule.output is None:
-        return RampState(is_on=True), None, trace
-    request = LevelRequest(rule=rule.name, output=rule.output, priority=rule.priority, level=level, reason=reason)
-    return RampState(is_on=True), request, trace
+        return _step(rule, before, RuleStatus.UNKNOWN, 0.0, rests=True)
+    level = ramp_level(rule, *figures, is_on=before.level > 0)
+    status = RuleStatus.ACTIVE if level > 0 else RuleStatus.IDLE
+    return _step(rule, before, status, level, rests=_rests(rule, figures[0], level))
 
 
-def _trace(rule: RampRule, status: RuleStatus, reason: str) -> RuleTrace:
-    return RuleTrace(rule=rule.name, status=status, reason=reason, output=rule.output)
+def why(rule: RampRule, track: Track) -> str:
+    """Return why a ramp does what it does, in words with figures.
+
+    Args:
+        rule: The ramp.
+        track: Its target.
+
+    Returns:
+        The words.
+    """
+    figures = quantity_of(track, rule.quantity)
+    if figures is None:
+        return no_figures(track)
+    return f"{metres(*figures)} between {rule.start_m:.2f} m (off) and {rule.full_m:.2f} m (full)"
+
+
+def _step(rule: RampRule, before: RampStep, status: RuleStatus, level: float, *, rests: bool) -> RampStep:
+    if status is before.trace.status and level == before.level and rests is before.rests:
+        return before
+    request = None
+    if rule.output is not None and level > 0:
+        request = LevelRequest(rule=rule.name, output=rule.output, priority=rule.priority, level=level)
+    trace = trace_of(rule, status, before.trace)
+    return RampStep(trace=trace, request=request, rests=rests, level=level)
+
+
+def _rests(rule: RampRule, value_m: float, level: float) -> bool:
+    """Return whether the level stays until the distance crosses an end of the ramp: all the way off, or full."""
+    if rule.bias != "neutral":  # then the standard deviation counts too
+        return False
+    share = (value_m - rule.start_m) / (rule.full_m - rule.start_m)
+    return (share < 0 and level == 0) or share > 1

@@ -14,14 +14,12 @@ class LevelRequest:
         output: The actuator's name.
         priority: Of several requests for one output, the highest wins.
         level: From 0 to 1.
-        reason: Why.
     """
 
     rule: str
     output: str
     priority: int
     level: float
-    reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +32,6 @@ class TwistRequest:
         priority: Of several requests for one output, the highest wins.
         linear_mps: Speed forwards.
         angular_radps: Rate of turn, positive to the left.
-        reason: Why.
     """
 
     rule: str
@@ -42,7 +39,6 @@ class TwistRequest:
     priority: int
     linear_mps: float
     angular_radps: float
-    reason: str
 
 
 Request = LevelRequest | TwistRequest

@@ -20,6 +20,7 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.plan import Tracking
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking import filter as kalman
+from stadimeter.core.tracking.filter import FilterState
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +59,7 @@ class TrackState:
     """
 
     track: Track
-    filter: kalman.FilterState | None = None
+    filter: FilterState | None = None
     filter_at_s: float = -math.inf
     sighting: Sighting | None = None
     confirmations: int = 0
@@ -147,19 +148,26 @@ def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> Tr
     reason = measurement.reason or "the measurement holds no usable figures"
     if not state.track.is_valid:
         return replace(state, track=replace(state.track, reason=reason), confirmations=0)
-    return _coast(_predicted(state, measurement.captured_at_s, settings), settings, reason)
+    at_s = measurement.captured_at_s
+    return _coast(state, _predicted(state, at_s, settings), at_s, settings, reason)
 
 
 def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
     """The target is seen, but does not count yet."""
     moved = _predicted(state, sighting.at_s, settings)
     agrees = state.confirmations > 0 and _surprise(moved, sighting) <= settings.gate_sigmas
-    seen = _updated(moved, sighting) if agrees else _started(state, sighting)
+    seen = _updated(moved, sighting) if agrees else _started(sighting)
     confirmations = state.confirmations + 1 if agrees else 1
     if confirmations >= settings.confirm_frames:
-        return _shown(replace(seen, confirmations=0), TrackStatus.TRACKING)
+        return _shown(state.track, seen, sighting, TrackStatus.TRACKING)
     reason = f"seen in {confirmations} of the {settings.confirm_frames} frames in a row that it takes"
-    return replace(seen, confirmations=confirmations, track=replace(state.track, reason=reason))
+    return TrackState(
+        track=replace(state.track, reason=reason),
+        filter=seen,
+        filter_at_s=sighting.at_s,
+        sighting=sighting,
+        confirmations=confirmations,
+    )
 
 
 def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
@@ -167,53 +175,58 @@ def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackS
     moved = _predicted(state, sighting.at_s, settings)
     surprise = _surprise(moved, sighting)
     if surprise <= settings.gate_sigmas:
-        return _shown(_updated(moved, sighting), TrackStatus.TRACKING)
+        return _shown(state.track, _updated(moved, sighting), sighting, TrackStatus.TRACKING)
     rejected = state.track.rejected + 1
     if rejected > settings.outliers_max:
-        return _shown(_started(state, sighting), TrackStatus.TRACKING)
+        return _shown(state.track, _started(sighting), sighting, TrackStatus.TRACKING)
     reason = (
         f"outlier {rejected} of {settings.outliers_max}: {sighting.distance_m:.2f} m is {surprise:.1f} standard "
         f"deviations from what was expected, limit {settings.gate_sigmas:.1f}"
     )
-    return _coast(replace(moved, track=replace(moved.track, rejected=rejected)), settings, reason)
+    return _coast(replace(state, track=replace(state.track, rejected=rejected)), moved, sighting.at_s, settings, reason)
 
 
-def _surprise(state: TrackState, sighting: Sighting) -> float:
-    if state.filter is None:
+def _surprise(known: FilterState | None, sighting: Sighting) -> float:
+    if known is None:
         return math.inf
-    return kalman.surprise_sigmas(state.filter, sighting.distance_m, sighting.variance_m2)
+    return kalman.surprise_sigmas(known, sighting.distance_m, sighting.variance_m2)
 
 
-def _predicted(state: TrackState, at_s: float, settings: Tracking) -> TrackState:
+def _predicted(state: TrackState, at_s: float, settings: Tracking) -> FilterState | None:
     if state.filter is None:
+        return None
+    return kalman.predict(state.filter, at_s - state.filter_at_s, settings.acceleration_mps2)
+
+
+def _started(sighting: Sighting) -> FilterState:
+    return kalman.start(sighting.distance_m, sighting.variance_m2)
+
+
+def _updated(known: FilterState | None, sighting: Sighting) -> FilterState:
+    return kalman.update(known, sighting.distance_m, sighting.variance_m2) if known else _started(sighting)
+
+
+def _coast(state: TrackState, moved: FilterState | None, at_s: float, settings: Tracking, reason: str) -> TrackState:
+    """Show what is expected, as long as that may stand in for measurements."""
+    if moved is None or state.sighting is None:
         return state
-    moved = kalman.predict(state.filter, at_s - state.filter_at_s, settings.acceleration_mps2)
-    return replace(state, filter=moved, filter_at_s=at_s)
+    shown = _shown(state.track, moved, state.sighting, TrackStatus.COASTING, at_s=at_s, reason=reason)
+    return _lose_if_late(shown, at_s, settings, reason)
 
 
-def _started(state: TrackState, sighting: Sighting) -> TrackState:
-    fresh = kalman.start(sighting.distance_m, sighting.variance_m2)
-    return replace(state, filter=fresh, filter_at_s=sighting.at_s, sighting=sighting)
-
-
-def _updated(state: TrackState, sighting: Sighting) -> TrackState:
-    if state.filter is None:
-        return _started(state, sighting)
-    updated = kalman.update(state.filter, sighting.distance_m, sighting.variance_m2)
-    return replace(state, filter=updated, filter_at_s=sighting.at_s, sighting=sighting)
-
-
-def _coast(state: TrackState, settings: Tracking, reason: str) -> TrackState:
-    return _lose_if_late(_shown(state, TrackStatus.COASTING, reason), state.filter_at_s, settings, reason)
-
-
-def _shown(state: TrackState, status: TrackStatus, reason: str = "") -> TrackState:
+def _shown(
+    before: Track,
+    known: FilterState,
+    sighting: Sighting,
+    status: TrackStatus,
+    *,
+    at_s: float | None = None,
+    reason: str = "",
+) -> TrackState:
     """Put what the filter knows into the track that others see."""
-    known, sighting = state.filter, state.sighting
-    if known is None or sighting is None:
-        return state
+    as_of_s = sighting.at_s if at_s is None else at_s
     track = Track(
-        target=state.track.target,
+        target=before.target,
         status=status,
         distance_m=known.distance_m,
         depth_m=known.distance_m * sighting.depth_share,
@@ -222,9 +235,9 @@ def _shown(state: TrackState, status: TrackStatus, reason: str = "") -> TrackSta
         closing_sigma_mps=math.sqrt(known.var_rate_m2ps2),
         bearing_rad=sighting.bearing_rad,
         elevation_rad=sighting.elevation_rad,
-        as_of_s=state.filter_at_s,
+        as_of_s=as_of_s,
         measured_at_s=sighting.at_s,
-        rejected=0 if status is TrackStatus.TRACKING else state.track.rejected,
+        rejected=0 if status is TrackStatus.TRACKING else before.rejected,
         reason=reason,
     )
-    return replace(state, track=track)
+    return TrackState(track=track, filter=known, filter_at_s=as_of_s, sighting=sighting)
