@@ -38,6 +38,7 @@ class ScriptedCamera:
     """
 
     is_live = True
+    remarks = ("it would not switch its autofocus off",)
 
     def __init__(self, clock: ManualClock, *script: Step, opening: tuple[Exception | None, ...] = ()) -> None:
         self.clock = clock
@@ -355,3 +356,8 @@ def test_every_frame_of_a_recording_is_delivered_in_the_caller_s_thread(
 def test_the_way_to_get_frames_follows_from_the_camera(recording: ImageFilesCamera, clock: ManualClock) -> None:
     assert isinstance(capture_for(ScriptedCamera(clock), clock), LiveCapture)
     assert isinstance(capture_for(recording, clock), DirectCapture)
+
+
+def test_what_the_device_did_not_take_can_be_told(clock: ManualClock, waits: Waits) -> None:
+    with opened(ScriptedCamera(clock, 1, 2), waits) as capture:
+        assert capture.remarks() == ("it would not switch its autofocus off",)

@@ -96,7 +96,7 @@ def test_settings_that_were_not_taken_are_told_and_do_no_harm(
     device.values[cv2.CAP_PROP_FPS] = 10
     camera = camera_of(device, node, clock, width_px=1280, height_px=720, rate="30 Hz")
     camera.open()
-    rate, size = camera.settings_differ
+    rate, size = camera.remarks
     assert "30 frames a second" in rate
     assert "1280 × 720" in size
     assert camera.read().width_px == 640

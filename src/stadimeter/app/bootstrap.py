@@ -30,6 +30,8 @@ class Parts:
         messenger: Who tells other programs; None if nobody does.
         cycle: One turn of the loop.
         shared: What the drivers share; its closers are called at the end.
+        is_live: Whether the camera delivers frames at its own pace, on the computer's clock.
+        recording_drives: The names of real outputs that a recording or a simulation drives; none for a live camera.
     """
 
     configuration: Configuration
@@ -39,6 +41,8 @@ class Parts:
     messenger: Messenger | None
     cycle: Cycle
     shared: Shared = field(default_factory=Shared)
+    recording_drives: tuple[str, ...] = ()
+    is_live: bool = False
 
 
 def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
@@ -77,6 +81,7 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
         camera_model=configuration.camera_model,
         detectors=detectors,
         outputs=outputs,
+        max_frame_age_s=configuration.plan.safety.max_frame_age_s,
     )
     return Parts(
         configuration=configuration,
@@ -86,7 +91,14 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
         messenger=messenger,
         cycle=cycle,
         shared=builder.shared,
+        is_live=camera.is_live,
+        recording_drives=() if camera.is_live else _real_outputs(configuration),
     )
+
+
+def _real_outputs(configuration: Configuration) -> tuple[str, ...]:
+    choices = [*configuration.actuators, *([configuration.base] if configuration.base else [])]
+    return tuple(choice.name for choice in choices if not choice.plugin.is_simulated(choice.options))
 
 
 class _Builder:

@@ -46,6 +46,10 @@ class Capture(Protocol):
         """Return what is wrong with the camera at present, in words, or an empty string."""
         ...
 
+    def remarks(self) -> tuple[str, ...]:
+        """Return what the user should know of the camera as it was opened, a sentence each."""
+        ...
+
     def close(self) -> None:
         """Close the camera. May be called at any time, any number of times."""
         ...
@@ -121,6 +125,10 @@ class LiveCapture:
             return "the camera is not open"
         return f"the camera's driver failed: {thread.failure}" if thread.failure else thread.trouble()
 
+    def remarks(self) -> tuple[str, ...]:
+        """Return what the user should know of the camera as it was opened, a sentence each."""
+        return self._camera.remarks
+
     def close(self) -> None:
         """Stop reading and close the camera.
 
@@ -153,6 +161,10 @@ class DirectCapture:
     def trouble(self) -> str:
         """Return an empty string: what goes wrong is raised by `latest`."""
         return ""
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return what the user should know of the camera as it was opened, a sentence each."""
+        return self._camera.remarks
 
     def close(self) -> None:
         """Close the camera; see `Capture`."""

@@ -16,12 +16,17 @@ from stadimeter.core.decide import State, decide
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
+from stadimeter.core.safety import FROM_THE_FUTURE_S
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
 from stadimeter.ranging.measure import measure_frame
 
 FRAME_WAIT_S = 0.1
 """A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass."""
+
+
+JUST_AFTER_S = 0.001
+"""A cycle that waits for a frame to become too old ends this long after that."""
 
 
 class _Stopwatch:
@@ -47,6 +52,7 @@ class Cycle:
         camera_model: The lens.
         detectors: One for each target, by the target's name.
         outputs: The outputs, in the order of the plan.
+        max_frame_age_s: A frame older than this moves nothing.
     """
 
     clock: Clock
@@ -54,6 +60,7 @@ class Cycle:
     camera_model: CameraModel
     detectors: Mapping[str, Detector]
     outputs: Sequence[LeasedOutput]
+    max_frame_age_s: float
     _newest: Frame | None = field(default=None)
 
     def run(self, state: State) -> tuple[State, CycleRecord, Frame | None]:
@@ -95,14 +102,23 @@ class Cycle:
     def _next_frame(self) -> tuple[Frame | None, str]:
         """Return the frame that is new, or None and the reason."""
         try:
-            frame = self.capture.latest(FRAME_WAIT_S)
+            frame = self.capture.latest(self._wait_s())
         except DriverError as error:
             return None, str(error)
+        if not frame.captured_at_s <= self.clock.now_s() + FROM_THE_FUTURE_S:
+            return None, f"frame {frame.sequence} has a capture time that is no time of the past"
         before = self._newest
         if before is not None and frame.captured_at_s <= before.captured_at_s:
             return None, f"the camera repeats frame {frame.sequence}"
         self._newest = frame
         return frame, ""
+
+    def _wait_s(self) -> float:
+        """Return how long to wait for a frame: not beyond the moment at which the newest one becomes too old."""
+        if self._newest is None:
+            return FRAME_WAIT_S
+        left_s = self._newest.captured_at_s + self.max_frame_age_s - self.clock.now_s()
+        return min(FRAME_WAIT_S, left_s + JUST_AFTER_S) if left_s > 0 else FRAME_WAIT_S
 
     def _measured(self, frame: Frame) -> tuple[Measurement, ...]:
         return tuple(

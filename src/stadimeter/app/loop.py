@@ -16,10 +16,15 @@ from stadimeter.app.guard import Guard, retire_all
 from stadimeter.app.health import Health
 from stadimeter.app.journal import JournalWriter
 from stadimeter.app.reporting import Reporter
+from stadimeter.app.stall_watch import StallWatch
 from stadimeter.core.decide import State, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.errors import DriverError, EndOfFramesError
+
+
+class _EndedWhileOpening(BaseException):
+    """Somebody asked for the end while a device was being opened. No driver catches it: it is no `Exception`."""
 
 
 class _Openable(Protocol):
@@ -73,6 +78,7 @@ class Loop:
     ending: str = ""
     troubles: list[str] = field(default_factory=list)
     reporter: Reporter = field(default_factory=lambda: Reporter(boot_id=uuid.uuid4().hex))
+    _is_opening: bool = False
     published: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=PUBLISHED_MAX))
 
     def run(self, limits: Limits | None = None) -> None:
@@ -88,7 +94,10 @@ class Loop:
             StadimeterError: The run cannot go on; the outputs are stopped.
         """
         with ExitStack() as closing:
-            guard = self._open(closing)
+            try:
+                guard = self._open(closing)
+            except _EndedWhileOpening:
+                return
             try:
                 self._turn(limits or Limits(), guard)
             except EndOfFramesError as end:
@@ -101,20 +110,27 @@ class Loop:
     def stop(self, why: str) -> None:
         """Stop every output at once, and end the run after this cycle. May be called from a signal handler.
 
+        While devices are being opened, which may take seconds, this breaks off what is under way. What is open by then
+        is closed as at any other end.
+
         Args:
             why: The reason, in words.
         """
         self.ending = self.ending or why
         self.troubles += retire_all(self.parts.outputs)
+        if self._is_opening:
+            self._is_opening = False
+            raise _EndedWhileOpening
 
     def trouble(self) -> str:
-        """Return in words what is wrong outside the loop: with the camera, or with the messenger.
+        """Return in words what is wrong outside the loop: with the camera, its settings, or the messenger.
 
         Returns:
             The words; empty if nothing is wrong.
         """
         messenger = self.parts.messenger
-        troubles = (self.parts.capture.trouble(), messenger.trouble() if messenger else "")
+        capture = self.parts.capture
+        troubles = (capture.trouble(), *capture.remarks(), messenger.trouble() if messenger else "")
         return "; ".join(trouble for trouble in troubles if trouble)
 
     def _open(self, closing: ExitStack) -> Guard:
@@ -125,14 +141,21 @@ class Loop:
         for name, part in self._openable():
             closing.callback(self._close, name, part.close)
             try:
+                self._is_opening = True
                 part.open()
             except DriverError as error:
                 failures.append(f"{name}: {error}")
+            finally:
+                self._is_opening = False
         if failures:
             raise DriverError("\n".join(failures))
         guard = Guard(parts.outputs, parts.clock)
         guard.start()
         closing.callback(guard.stop)
+        if parts.recording_drives:
+            watch = StallWatch(parts.outputs, parts.clock)
+            watch.start()
+            closing.callback(watch.stop)
         return guard
 
     def _openable(self) -> Iterator[tuple[str, _Openable]]:
@@ -169,7 +192,7 @@ class Loop:
 
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
-        self._publish(now_s, self.reporter.messages(now_s, _wall_clock(), record.decision))
+        self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision))
 
     def _publish(self, now_s: float, messages: Iterable[Message]) -> None:
         if self.parts.messenger is None:

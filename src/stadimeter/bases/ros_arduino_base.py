@@ -20,7 +20,7 @@ from stadimeter.bases.acknowledgements import Acknowledgements
 from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelTicks
 from stadimeter.bases.ros_arduino_handshake import BASE_IS_OFF, Handshake
 from stadimeter.bases.serial_link import SerialLink
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import PORTS, DriverContext, Options, Plugin, driver_names
 from stadimeter.config.units import Duration, Length, SerialPort, Speed
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError
@@ -241,4 +241,4 @@ class RosArduinoBase:
             )
 
 
-PLUGIN = Plugin(RosArduinoOptions, RosArduinoBase)
+PLUGIN = Plugin(RosArduinoOptions, RosArduinoBase, is_simulated=lambda options: options.port in driver_names(PORTS))

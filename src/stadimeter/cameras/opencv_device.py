@@ -49,7 +49,7 @@ class OpenCvCamera:
     """A Video4Linux device or a network stream, read through OpenCV.
 
     A frame's capture time is the driver's stamp where it can be trusted (see `FrameStamp`), and its arrival for
-    streams. Settings that the device did not take are no error; they are in `settings_differ`.
+    streams. Settings that the device did not take are no error; they are in `remarks`.
 
     OpenCV's capture object may not be used by two threads at a time, so reading and releasing exclude each other. A
     `close` during a `read` in another thread lets that read end first, which the read time-out bounds. If the read
@@ -80,7 +80,7 @@ class OpenCvCamera:
         return True
 
     @property
-    def settings_differ(self) -> tuple[str, ...]:
+    def remarks(self) -> tuple[str, ...]:
         """What was asked for and not given when the camera was last opened, a sentence each."""
         return self._settings_differ
 

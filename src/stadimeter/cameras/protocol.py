@@ -24,6 +24,11 @@ class Camera(Protocol):
         """
         ...
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What its user should know since it was opened, a sentence each: settings that the device did not take."""
+        ...
+
     def open(self) -> None:
         """Acquire the device and apply its settings.
 

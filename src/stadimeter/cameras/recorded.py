@@ -33,6 +33,11 @@ class RecordedCamera(ABC):
         """False: every frame of a recording counts."""
         return False
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Nothing: there is no device that could refuse a setting."""
+        return ()
+
     def open(self) -> None:
         """Find the recording and go to its beginning.
 

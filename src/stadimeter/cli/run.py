@@ -100,8 +100,22 @@ def _run(loop: Loop, limits: Limits, journal: Path | None, view: View, title: st
             loop.journal = JournalWriter(journal, loop.parts.configuration.text)
             closing.callback(loop.journal.close)
         closing.enter_context(show(loop, view, title, unit))
+        if loop.parts.recording_drives:
+            loop.listeners.append(_RealOutputsTeller(loop.parts.recording_drives))
         loop.run(limits)
     for trouble in loop.troubles:
         typer.echo(f"warning: while ending: {trouble}", err=True)
     summary = summarise(loop.health, loop.ending)
     typer.echo(json.dumps(summary) if view == "json" else in_words(summary))
+
+
+class _RealOutputsTeller:
+    """Tells once, when the first frame has come, that a recording drives something real."""
+
+    def __init__(self, outputs: tuple[str, ...]) -> None:
+        self._words = f"warning: a recording or simulation drives real outputs: {', '.join(outputs)}"
+
+    def __call__(self, *_: object) -> None:
+        if self._words:
+            typer.echo(self._words, err=True)
+        self._words = ""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Literal, TextIO
 
 import typer
 
+from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Loop
 from stadimeter.cli.live_view import LiveView
 from stadimeter.cli.plain_view import PlainView
+from stadimeter.cli.view_thread import ViewThread
 from stadimeter.core.plan import AlarmRule, AnyRule, DistanceCondition, FollowRule, Plan, RampRule
 
 View = Literal["live", "plain", "json"]
@@ -32,18 +34,39 @@ def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
     """
     if view == "live":
         limits_m = chart_limits_m(loop.parts.configuration.plan)
-        with LiveView(
-            title, unit=unit, trouble=loop.trouble, messages=lambda: tuple(loop.published), limits_m=limits_m
-        ) as live:
-            loop.listeners.append(lambda record, _frame: live.update(record))
+        with (
+            LiveView(
+                title, unit=unit, trouble=loop.trouble, messages=lambda: tuple(loop.published), limits_m=limits_m
+            ) as live,
+            _fed(loop, live.update),
+        ):
             yield
         return
     if view == "plain":
         plain = PlainView(typer.echo, unit=unit, trouble=loop.trouble, ascii_only=not _is_unicode(sys.stdout))
-        loop.listeners.append(lambda record, _frame: plain.update(record))
-    else:
-        loop.listeners.append(_TroubleTeller(loop))
+        with _fed(loop, plain.update):
+            yield
+        return
+    loop.listeners.append(_TroubleTeller(loop))
     yield
+
+
+@contextmanager
+def _fed(loop: Loop, update: Callable[[CycleRecord], None]) -> Iterator[None]:
+    """Feed a view with every cycle: from a thread if the loop must not wait, directly if it runs on a stepped clock."""
+    if not loop.parts.is_live:
+        loop.listeners.append(lambda record, _frame: update(record))
+        yield
+        return
+    thread = ViewThread(update)
+    thread.start()
+    loop.listeners.append(lambda record, _frame: thread.submit(record))
+    try:
+        yield
+    finally:
+        thread.stop()
+        if thread.dropped:
+            typer.echo(f"warning: {thread.dropped} cycles were not shown: the terminal did not keep up", err=True)
 
 
 def live_view_of(loop: Loop, title: str, unit: str) -> LiveView:

@@ -121,10 +121,13 @@ class Plugin(Generic[OptionsT]):
     Attributes:
         options: The model of the driver's table in the configuration.
         build: Makes the driver from its checked options and the run's context, without touching hardware.
+        is_simulated: Tells from its options whether the driver acts in a simulated world only. A recording that drives
+            anything else is watched more closely.
     """
 
     options: type[OptionsT]
     build: Callable[[OptionsT, DriverContext], Any]
+    is_simulated: Callable[[OptionsT], bool] = field(default=lambda _options: False)
 
 
 def driver_names(group: str) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ class SimulatedActuator:
         self._check_open()
         level = round(command.level * self._steps) / self._steps if self._steps else command.level
         self._set(level)
-        return replace(command, level=level)
+        return command if level == command.level else replace(command, level=level)
 
     def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; this device has no patterns
         """Do nothing: it has no patterns.
@@ -114,4 +114,4 @@ class SimulatedActuator:
             raise DeviceClosedError(f"the simulated actuator '{self._name}' is not open")
 
 
-PLUGIN = Plugin(SimulatedActuatorOptions, SimulatedActuator)
+PLUGIN = Plugin(SimulatedActuatorOptions, SimulatedActuator, is_simulated=lambda _: True)

@@ -75,6 +75,11 @@ class SimulatedCamera:
         """False: time passes as frames are read."""
         return False
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Nothing: there is no device that could refuse a setting."""
+        return ()
+
     def open(self) -> None:
         """Make ready to read. Frames are numbered on if the camera was open before."""
         if self._noise is not None and self._renderer is None:

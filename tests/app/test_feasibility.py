@@ -1,0 +1,69 @@
+"""A rule that the camera and the target cannot serve is told before anything runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.config.loader import load_configuration
+from stadimeter.errors import Problem
+
+EXAMPLES = Path(__file__).parents[2] / "config"
+BALL_67_MM = """\
+[camera]
+driver = "opencv"
+device = 0
+model = {{ width_px = 640, height_px = 480, fx_px = 600.0, focal_relative_sigma = {sigma} }}
+
+[targets.ball]
+detector = "ball"
+diameter = "6.7 cm"
+hsv = "29,86,6:64,255,255"
+
+[actuators.motor]
+driver = "vibration-motor"
+pin = 18
+
+[rules.far]
+actuator = "motor"
+{rule}
+"""
+
+
+def warnings(folder: Path, rule: str, sigma: float = 0.01) -> tuple[Problem, ...]:
+    file = folder / "rules.toml"
+    file.write_text(BALL_67_MM.format(rule=rule, sigma=sigma), encoding="utf-8")
+    return feasibility_warnings(load_configuration(file))
+
+
+def test_a_rule_on_ten_metres_with_a_tennis_ball_is_told_its_four_pixels_and_what_helps(tmp_path: Path) -> None:
+    (small,) = warnings(tmp_path, 'when = { above = "10 m" }')
+    assert "at 10.00 m (32.8 ft) 'ball' will be 4 px wide in a picture of 640x480" in small.message
+    assert "3.0 times as large would do, or a limit within 3.35 m" in small.hint
+    assert (small.key, small.line) == ("rules.far.when", 17)
+
+
+def test_the_larger_end_of_a_ramp_counts(tmp_path: Path) -> None:
+    (small,) = warnings(tmp_path, 'ramp = { from = "1 m", to = "8 m" }')
+    assert "at 8.00 m" in small.message
+    assert small.key == "rules.far.ramp"
+
+
+def test_a_limit_beyond_what_the_standard_deviation_resolves_is_told(tmp_path: Path) -> None:
+    (unsure,) = warnings(tmp_path, 'when = { above = "1 m" }', sigma=0.2)
+    assert "the distance is sure to ± 0.20 m only" in unsure.message
+    assert "3 standard deviations, 0.60 m, an alarm may not end" in unsure.message
+
+
+@pytest.mark.parametrize(
+    "rule", ['when = { above = "2 m" }', "when = { seen = true }", 'ramp = { from = "1 m", to = "3 m" }']
+)
+def test_what_can_be_done_gives_no_warning(tmp_path: Path, rule: str) -> None:
+    assert warnings(tmp_path, rule) == ()
+
+
+@pytest.mark.parametrize("name", ["appliance", "follow-ball", "distance-alert", "demo"])
+def test_the_examples_ask_for_nothing_that_cannot_be_done(name: str) -> None:
+    assert feasibility_warnings(load_configuration(EXAMPLES / f"{name}.toml")) == ()

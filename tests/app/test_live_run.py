@@ -1,0 +1,159 @@
+"""A whole run with a live camera on the computer's clock: capture thread, guard threads and signals together."""
+
+import os
+import signal
+import threading
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from stadimeter.app.bootstrap import Parts
+from stadimeter.app.capture import LiveCapture
+from stadimeter.app.clock import MonotonicClock
+from stadimeter.app.cycle import Cycle
+from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.signals import stopping_on_signals
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.command import LevelCommand
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.frame import Frame
+from stadimeter.core.target import BallSize
+from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
+from stadimeter.testing.recording import RecordingActuator
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+
+
+@dataclass
+class Camera:
+    """A live camera that delivers a new picture every 5 ms, until it is told to block."""
+
+    clock: MonotonicClock
+    is_live: bool = True
+    remarks: tuple = ()
+    blocked: threading.Event = field(default_factory=threading.Event)
+    closed: threading.Event = field(default_factory=threading.Event)
+    count: int = 0
+
+    def open(self):
+        self.closed.clear()
+
+    def read(self):
+        if self.closed.wait(0.005):
+            raise DeviceClosedError("closed")
+        if self.blocked.is_set():
+            self.closed.wait(20)
+            raise CaptureTimeoutError("nothing came")
+        self.count += 1
+        image = np.full((48, 64, 3), self.count % 250, np.uint8)
+        return Frame(image=image, captured_at_s=self.clock.now_s(), sequence=self.count)
+
+    def close(self):
+        self.closed.set()
+
+
+class Detector:
+    """Always sees a ball at 2 m."""
+
+    target_size = BallSize(diameter_m=0.2)
+
+    def detect(self, frame, prediction=None):
+        found = DetectionStatus.FOUND
+        return Detection(
+            target="ball",
+            status=found,
+            centre_px=(31.5, 23.5),
+            width_px=6.0,
+            height_px=6.0,
+            size_sigma_px=0.05,
+            outline_px=31.5 + 3 * np.stack((np.cos(np.arange(60)), np.sin(np.arange(60))), axis=1) - (0, 8),
+        )
+
+
+class Rig:
+    def __init__(self, tmp_path):
+        path = tmp_path / "run.toml"
+        path.write_text(
+            SIMULATED_BALL + '[rules.far]\nactuator = "motor"\nramp = { from = "1 m", to = "1.5 m" }\n[world]\n'
+        )
+        self.clock = MonotonicClock()
+        self.camera = Camera(self.clock)
+        self.motor = RecordingActuator(self.clock, "motor")
+        capture = LiveCapture(self.camera, self.clock)
+        outputs = (LeasedOutput(self.motor, LevelCommand(output="motor", level=0.0), 0.3, self.clock),)
+        cycle = Cycle(
+            clock=self.clock,
+            capture=capture,
+            camera_model=CameraModel.with_focal_length(60, 64, 48),
+            detectors={"ball": Detector()},
+            outputs=outputs,
+            max_frame_age_s=0.2,
+        )
+        self.loop = Loop(
+            Parts(
+                configuration=load_configuration(path),
+                clock=self.clock,
+                capture=capture,
+                outputs=outputs,
+                messenger=None,
+                cycle=cycle,
+                is_live=True,
+            )
+        )
+
+
+@pytest.fixture
+def rig(tmp_path):
+    return Rig(tmp_path)
+
+
+def test_it_acts_on_fresh_frames_and_stops_at_the_end(rig):
+    rig.loop.run(Limits(frames=30))
+    assert max(command.level for command in rig.motor.commands) == 1.0
+    assert rig.motor.level == 0.0
+    assert rig.loop.health.frames == 30
+
+
+def test_a_camera_that_blocks_puts_the_output_at_its_safe_value_and_the_run_goes_on(rig):
+    decisions = []
+
+    def listen(record, _frame):
+        decisions.append(record.decision)
+        if rig.loop.health.frames == 20:
+            rig.camera.blocked.set()
+        if rig.camera.blocked.is_set() and record.decision.safety == "stale":
+            assert rig.motor.level == 0.0
+            rig.loop.stop("it was noticed")
+
+    rig.loop.listeners.append(listen)
+    rig.loop.run(Limits(seconds=20))
+    assert rig.loop.ending == "it was noticed"
+    assert decisions[-1].safety_reason.startswith("the newest frame is ")
+
+
+def test_a_signal_ends_it_with_everything_stopped(rig):
+    def listen(_record, _frame):
+        if rig.loop.health.frames == 10:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    rig.loop.listeners.append(listen)
+    with stopping_on_signals(rig.loop.stop):
+        rig.loop.run(Limits(seconds=20))
+    assert rig.loop.ending == "SIGTERM"
+    assert rig.motor.level == 0.0
+    assert not rig.motor.is_open
+
+
+def test_being_asked_to_end_while_a_device_opens_breaks_that_off(rig):
+    def slow_open():
+        os.kill(os.getpid(), signal.SIGINT)
+        threading.Event().wait(20)
+
+    rig.camera.open = slow_open
+    with stopping_on_signals(rig.loop.stop):
+        rig.loop.run(Limits(seconds=20))
+    assert rig.loop.ending == "SIGINT"
+    assert rig.loop.health.frames == 0
+    assert not rig.motor.is_open
