@@ -46,7 +46,7 @@ def test_one_picture_is_enough(near: Path, output: Path) -> None:
     assert result.exit_code == 0
     assert result.stderr == ""
     first, second, third = result.stdout.splitlines()
-    assert "of 8.5 in appears 170.0 px at 30.0 in" in first
+    assert "220.0 x 170.0 px at 30.0 in" in first
     assert second.startswith("focal length 600.")
     assert second.endswith("for pictures of 640x480")
     assert third == f"wrote {output}"
@@ -68,8 +68,22 @@ def test_several_pictures_are_listed_and_combined(near: Path, output: Path, tmp_
     far = _picture(tmp_path / "far.png", 110, 85)
     result = _run("calibrate", "distance", f"{near}@30in", f"{far}@5ft", *SHEET, "-o", output)
     assert result.exit_code == 0
-    assert len(result.stdout.splitlines()) == 4
+    assert [line.split("  ")[0] for line in result.stdout.splitlines()[:2]] == [str(near), f"{far} "[:-1]]
+    assert "the camera file reads" in result.stdout
     assert len(load_camera_model(output).provenance.notes) == 2
+
+
+def test_two_pictures_at_one_distance_are_told_that_they_do_not_tell_the_edge_bias(near: Path, output: Path) -> None:
+    result = _run("calibrate", "distance", f"{near}@30in", f"{near}@30in", *SHEET, "-o", output)
+    assert result.exit_code == 0
+    assert "edge bias taken as 0: all pictures are at one distance" in result.stdout
+    assert load_camera_model(output).edge_bias_px == 0.0
+
+
+def test_a_picture_whose_distance_is_mistyped_is_named(near: Path, output: Path, tmp_path: Path) -> None:
+    far = _picture(tmp_path / "far.png", 110, 85)
+    result = _run("calibrate", "distance", f"{near}@30in", f"{near}@30in", f"{far}@4.5ft", *SHEET, "-o", output)
+    assert f"{far} fits the others far worse than --distance-error allows" in result.stderr
 
 
 def test_a_file_that_is_there_is_replaced_and_that_is_said(near: Path, output: Path) -> None:

@@ -31,6 +31,14 @@ def test_a_tennis_ball() -> None:
     assert str(choice.options.hsv) == HSV
 
 
+def test_an_apriltag() -> None:
+    wanted = _wanted(tag="8cm", family="36h11", tag_id=4)
+    (choice,) = wanted.choices
+    assert (choice.name, choice.driver) == ("tag", "tag")
+    assert (choice.options.side, choice.options.family, choice.options.id) == (0.08, "apriltag-36h11", 4)
+    assert wanted.unit is CENTIMETRE
+
+
 @pytest.mark.parametrize(
     ("sheet", "unit"),
     [("11in,8.5in", INCH), ('11",8.5in', INCH), ("1ft,8in", FOOT), ("297 mm,21cm", CENTIMETRE), ("1e-1 m,1m", METRE)],
@@ -44,6 +52,12 @@ def test_distances_are_shown_in_the_unit_of_the_size(sheet: str, unit: object) -
     [
         ({}, "nothing says what to look for"),
         ({"sheet": "11in,8.5in", "ball": "6cm", "hsv": HSV}, "--sheet and --ball exclude each other"),
+        ({"tag": "8cm"}, "--tag needs the tag's family; add --family"),
+        ({"family": "36h11", "sheet": "11in,8in"}, "--family says what kind of tag it is; give --tag SIDE with it"),
+        ({"tag_id": 3, "sheet": "11in,8in"}, "--id says which tag it is; give --tag SIDE with it"),
+        ({"tag": "8cm", "family": "36h1"}, "--family: there is no family of tags '36h1'; did you mean"),
+        ({"tag": "8cm", "family": "36h11", "tag_id": 587}, "--id: 587 is not in apriltag-36h11"),
+        ({"tag": "8", "family": "36h11"}, "--tag: '8' has no unit"),
         ({"ball": "6cm"}, "--ball needs the ball's colours"),
         ({"hsv": HSV}, "nothing says what to look for"),
         ({"hsv": HSV, "sheet": "11in,8.5in"}, "give --ball DIAMETER with it"),

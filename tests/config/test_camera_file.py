@@ -20,6 +20,9 @@ MODEL = CameraModel(
     fy_px=670.1,
     cx_px=299.5,
     cy_px=401.25,
+    distortion=(-0.28, 0.07, 1e-4, -2e-5, 0.0),
+    tone_curve="linear",
+    edge_bias_px=-0.125,
     focal_relative_sigma=0.0123,
     provenance=Provenance(
         method="one picture at a known distance",
@@ -83,6 +86,23 @@ def test_a_person_can_read_it(file: Path) -> None:
 def test_a_short_file_has_square_pixels_and_the_axis_in_the_middle(file: Path) -> None:
     file.write_text(WRITTEN, encoding="utf-8")
     assert load_camera_model(file) == CameraModel.with_focal_length(600.0, 640, 480)
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("distortion = [0.1, 0.2]", "distortion has 2 coefficients"),
+        ("distortion = [0.1, 0.2, nan, 0.0]", "nan"),
+        ("distortion = [-0.9, 0.0, 0.0, 0.0]", "folds the picture"),
+        ('tone_curve = "gamma"', "srgb"),
+        ("edge_bias_px = inf", "inf"),
+    ],
+)
+def test_what_is_no_lens_is_refused_in_words(file: Path, line: str, complaint: str) -> None:
+    file.write_text(WRITTEN + line + "\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as refused:
+        load_camera_model(file)
+    assert complaint in str(refused.value).replace("infinity", "inf")
 
 
 def test_a_date_may_stand_without_quotes(file: Path) -> None:

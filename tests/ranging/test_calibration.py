@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +15,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.target import BallSize, SheetSize, TargetSize
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.calibration import KnownDistance, calibrate
+from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
 from stadimeter.ranging.measure import measure
 
 INCH_M = 0.0254
@@ -40,7 +42,7 @@ def test_the_model_has_square_pixels_and_the_axis_in_the_middle_and_says_where_i
     assert model.fy_px == model.fx_px
     assert (model.provenance.date, model.provenance.method) == ("2026-01-31", "one picture at a known distance")
     (note,) = model.provenance.notes
-    assert note == "a.png: P = 248.00 px, D = 0.6096 m, W = 0.2794 m (longer side), F = 541.09 px"
+    assert note == "a.png: 248.00 x 190.00 px at 0.6096 m, F = 541.09 px, reads +0.00%"
 
 
 @given(away=st.floats(-0.5, 0.5), depth_m=st.floats(0.3, 5.0), radius_m=st.floats(0.01, 0.1))
@@ -52,7 +54,7 @@ def test_a_ball_gives_the_true_focal_length_anywhere_in_the_picture(
     assert made.camera_model.fx_px == pytest.approx(camera.fx_px, rel=1e-3)
 
 
-@given(width_px=st.floats(30, 400), x=st.floats(0, 640), depth_m=st.floats(0.2, 10))
+@given(width_px=st.floats(100, 400), x=st.floats(0, 640), depth_m=st.floats(1, 10))
 def test_the_calibration_picture_measures_as_deep_as_it_was(
     seen_sheet: Seen, width_px: float, x: float, depth_m: float
 ) -> None:
@@ -92,6 +94,69 @@ def test_pictures_that_differ_more_than_they_should_are_less_sure(seen_sheet: Se
     made = calibrate([good, bad], date="")
     spread = abs(made.pictures[0].focal_px - made.pictures[1].focal_px) / made.camera_model.fx_px
     assert made.camera_model.focal_relative_sigma == pytest.approx(spread / 2, rel=0.1)
+
+
+def _biased(seen_sheet: Seen, bias_px: float, depth_m: float, depth_error: float = 0.0) -> KnownDistance:
+    """A sheet at a focal length of 600 px whose every edge is seen too far out, and what a detector undoes of it."""
+    width_px, height_px = (600 * side / depth_m + 2 * bias_px for side in (LETTER.width_m, LETTER.height_m))
+    less = 2 * BIAS_STEP_PX
+    return _known(
+        seen_sheet(width_px, height_px, MIDDLE, sigma_px=0.1),
+        depth_m * (1 + depth_error),
+        picture=f"{depth_m}.png",
+        less_bias=seen_sheet(width_px - less, height_px - less, MIDDLE, sigma_px=0.1),
+    )
+
+
+@pytest.mark.parametrize("bias_px", [0.8, -0.5, 0.0])
+def test_near_and_far_pictures_tell_focal_length_and_edge_bias_together(seen_sheet: Seen, bias_px: float) -> None:
+    known = [_biased(seen_sheet, bias_px, depth_m) for depth_m in (0.5, 1.0, 2.0, 4.0)]
+    made = calibrate(known, date="", distance_relative_sigma=0.003)
+    assert made.fit.bias_was_fitted
+    assert made.camera_model.fx_px == pytest.approx(600, rel=1e-3)
+    assert made.camera_model.edge_bias_px == pytest.approx(bias_px, abs=0.01)
+    assert all(abs(each.residual_share) < 1e-3 for each in made.pictures)
+
+
+def test_the_stated_uncertainty_of_focal_length_and_bias_holds(seen_sheet: Seen) -> None:
+    rng = np.random.default_rng(3)
+    misses = []
+    for _ in range(60):
+        errors = rng.normal(0, 0.005, 4)
+        known = [_biased(seen_sheet, 0.4, m, error) for m, error in zip((0.5, 1.0, 2.0, 4.0), errors, strict=True)]
+        made = calibrate(known, date="", distance_relative_sigma=0.005)
+        focal = (made.camera_model.fx_px / 600 - 1) / made.camera_model.focal_relative_sigma
+        misses.append((focal, (made.camera_model.edge_bias_px - 0.4) / made.fit.edge_bias_sigma_px))
+    assert np.sqrt(np.mean(np.square(misses), axis=0)) == pytest.approx([1.0, 1.0], abs=0.35)
+
+
+def test_pictures_at_one_distance_leave_the_bias_at_zero_and_say_so(seen_sheet: Seen) -> None:
+    made = calibrate([_biased(seen_sheet, 0.8, 1.0), _biased(seen_sheet, 0.8, 1.0)], date="")
+    assert made.one_distance
+    assert not made.fit.bias_was_fitted
+    assert made.camera_model.edge_bias_px == 0.0
+
+
+def test_where_to_take_one_more_picture_is_told_and_does_tell_the_bias(seen_sheet: Seen) -> None:
+    known = [_biased(seen_sheet, 0.5, 0.5), _biased(seen_sheet, 0.5, 0.6)]
+    made = calibrate(known, date="", distance_relative_sigma=0.005)
+    assert not made.fit.bias_was_fitted
+    assert made.more_at_m is not None
+    with_it = calibrate([*known, _biased(seen_sheet, 0.5, made.more_at_m)], date="", distance_relative_sigma=0.005)
+    assert with_it.fit.bias_was_fitted
+    assert with_it.camera_model.edge_bias_px == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_detector_that_does_not_say_what_a_bias_changes_gets_none(seen_sheet: Seen) -> None:
+    known = [replace(_biased(seen_sheet, 0.5, depth_m), less_bias=None) for depth_m in (0.5, 1.0, 2.0, 4.0)]
+    made = calibrate(known, date="", distance_relative_sigma=0.003)
+    assert (made.fit.bias_was_fitted, made.one_distance) == (False, False)
+
+
+def test_a_focal_length_that_nobody_could_use_is_refused(seen_sheet: Seen) -> None:
+    far_aside = _known(seen_sheet(20, 15, (600, 40), sigma_px=9.0), 1.0)
+    with pytest.raises(CalibrationError, match=r"do not tell the focal length: \d+ px ± \d+%"):
+        calibrate([far_aside], date="")
 
 
 def test_a_picture_without_the_target_is_left_out(seen_sheet: Seen) -> None:

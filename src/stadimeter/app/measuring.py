@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.cameras.protocol import Camera
-from stadimeter.config.loader import DriverChoice
+from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.cli.problems import print_problems
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
@@ -57,7 +58,8 @@ def _report_errors(config: Path, problems: tuple[Problem, ...], *, as_json: bool
 
 
 def _report_success(configuration: Configuration, *, as_json: bool) -> None:
-    sentences, warnings = describe(configuration), configuration.warnings
+    sentences = describe(configuration)
+    warnings = (*configuration.warnings, *feasibility_warnings(configuration))
     if as_json:
         _print_json((), warnings, sentences)
         return

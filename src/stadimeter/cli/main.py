@@ -1,16 +1,42 @@
-"""The command ``stadimeter``: one place that knows every group of commands."""
+"""The command ``stadimeter``: one place that knows every command."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
 
 import typer
 
 import stadimeter
-from stadimeter.cli import calibrate, check, measure, replay, run
+from stadimeter.cli.lazy_group import LazyCommand, LazyGroup
+
+
+class Commands(LazyGroup):
+    """Every command, in the order of the help."""
+
+    LAZY: ClassVar[Mapping[str, LazyCommand]] = {
+        "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until told to stop."),
+        "demo": LazyCommand(
+            "stadimeter.cli.run", "Watch a simulated ball being measured, followed and reported. Needs no hardware."
+        ),
+        "measure": LazyCommand("stadimeter.cli.measure", "Measure how far away a target is in pictures."),
+        "calibrate": LazyCommand(
+            "stadimeter.cli.calibrate", "Find out a camera's focal length, write its camera file, and check it."
+        ),
+        "check": LazyCommand(
+            "stadimeter.cli.check",
+            "Check a configuration: print every error in one pass, or say in words what it does.",
+        ),
+        "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts."),
+        "replay": LazyCommand(
+            "stadimeter.cli.replay", "Run rules over a recording. Nothing is opened and nothing moves."
+        ),
+    }
+
 
 app = typer.Typer(
     name="stadimeter",
+    cls=Commands,
     no_args_is_help=True,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
@@ -39,10 +65,6 @@ def _stadimeter(
     Start with `stadimeter demo`, which needs no hardware. Then `calibrate` the camera with one picture at a known
     distance, `measure` some pictures, `check` a configuration and `run` it.
     """
-
-
-for group in (run, measure, calibrate, check, replay):
-    group.register(app)
 
 
 def main() -> None:

@@ -7,11 +7,9 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from stadimeter.app.annotation import annotate, write_picture
 from stadimeter.app.measuring import NamedDetector, PictureResult, TargetResult, build_detectors, measure_picture
@@ -21,9 +19,12 @@ from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_
 from stadimeter.cli.target_options import (
     BallOption,
     ConfigOption,
+    FamilyOption,
     HsvOption,
     KnownSideOption,
     SheetOption,
+    TagIdOption,
+    TagOption,
     WantedTargets,
     wanted_targets,
 )
@@ -31,6 +32,9 @@ from stadimeter.config.camera_file import load_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 MANY_PICTURES = 5
 """More pictures than this have a progress bar, where somebody is looking."""
@@ -62,6 +66,9 @@ def measure(
     known_side: KnownSideOption = "auto",
     ball: BallOption = None,
     hsv: HsvOption = None,
+    tag: TagOption = None,
+    family: FamilyOption = None,
+    tag_id: TagIdOption = None,
     config: ConfigOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.")] = False,
     copies: Annotated[
@@ -93,7 +100,9 @@ def measure(
     picture is wrong. A bad picture does not stop the others.
     """
     with told_plainly():
-        wanted = wanted_targets(sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, config=config)
+        wanted = wanted_targets(
+            sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, config=config, tag=tag, family=family, tag_id=tag_id
+        )
         camera_model = _camera_model(camera, wanted)
         targets = build_detectors(wanted.choices, camera_model)
         printer = _json_printer() if as_json else _line_printer(images, wanted)
@@ -198,6 +207,10 @@ def _counted(images: Sequence[Path]) -> Iterator[Path]:
 
 @contextmanager
 def _progress() -> Iterator[Progress]:
+    # Few pictures need no bar, and a start without it is shorter.
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     # Lines printed meanwhile go above the bar where both share a terminal; elsewhere they must stay on standard output.
     shared = sys.stdout.isatty()

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config import plain_words
-from stadimeter.config.loader import DriverChoice, load_configuration
+from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.plugins import DETECTORS, load_plugin
 from stadimeter.config.units import LENGTHS_M, parse_length
 from stadimeter.core.camera_model import CameraModel
@@ -42,6 +42,18 @@ HsvOption = Annotated[
         '255. Such as "29,86,6:64,255,255", a green. A lower hue above the upper one wraps through red.',
     ),
 ]
+TagOption = Annotated[
+    str | None,
+    typer.Option("--tag", metavar="SIDE", help="Look for a tag whose black square has this side, such as 8cm."),
+]
+FamilyOption = Annotated[
+    str | None,
+    typer.Option("--family", metavar="FAMILY", help="The tag's family, such as 36h11 (an AprilTag) or 4x4-50 (ArUco)."),
+]
+TagIdOption = Annotated[
+    int | None,
+    typer.Option("--id", metavar="N", help="Which tag of the family; without it, the largest one in the picture."),
+]
 ConfigOption = Annotated[
     Path | None,
     typer.Option("--config", metavar="FILE", help="Look for the targets of this configuration, through its camera."),
@@ -70,7 +82,15 @@ class WantedTargets:
 
 
 def wanted_targets(
-    *, sheet: str | None, known_side: str, ball: str | None, hsv: str | None, config: Path | None = None
+    *,
+    sheet: str | None,
+    known_side: str,
+    ball: str | None,
+    hsv: str | None,
+    config: Path | None = None,
+    tag: str | None = None,
+    family: str | None = None,
+    tag_id: int | None = None,
 ) -> WantedTargets:
     """Make sense of the options.
 
@@ -80,6 +100,9 @@ def wanted_targets(
         ball: ``--ball``.
         hsv: ``--hsv``.
         config: ``--config``.
+        tag: ``--tag``.
+        family: ``--family``.
+        tag_id: ``--id``.
 
     Returns:
         What to look for.
@@ -87,16 +110,25 @@ def wanted_targets(
     Raises:
         ConfigError: They contradict each other, or one of them is wrong.
     """
-    given = [name for name, value in (("--sheet", sheet), ("--ball", ball), ("--config", config)) if value is not None]
+    kinds = (("--sheet", sheet), ("--ball", ball), ("--tag", tag), ("--config", config))
+    given = [name for name, value in kinds if value is not None]
     if len(given) != 1:
         said = f"{' and '.join(given)} exclude each other" if given else "nothing says what to look for"
-        raise ConfigError(f'{said}; give one of --sheet 11in,8.5in, --ball 6.4cm --hsv "…", or --config FILE')
+        raise ConfigError(
+            f'{said}; give one of --sheet 11in,8.5in, --ball 6.4cm --hsv "…", --tag 8cm --family 36h11, '
+            "or --config FILE"
+        )
     _check_companions(sheet, known_side, ball, hsv)
+    _check_tag_companions(tag, family, tag_id)
     if sheet is not None:
         return _sheet(sheet, known_side)
     if ball is not None:
         return _ball(ball, hsv)
-    assert config is not None  # noqa: S101 - one of the three is given
+    if tag is not None:
+        return _tag(tag, family, tag_id)
+    assert config is not None  # noqa: S101 - one of the four is given
+    from stadimeter.config.loader import load_configuration  # noqa: PLC0415 - most of a start, and rarely asked for
+
     loaded = load_configuration(config)
     return WantedTargets(choices=loaded.targets, camera_model=loaded.camera_model)
 
@@ -110,6 +142,15 @@ def _check_companions(sheet: str | None, known_side: str, ball: str | None, hsv:
         raise ConfigError("--known-side names a side of the sheet; give --sheet WIDTH,HEIGHT with it")
 
 
+def _check_tag_companions(tag: str | None, family: str | None, tag_id: int | None) -> None:
+    if tag is None and family is not None:
+        raise ConfigError("--family says what kind of tag it is; give --tag SIDE with it")
+    if tag is None and tag_id is not None:
+        raise ConfigError("--id says which tag it is; give --tag SIDE with it")
+    if tag is not None and family is None:
+        raise ConfigError("--tag needs the tag's family; add --family, such as --family 36h11")
+
+
 def _sheet(text: str, known_side: str) -> WantedTargets:
     sizes = text.split(",")
     if len(sizes) != 2:
@@ -121,6 +162,12 @@ def _sheet(text: str, known_side: str) -> WantedTargets:
 
 def _ball(text: str, hsv: str | None) -> WantedTargets:
     choice = _choice("ball", {"diameter": text, "hsv": hsv}, {"diameter": "--ball", "hsv": "--hsv"})
+    return WantedTargets(choices=(choice,), unit=_unit_of(text))
+
+
+def _tag(text: str, family: str | None, tag_id: int | None) -> WantedTargets:
+    table = {"side": text, "family": family, "id": tag_id}
+    choice = _choice("tag", table, {"side": "--tag", "family": "--family", "id": "--id"})
     return WantedTargets(choices=(choice,), unit=_unit_of(text))
 
 

@@ -15,7 +15,7 @@ from stadimeter.config import plain_words
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.findings import problems
 from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error
-from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.camera_model import CameraModel, Provenance, ToneCurve
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 
 
@@ -26,6 +26,7 @@ def _date_text(value: object) -> object:
 Pixels = Annotated[int, Field(gt=0, strict=True)]
 FocalPixels = Annotated[float, Field(gt=0, strict=True)]
 CentrePixels = Annotated[float, Field(strict=True)]
+Coefficient = Annotated[float, Field(strict=True)]
 
 
 class CameraTable(BaseModel):
@@ -38,6 +39,9 @@ class CameraTable(BaseModel):
         fy_px: Focal length in pixels, vertically; None for square pixels.
         cx_px: Where the optical axis meets the picture, horizontally; None for the middle.
         cy_px: The same, vertically.
+        distortion: k1, k2, p1, p2 and perhaps k3 as OpenCV has them; none for a lens that does not bend lines.
+        tone_curve: How code values follow from light: as in sRGB, or in proportion to it.
+        edge_bias_px: How far outwards each edge of a bright target is measured.
         focal_relative_sigma: Standard deviation of the focal length, as a share of it.
         method: How it was made.
         date: When, as an ISO 8601 date.
@@ -52,6 +56,9 @@ class CameraTable(BaseModel):
     fy_px: FocalPixels | None = None
     cx_px: CentrePixels | None = None
     cy_px: CentrePixels | None = None
+    distortion: tuple[Coefficient, ...] = ()
+    tone_curve: ToneCurve = "srgb"
+    edge_bias_px: Annotated[float, Field(strict=True)] = 0.0
     focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
     method: str = ""
     date: Annotated[str, BeforeValidator(_date_text)] = ""
@@ -66,6 +73,9 @@ class CameraTable(BaseModel):
             fy_px=self.fx_px if self.fy_px is None else self.fy_px,
             cx_px=(self.width_px - 1) / 2 if self.cx_px is None else self.cx_px,
             cy_px=(self.height_px - 1) / 2 if self.cy_px is None else self.cy_px,
+            distortion=self.distortion,
+            tone_curve=self.tone_curve,
+            edge_bias_px=self.edge_bias_px,
             focal_relative_sigma=self.focal_relative_sigma,
             provenance=Provenance(method=self.method, date=self.date, notes=self.notes),
         )
@@ -141,14 +151,22 @@ fy_px = {model.fy_px!r}
 cx_px = {model.cx_px!r}
 cy_px = {model.cy_px!r}
 
+# How the lens bends lines: k1, k2, p1, p2 and perhaps k3 as OpenCV has them; empty for not at all.
+distortion = {list(model.distortion)!r}
+
+# How code values follow from light: "srgb" for nearly every camera, "linear" for raw pictures.
+tone_curve = {_quoted(model.tone_curve)}
+
+# How far outwards each edge of a bright target is measured, in pixels.
+edge_bias_px = {model.edge_bias_px!r}
+
 # Standard deviation of the focal length as a share of it: {100 * model.focal_relative_sigma:.2g} %.
 focal_relative_sigma = {model.focal_relative_sigma!r}
 
 method = {_quoted(provenance.method)}
 date = {_quoted(provenance.date)}
 
-# The figures that it came from: P how large the target appeared, D how far away it was, W how large it is,
-# F the focal length that this picture gives.
+# The figures that it came from; F is the focal length that one picture by itself gives.
 notes = [
 {notes}]
 """

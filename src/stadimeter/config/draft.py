@@ -10,7 +10,8 @@ from typing import Any
 
 from stadimeter.config import driver_tables, models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
-from stadimeter.config.driver_tables import CommonT, DriverChoice, DriverKind, DriverTable, read_driver_table, validate
+from stadimeter.config.driver_choice import DriverChoice
+from stadimeter.config.driver_tables import CommonT, DriverKind, DriverTable, read_driver_table, validate
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.paths import validation_context
 from stadimeter.config.plain_words import shown

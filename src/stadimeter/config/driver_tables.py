@@ -10,31 +10,15 @@ from typing import Any, Generic, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from stadimeter.config import models, plain_words, plugins
+from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.findings import Finding, did_you_mean
 from stadimeter.config.plain_words import shown
-from stadimeter.config.plugins import Options, Plugin
+from stadimeter.config.plugins import Plugin
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.errors import DriverError
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 CommonT = TypeVar("CommonT", bound=models.Section)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriverChoice:
-    """A driver that a configuration names.
-
-    Attributes:
-        name: The part's name in the configuration, such as ``motor``.
-        driver: The driver's name, such as ``vibration-motor``.
-        plugin: The driver.
-        options: Its options, checked.
-    """
-
-    name: str
-    driver: str
-    plugin: Plugin[Any]
-    options: Options
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

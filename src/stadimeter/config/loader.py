@@ -10,7 +10,7 @@ from typing import Any
 
 from stadimeter.config.cross_checks import error_findings, warning_findings
 from stadimeter.config.draft import BASE_NAME, Draft, read_draft
-from stadimeter.config.driver_tables import DriverChoice
+from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.findings import problems
 from stadimeter.config.toml_lines import key_places, syntax_error
 from stadimeter.core.camera_model import CameraModel

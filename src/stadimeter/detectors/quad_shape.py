@@ -64,3 +64,20 @@ def diagonals_meet(corners: Points) -> tuple[float, float]:
     share = ((b - a)[0] * second[1] - (b - a)[1] * second[0]) / cross
     centre = a + share * first
     return float(centre[0]), float(centre[1])
+
+
+def grown(corners: Points, by_px: float) -> Points:
+    """Move the sides of outlines outwards.
+
+    Args:
+        corners: Convex outlines, clockwise on the screen, shape ``(k, 4, 2)``.
+        by_px: How far.
+
+    Returns:
+        The corners where the moved sides meet.
+    """
+    after = np.roll(corners, -1, axis=1) - corners
+    along = after / np.maximum(np.linalg.norm(after, axis=2, keepdims=True), 1e-9)
+    back = -np.roll(along, 1, axis=1)
+    sine = np.abs(back[:, :, 0] * along[:, :, 1] - back[:, :, 1] * along[:, :, 0])
+    return np.asarray(corners - (along + back) * (by_px / np.maximum(sine, 0.2))[:, :, None])

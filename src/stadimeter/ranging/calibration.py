@@ -1,8 +1,12 @@
-"""The focal length of a camera, from pictures of a target at known distances.
+"""The focal length and the edge bias of a camera, from pictures of a target at known distances.
 
 The known distance is taken as the target's depth, the part of the distance along the optical axis: what a tape shows
-that is held square to the wall with the sheet, and what F = P · D / W asks for. For a target in the middle of the
-picture it is the straight line as well, so that is where to put it.
+that is held square to the wall with the sheet. For a target in the middle of the picture it is the straight line as
+well, so that is where to put it.
+
+Each picture gives the focal length with which `stadimeter.ranging.measure` measures just the known depth; so whatever
+that takes into account, such as a ball's perspective or a sheet's tilt, is taken into account here. How several are
+combined is in `stadimeter.ranging.focal_fit`.
 """
 
 from __future__ import annotations
@@ -15,11 +19,36 @@ from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.target import BallSize, TargetSize
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.apparent_size import ApparentSize, apparent_size
-from stadimeter.ranging.similar_triangles import focal_length_px
+from stadimeter.ranging.focal_fit import (
+    BIAS_SIGMA_LIMIT_PX,
+    FocalEstimate,
+    FocalFit,
+    edge_bias_sigma_px,
+    fit_focal_length,
+)
+from stadimeter.ranging.measure import measure
 
 DISTANCE_RELATIVE_SIGMA = 0.01
 """How well a distance is known that a person measures with a tape, as a share of it: 6 mm at 60 cm."""
+
+FOCAL_SIGMA_MAX = 0.3
+"""A focal length less sure than this is no calibration."""
+
+_DOUBLINGS = 30
+_HALVINGS = 44
+"""The focal length is found by bisection; so many halvings of a factor of two leave a relative error of 1e-13."""
+
+BIAS_STEP_PX = 0.25
+"""The edge bias with which detectors are asked what an edge bias changes."""
+
+_ONE_DISTANCE = 1.05
+"""Distances that differ by less than this factor count as one."""
+
+_FARTHER = (1.5, 2, 3, 4, 6, 8)
+"""How many times the largest distance to try when asked where to take one more picture."""
+
+_ADVISED_MIN_PX = 25.0
+"""No picture is advised in which the target would appear smaller than this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +62,8 @@ class KnownDistance:
         detection: Where the target is in it.
         size: The target's size.
         depth_m: How far the target's centre is from the camera, along the optical axis.
+        less_bias: Where the target is found with a camera model that has an edge bias of `BIAS_STEP_PX`. What that
+            changes depends on the target, bright or dark, so the detector says it; None if it was not asked.
     """
 
     picture: str
@@ -41,37 +72,38 @@ class KnownDistance:
     detection: Detection
     size: TargetSize
     depth_m: float
+    less_bias: Detection | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocalLength:
-    """The focal length that one picture gives.
+    """The focal length that one picture gives, and how well the camera model made from all fits it.
 
     Attributes:
         picture: The picture's name.
-        apparent_px: How large the target appears, P.
-        side: Which length of the target that is, such as ``longer side``.
-        depth_m: How far away it is, D.
-        size_m: How large it is, W.
-        focal_px: The focal length, F.
-        off_axis_rad: How far from the middle of the picture the target is.
+        width_px: How wide the target appears.
+        height_px: How high the target appears.
+        depth_m: How far away it is.
+        focal_px: The focal length, with the edge bias of the model undone.
         relative_sigma: The standard deviation of the focal length, as a share of it.
+        off_axis_rad: How far from the middle of the picture the target is.
+        residual_share: What the model measures in this picture, less the known depth, as a share of that.
     """
 
     picture: str
-    apparent_px: float
-    side: str
+    width_px: float
+    height_px: float
     depth_m: float
-    size_m: float
     focal_px: float
-    off_axis_rad: float
     relative_sigma: float
+    off_axis_rad: float
+    residual_share: float
 
     def __str__(self) -> str:
         """Return the figures as one line."""
         return (
-            f"{self.picture}: P = {self.apparent_px:.2f} px, D = {self.depth_m:.4f} m, "
-            f"W = {self.size_m:.4f} m ({self.side}), F = {self.focal_px:.2f} px"
+            f"{self.picture}: {self.width_px:.2f} x {self.height_px:.2f} px at {self.depth_m:.4f} m, "
+            f"F = {self.focal_px:.2f} px, reads {self.residual_share:+.2%}"
         )
 
 
@@ -82,19 +114,26 @@ class Calibration:
     Attributes:
         camera_model: The model.
         pictures: The focal length that each picture gives, in the order of the pictures.
+        fit: How they were combined.
+        one_distance: Whether all pictures are at one distance, where an edge bias looks like another focal length.
+        more_at_m: The nearest depth at which one more picture would tell the edge bias; None if it is told already or
+            if no further picture of the same quality would tell it.
     """
 
     camera_model: CameraModel
     pictures: tuple[FocalLength, ...]
+    fit: FocalFit
+    one_distance: bool
+    more_at_m: float | None
 
 
 def calibrate(
-    known: Sequence[KnownDistance], *, date: str, distance_relative_sigma: float = DISTANCE_RELATIVE_SIGMA
+    known: Sequence[KnownDistance],
+    *,
+    date: str,
+    distance_relative_sigma: float = DISTANCE_RELATIVE_SIGMA,
 ) -> Calibration:
     """Make a camera model: square pixels, and the optical axis through the middle of the picture.
-
-    The focal length is the mean of what the pictures give, weighted by how sure each is of it. Its standard deviation
-    is what follows from theirs, or from how far they differ if that is more.
 
     Args:
         known: One picture at least, all of one resolution. Those in which the target was not found whole are left out.
@@ -106,81 +145,187 @@ def calibrate(
         The model and the figures that it came from.
 
     Raises:
-        CalibrationError: No picture can be used, or they differ in resolution.
+        CalibrationError: No picture can be used, they differ in resolution, or they do not tell the focal length.
+        ValueError: A depth is not a finite number above zero.
     """
+    found = _usable(known)
+    plain = CameraModel.with_focal_length(float(found[0].width_px), found[0].width_px, found[0].height_px)
+    estimates = [_estimate(each, plain, distance_relative_sigma) for each in found]
+    fit = fit_focal_length(estimates)
+    share = math.hypot(fit.focal_sigma_px / fit.focal_px, _lasting_share(found, plain))
+    if share > FOCAL_SIGMA_MAX:
+        raise CalibrationError(
+            f"the pictures do not tell the focal length: {fit.focal_px:.0f} px ± {share:.0%}; check that what was "
+            "found is the target (`stadimeter measure --annotate`), and the distances"
+        )
+    model = replace(
+        plain,
+        fx_px=fit.focal_px,
+        fy_px=fit.focal_px,
+        edge_bias_px=fit.edge_bias_px,
+        focal_relative_sigma=share,
+    )
+    pictures = tuple(_focal_length(each, one, model) for each, one in zip(found, estimates, strict=True))
+    return Calibration(
+        camera_model=replace(model, provenance=_provenance(pictures, date)),
+        pictures=pictures,
+        fit=fit,
+        one_distance=max(each.depth_m for each in found) < _ONE_DISTANCE * min(each.depth_m for each in found),
+        more_at_m=None if fit.bias_was_fitted else _more_at_m(found, estimates, distance_relative_sigma),
+    )
+
+
+def _usable(known: Sequence[KnownDistance]) -> list[KnownDistance]:
     if not known:
         raise CalibrationError("there is no picture to calibrate from; give at least one at a known distance")
     found = [each for each in known if each.detection.status is DetectionStatus.FOUND]
     if not found:
         reasons = "; ".join(f"{each.picture}: {each.detection.reason}" for each in known)
         raise CalibrationError(f"the target was found whole in none of the pictures: {reasons}")
-    _check_resolutions(found)
-    lengths = tuple(_focal_length(each, distance_relative_sigma) for each in found)
-    focal_px, relative_sigma = _combined(lengths)
-    model = CameraModel.with_focal_length(focal_px, found[0].width_px, found[0].height_px)
-    method = "one picture at a known distance" if len(lengths) == 1 else f"{len(lengths)} pictures at known distances"
-    provenance = Provenance(method=method, date=date, notes=tuple(str(each) for each in lengths))
-    return Calibration(
-        camera_model=replace(model, focal_relative_sigma=relative_sigma, provenance=provenance), pictures=lengths
-    )
+    for each in found:
+        _check(each, found[0])
+    return found
 
 
-def _check_resolutions(known: Sequence[KnownDistance]) -> None:
-    first = known[0]
-    for other in known[1:]:
-        if (other.width_px, other.height_px) != (first.width_px, first.height_px):
-            raise CalibrationError(
-                f"{first.picture} has {first.width_px}x{first.height_px} px, {other.picture} has "
-                f"{other.width_px}x{other.height_px}; calibrate from pictures of one resolution"
-            )
-
-
-def _focal_length(known: KnownDistance, distance_relative_sigma: float) -> FocalLength:
-    side = apparent_size(known.detection, known.size)
-    focal_px = _focal_px(known, side)
-    x, y = known.detection.centre_px
-    off_axis_rad = math.atan(math.hypot(x - (known.width_px - 1) / 2, y - (known.height_px - 1) / 2) / focal_px)
-    pixel_share = known.detection.size_sigma_px / side.apparent
-    return FocalLength(
-        picture=known.picture,
-        apparent_px=side.apparent,
-        side=side.name,
-        depth_m=known.depth_m,
-        size_m=side.size_m,
-        focal_px=focal_px,
-        off_axis_rad=off_axis_rad,
-        relative_sigma=math.hypot(pixel_share, distance_relative_sigma, _tape_share(off_axis_rad)),
-    )
-
-
-def _focal_px(known: KnownDistance, side: ApparentSize) -> float:
-    """Return F = P · D / W; of a ball, with the depth at which its outline, rather than its centre, is that large.
-
-    The latter turns ``Z² = (W F / P)² + (W / 2)²`` around, see `stadimeter.ranging.measure`.
-    """
-    if not isinstance(known.size, BallSize):
-        return focal_length_px(side.apparent, known.depth_m, side.size_m)
-    radius_m = side.size_m / 2
-    if known.depth_m <= radius_m:
+def _check(known: KnownDistance, first: KnownDistance) -> None:
+    if not (math.isfinite(known.depth_m) and known.depth_m > 0):
+        raise ValueError(f"{known.picture}: depth_m = {known.depth_m} is not a finite number above zero")
+    if (known.width_px, known.height_px) != (first.width_px, first.height_px):
         raise CalibrationError(
-            f"{known.picture}: a camera {known.depth_m:g} m from the centre of a ball of {side.size_m:g} m would be "
-            "inside it; check the distance and the ball's size"
+            f"{first.picture} has {first.width_px}x{first.height_px} px, {known.picture} has "
+            f"{known.width_px}x{known.height_px}; calibrate from pictures of one resolution"
         )
-    return focal_length_px(side.apparent, math.sqrt(known.depth_m**2 - radius_m**2), side.size_m)
+    if isinstance(known.size, BallSize) and known.depth_m <= known.size.diameter_m / 2:
+        raise CalibrationError(
+            f"{known.picture}: a camera {known.depth_m:g} m from the centre of a ball of {known.size.diameter_m:g} m "
+            "would be inside it; check the distance and the ball's size"
+        )
 
 
-def _tape_share(off_axis_rad: float) -> float:
+def _estimate(known: KnownDistance, plain: CameraModel, distance_relative_sigma: float) -> FocalEstimate:
+    focal_px = _focal_px(known, plain)
+    with_it = _with_focal_length(plain, focal_px)
+    noise_share, _ = depth_shares(known, with_it)
+    share = math.hypot(noise_share, distance_relative_sigma, tape_share(off_axis_rad(known, with_it)))
+    return FocalEstimate(focal_px=focal_px, sigma_px=focal_px * share, per_bias=_per_bias(known, plain, focal_px))
+
+
+def _per_bias(known: KnownDistance, plain: CameraModel, focal_px: float) -> float:
+    """Return by how much the focal length is too large for each pixel of edge bias; 0 where that is not known."""
+    if known.less_bias is None or known.less_bias.status is not DetectionStatus.FOUND:
+        return 0.0
+    without_it_px = _focal_px(replace(known, detection=known.less_bias), plain)
+    return (focal_px - without_it_px) / BIAS_STEP_PX
+
+
+def _focal_px(known: KnownDistance, plain: CameraModel) -> float:
+    """Return the focal length with which the known depth is measured: a larger one always gives a larger depth."""
+    low_px = high_px = plain.fx_px
+    for _ in range(_DOUBLINGS):
+        if measured_depth_m(known, _with_focal_length(plain, high_px)) >= known.depth_m:
+            break
+        low_px, high_px = high_px, 2 * high_px
+    for _ in range(_DOUBLINGS):
+        if measured_depth_m(known, _with_focal_length(plain, low_px)) <= known.depth_m:
+            break
+        low_px, high_px = low_px / 2, low_px
+    for _ in range(_HALVINGS):
+        middle_px = math.sqrt(low_px * high_px)
+        if measured_depth_m(known, _with_focal_length(plain, middle_px)) < known.depth_m:
+            low_px = middle_px
+        else:
+            high_px = middle_px
+    return math.sqrt(low_px * high_px)
+
+
+def _with_focal_length(model: CameraModel, focal_px: float) -> CameraModel:
+    return replace(model, fx_px=focal_px, fy_px=focal_px)
+
+
+def measured_depth_m(known: KnownDistance, model: CameraModel) -> float:
+    """Return the depth that a camera model measures.
+
+    Args:
+        known: A picture in which the target was found whole.
+        model: The camera model at the picture's resolution.
+
+    Returns:
+        The depth in metres.
+
+    Raises:
+        CalibrationError: There is none.
+    """
+    measured = measure(known.detection, known.size, model, 0.0)
+    if measured.depth_m is None:
+        raise CalibrationError(f"{known.picture}: the target cannot be measured: {measured.reason}")
+    return measured.depth_m
+
+
+def depth_shares(known: KnownDistance, model: CameraModel) -> tuple[float, float]:
+    """Return the standard deviation of the measured distance, as shares of it.
+
+    Args:
+        known: A picture in which the target was found whole.
+        model: The camera model at the picture's resolution.
+
+    Returns:
+        What differs from frame to frame, and what stays.
+    """
+    measured = measure(known.detection, known.size, model, 0.0)
+    distance_m, sigma_m, noise_m = measured.distance_m or math.inf, measured.sigma_m or 0.0, measured.noise_m or 0.0
+    return noise_m / distance_m, math.sqrt(max(0.0, sigma_m**2 - noise_m**2)) / distance_m
+
+
+def off_axis_rad(known: KnownDistance, model: CameraModel) -> float:
+    """Return the angle between the optical axis and the line to the target's centre."""
+    return math.atan(math.hypot(*model.direction(*known.detection.centre_px)))
+
+
+def tape_share(off_axis_rad: float) -> float:
     """Return how uncertain it is which way the tape was held: half of what straight line and depth differ by."""
     return (1 / math.cos(off_axis_rad) - 1) / 2
 
 
-def _combined(lengths: Sequence[FocalLength]) -> tuple[float, float]:
-    """Return the weighted mean and its standard deviation as a share of it."""
-    weights = [1 / max(each.focal_px * each.relative_sigma, 1e-9) ** 2 for each in lengths]
-    total = sum(weights)
-    mean = sum(weight * each.focal_px for weight, each in zip(weights, lengths, strict=True)) / total
-    sigma = 1 / math.sqrt(total)
-    if len(lengths) > 1:
-        spread = math.sqrt(sum((each.focal_px - mean) ** 2 for each in lengths) / (len(lengths) - 1))
-        sigma = max(sigma, spread / math.sqrt(len(lengths)))
-    return mean, sigma / mean
+def _lasting_share(known: Sequence[KnownDistance], model: CameraModel) -> float:
+    """Return what all pictures have in common, such as an error of the target's size; more pictures do not help."""
+    return max(depth_shares(each, model)[1] for each in known)
+
+
+def _focal_length(known: KnownDistance, estimate: FocalEstimate, model: CameraModel) -> FocalLength:
+    focal_px = estimate.focal_px - estimate.per_bias * model.edge_bias_px
+    return FocalLength(
+        picture=known.picture,
+        width_px=known.detection.width_px,
+        height_px=known.detection.height_px,
+        depth_m=known.depth_m,
+        focal_px=focal_px,
+        relative_sigma=estimate.sigma_px / estimate.focal_px,
+        off_axis_rad=off_axis_rad(known, model),
+        residual_share=round(model.fx_px / focal_px - 1, 9) + 0.0,  # adding zero turns -0.0 into 0.0
+    )
+
+
+def _more_at_m(
+    known: Sequence[KnownDistance], estimates: Sequence[FocalEstimate], distance_relative_sigma: float
+) -> float | None:
+    """Return where one more picture would tell the edge bias: further away it has more effect, but so has noise."""
+    farthest_m, at_farthest = max(
+        ((each.depth_m, one) for each, one in zip(known, estimates, strict=True)), key=lambda pair: pair[0]
+    )
+    share = at_farthest.sigma_px / at_farthest.focal_px
+    noise_share = math.sqrt(max(0.0, share**2 - distance_relative_sigma**2))
+    appears_px = 2 * at_farthest.focal_px / at_farthest.per_bias if at_farthest.per_bias > 0 else 0.0
+    for times in (each for each in _FARTHER if appears_px / each >= _ADVISED_MIN_PX):
+        one_more = FocalEstimate(
+            focal_px=at_farthest.focal_px,
+            sigma_px=at_farthest.focal_px * math.hypot(noise_share * times, distance_relative_sigma),
+            per_bias=at_farthest.per_bias * times,
+        )
+        if edge_bias_sigma_px([*estimates, one_more]) <= BIAS_SIGMA_LIMIT_PX:
+            return times * farthest_m
+    return None
+
+
+def _provenance(pictures: Sequence[FocalLength], date: str) -> Provenance:
+    method = "one picture at a known distance" if len(pictures) == 1 else f"{len(pictures)} pictures at known distances"
+    return Provenance(method=method, date=date, notes=tuple(str(each) for each in pictures))

@@ -8,10 +8,11 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.target import BallSize, SheetSize, TargetSize
+from stadimeter.core.target import BallSize, SheetSize, TagSize, TargetSize
 from stadimeter.ranging.ball import read_ball
 from stadimeter.ranging.reading import Reading
 from stadimeter.ranging.sheet import read_sheet
+from stadimeter.ranging.tag import read_tag
 
 _STATUS = {
     DetectionStatus.TRUNCATED: MeasurementStatus.TRUNCATED,
@@ -70,6 +71,8 @@ def _reading(detection: Detection, size: TargetSize, camera: CameraModel) -> Rea
             return read_ball(detection, size, camera)
         case SheetSize():
             return read_sheet(detection, size, camera)
+        case TagSize():
+            return read_tag(detection, size, camera)
 
 
 def _with_figures(detection: Detection, camera: CameraModel, captured_at_s: float, reading: Reading) -> Measurement:

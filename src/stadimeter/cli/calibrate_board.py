@@ -1,0 +1,149 @@
+"""The command ``calibrate board``: a camera file, distortion included, from pictures of a chessboard."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stadimeter.app.board_corners import Board, CharucoBoard, Chessboard
+from stadimeter.app.calibrating import check_lens_settings, find_boards
+from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
+from stadimeter.cli.known_pictures import today
+from stadimeter.cli.target_options import parse_known_length
+from stadimeter.config.camera_file import save_camera_model
+from stadimeter.errors import ConfigError
+from stadimeter.ranging.board_calibration import BoardCalibration, calibrate_board
+
+GOOD_FOCAL_SHARE = 0.01
+GOOD_COVERAGE = 0.5
+
+_SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to its group.
+
+    Args:
+        app: The group ``calibrate``.
+    """
+    app.command("board")(board)
+
+
+def board(
+    pictures: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Pictures of the board, 10 to 20.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
+    square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square, such as 25mm.")],
+    chessboard: Annotated[
+        str | None,
+        typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard with so many inner corners, such as 9x6."),
+    ] = None,
+    charuco: Annotated[
+        str | None,
+        typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board of so many squares, such as 5x7."),
+    ] = None,
+    marker: Annotated[
+        str | None, typer.Option("--marker", metavar="LENGTH", help="Side of a marker of the ChArUco board.")
+    ] = None,
+    dictionary: Annotated[
+        str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
+    ] = None,
+) -> None:
+    """Calibrate a camera, distortion included, from pictures of a chessboard or a ChArUco board.
+
+    Take 10 to 20 sharp pictures with the zoom and the focus that you will use. Tilt the board by 30 to 45 degrees to
+    all sides: boards that face the camera do not tell the focal length. Bring it into every corner of the picture:
+    where no board was, the distortion is a guess. The board must be flat.
+
+    A low reprojection error alone says little. What counts is the standard deviation of the focal length, which is
+    written to the camera file and into every distance.
+
+    **Examples**
+
+    - `stadimeter calibrate board *.jpg --board 9x6 --square 25mm -o camera.toml`
+
+    - `stadimeter calibrate board *.jpg --charuco 5x7 --square 40mm --marker 20mm --dictionary 6X6_250 -o camera.toml`
+
+    **Exit code**: 0 the camera file was written from all pictures; 1 some were left out, since the board was not found,
+    they fit far worse than the others or show the same view, or nothing was written, since it was found in none; 2 an
+    option, a file or a picture is wrong, or the pictures do not fix the camera, and nothing was written.
+    """
+    with told_plainly():
+        wanted = _wanted(chessboard, charuco, square, marker, dictionary)
+        for note in check_lens_settings(pictures):
+            typer.echo(f"note: {note}", err=True)
+        found = find_boards(pictures, wanted)
+        for picture, reason in found.missed:
+            typer.echo(f"left out: {picture}: {reason}", err=True)
+        if not found.views:
+            typer.echo(
+                "error: the board was found in no picture, so nothing was written; count its inner corners again, and "
+                "see that all of it, with a white rim, is in the picture, sharp and evenly lit",
+                err=True,
+            )
+            raise typer.Exit(NOT_FOUND)
+        made = calibrate_board(found.views, found.width_px, found.height_px, date=today())
+        replaced = output.exists()
+        save_camera_model(output, made.camera_model)
+        _tell(made)
+        typer.echo(f"{'replaced' if replaced else 'wrote'} {output}")
+    raise typer.Exit(NOT_FOUND if found.missed or any(view.was_left_out for view in made.views) else DONE)
+
+
+def _wanted(
+    chessboard: str | None, charuco: str | None, square: str, marker: str | None, dictionary: str | None
+) -> Board:
+    square_m = parse_known_length(square, "--square")
+    if (chessboard is None) == (charuco is None):
+        raise ConfigError("say which board it is: --board 9x6 for a chessboard, or --charuco 5x7, one of the two")
+    if chessboard is not None:
+        if marker is not None or dictionary is not None:
+            raise ConfigError("--marker and --dictionary describe a ChArUco board; give --charuco instead of --board")
+        columns, rows = _size(chessboard, "--board", 3)
+        return Chessboard(columns=columns, rows=rows, square_m=square_m)
+    if marker is None or dictionary is None:
+        raise ConfigError(
+            "--charuco needs --marker LENGTH and --dictionary NAME, such as --marker 20mm --dictionary 4X4_50"
+        )
+    columns, rows = _size(charuco or "", "--charuco", 3)
+    marker_m = parse_known_length(marker, "--marker")
+    return CharucoBoard(columns=columns, rows=rows, square_m=square_m, marker_m=marker_m, dictionary=dictionary)
+
+
+def _size(text: str, option: str, least: int) -> tuple[int, int]:
+    match = _SIZE.fullmatch(text.strip().lower().replace("×", "x"))
+    if not match or min(int(match[1]), int(match[2])) < least:
+        raise ConfigError(
+            f"{option} {text!r} is no size of a board; write columns and rows, such as 9x6, {least} at least"
+        )
+    return int(match[1]), int(match[2])
+
+
+def _tell(made: BoardCalibration) -> None:
+    name_width = max(len(each.picture) for each in made.views)
+    for each in made.views:
+        error = "" if math.isnan(each.rms_px) else f", error {each.rms_px:.2f} px"
+        left_out = f"  left out: {each.why_left_out}" if each.was_left_out else ""
+        typer.echo(f"{each.picture:<{name_width}}  {each.corners} corners{error}{left_out}")
+    model = made.camera_model
+    used = sum(not each.was_left_out for each in made.views)
+    typer.echo(f"error {made.rms_px:.3f} px over {used} pictures, with corners in {made.coverage:.0%} of the picture")
+    share = model.focal_relative_sigma
+    focal = f"{model.fx_px:.1f} px ± {model.fx_px * share:.1f} ({share:.2%}) across, {model.fy_px:.1f} px down"
+    typer.echo(f"focal length {focal}, for pictures of {model.width_px}x{model.height_px}")
+    for advice in _advice(made):
+        typer.echo(f"note: {advice}", err=True)
+
+
+def _advice(made: BoardCalibration) -> list[str]:
+    advice = []
+    if made.camera_model.focal_relative_sigma > GOOD_FOCAL_SHARE:
+        advice.append("the focal length is not well known; add pictures with the board tilted by 30 to 45 degrees")
+    if made.uncovered:
+        advice.append(f"no corner was seen in the {', '.join(made.uncovered)} of the picture; bring the board there")
+    elif made.coverage < GOOD_COVERAGE:
+        advice.append("the board was seen in little of the picture; bring it nearer, and into every corner")
+    return advice

@@ -1,0 +1,157 @@
+"""The command ``calibrate distance``: a camera file from pictures of a target at known distances."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stadimeter.app.calibrating import with_bias_undone
+from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
+from stadimeter.cli.formatting import LengthUnit, format_distance
+from stadimeter.cli.known_pictures import DistanceErrorOption, PicturesAtDistances, look_at, today
+from stadimeter.cli.target_options import (
+    BallOption,
+    FamilyOption,
+    HsvOption,
+    KnownSideOption,
+    SheetOption,
+    TagIdOption,
+    TagOption,
+    WantedTargets,
+    wanted_targets,
+)
+from stadimeter.config.camera_file import save_camera_model
+from stadimeter.ranging.calibration import Calibration, FocalLength, KnownDistance, calibrate
+
+FAR_OFF_AXIS_RAD = math.radians(10)
+"""Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %."""
+
+MISFIT_SIGMAS = 3.0
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to its group.
+
+    Args:
+        app: The group ``calibrate``.
+    """
+    app.command("distance")(distance)
+
+
+def distance(
+    pictures: PicturesAtDistances,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
+    sheet: SheetOption = None,
+    known_side: KnownSideOption = "auto",
+    ball: BallOption = None,
+    hsv: HsvOption = None,
+    tag: TagOption = None,
+    family: FamilyOption = None,
+    tag_id: TagIdOption = None,
+    distance_error: DistanceErrorOption = 1.0,
+) -> None:
+    """Calibrate a camera from pictures of a target at known distances.
+
+    Take a picture of a sheet of paper or a ball of known size in the middle of the picture, the sheet facing the
+    camera, and measure with a tape how far it is from the lens. DISTANCE is the depth, along the direction in which the
+    camera looks; in the middle of the picture that is the straight line. One picture is enough; several, at different
+    distances, are better: how far they differ shows how sure the focal length is, and from near and far ones the edge
+    bias is found as well, by how much every edge is seen too far out.
+
+    Then `stadimeter measure` and `stadimeter run` need the camera file, and pictures from the same camera at any
+    resolution of the same aspect, with the same zoom. An existing file is replaced.
+
+    **Examples**
+
+    - `stadimeter calibrate distance 2ft.png@24in --sheet 11in,8.5in -o camera.toml`
+
+    - `stadimeter calibrate distance a.jpg@50cm b.jpg@1m --ball 6.4cm --hsv "29,86,6:64,255,255" -o camera.toml`
+
+    **Exit code**: 0 the camera file was written from all pictures; 1 the target was not found in some, which
+    were left out, or in all, and then nothing was written; 2 an option, a file or a picture is wrong, and nothing was
+    written.
+    """
+    with told_plainly():
+        wanted = wanted_targets(
+            sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, tag=tag, family=family, tag_id=tag_id
+        )
+        known = look_at(pictures, wanted, None)
+        if not known.usable:
+            typer.echo("error: no picture can be used, so nothing was written", err=True)
+            raise typer.Exit(NOT_FOUND)
+        made = _calibrated(known.usable, wanted, distance_error / 100)
+        replaced = output.exists()
+        save_camera_model(output, made.camera_model)
+        _tell(made, wanted.unit)
+        typer.echo(f"{'replaced' if replaced else 'wrote'} {output}")
+    raise typer.Exit(DONE if known.all_usable else NOT_FOUND)
+
+
+def _calibrated(known: tuple[KnownDistance, ...], wanted: WantedTargets, distance_relative_sigma: float) -> Calibration:
+    """Calibrate; several pictures are then looked at again, to tell the edge bias too."""
+    made = calibrate(known, date=today(), distance_relative_sigma=distance_relative_sigma)
+    if len(known) == 1:
+        return made
+    rough = replace(made.camera_model, edge_bias_px=0.0)
+    again = with_bias_undone(known, wanted.choices, rough)
+    return calibrate(again, date=today(), distance_relative_sigma=distance_relative_sigma)
+
+
+def _tell(made: Calibration, unit: LengthUnit) -> None:
+    name_width = max(len(each.picture) for each in made.pictures)
+    for each in made.pictures:
+        _tell_picture(each, name_width, unit, alone=len(made.pictures) == 1)
+    _tell_the_worst(made)
+    model = made.camera_model
+    share = model.focal_relative_sigma
+    typer.echo(
+        f"focal length {model.fx_px:.1f} px ± {model.fx_px * share:.1f} ({share:.1%}) "
+        f"for pictures of {model.width_px}x{model.height_px}"
+    )
+    if made.fit.bias_was_fitted:
+        typer.echo(f"edge bias {made.fit.edge_bias_px:+.2f} px ± {made.fit.edge_bias_sigma_px:.2f}")
+    elif len(made.pictures) > 1:
+        typer.echo(f"edge bias taken as 0: {_why_no_bias(made, unit)}")
+
+
+def _tell_picture(each: FocalLength, name_width: int, unit: LengthUnit, *, alone: bool) -> None:
+    away = format_distance(each.depth_m, None, unit)
+    reads = "" if alone else f"; the camera file reads {each.residual_share:+.2%}"
+    typer.echo(
+        f"{each.picture:<{name_width}}  {each.width_px:.1f} x {each.height_px:.1f} px at {away}:  "
+        f"focal length {each.focal_px:.1f} px ± {each.focal_px * each.relative_sigma:.1f}{reads}"
+    )
+    if each.off_axis_rad > FAR_OFF_AXIS_RAD:
+        typer.echo(
+            f"note: {each.picture}: the target is {math.degrees(each.off_axis_rad):.0f}° from the middle of the "
+            f"picture; {away} was taken as its depth, so the straight line to it is longer",
+            err=True,
+        )
+
+
+def _tell_the_worst(made: Calibration) -> None:
+    worst = max(made.pictures, key=lambda each: abs(each.residual_share) / each.relative_sigma)
+    if abs(worst.residual_share) > MISFIT_SIGMAS * worst.relative_sigma:
+        typer.echo(
+            f"note: {worst.picture} fits the others far worse than --distance-error allows; check its distance, and "
+            "that what was found is the target",
+            err=True,
+        )
+
+
+def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:
+    if made.one_distance:
+        why = "all pictures are at one distance, where it looks like another focal length"
+    elif math.isinf(made.fit.edge_bias_sigma_px):
+        return "what this detector sees does not tell it"
+    else:
+        why = f"these distances tell it only within ± {made.fit.edge_bias_sigma_px:.1f} px"
+    if made.one_distance and made.more_at_m is None:
+        return f"{why}; add one that is several times as far away"
+    if made.more_at_m is None:
+        return f"{why}; to tell it, measure the distances better and say so with --distance-error"
+    return f"{why}; one more picture at {format_distance(made.more_at_m, None, unit)} or farther would tell it"

@@ -1,0 +1,85 @@
+"""Pictures at known distances on the command line, which two of the commands that calibrate have in common."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stadimeter.app.calibrating import check_lens_settings, known_distance
+from stadimeter.app.measuring import build_detectors
+from stadimeter.cli.target_options import WantedTargets, parse_known_length
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import DetectionStatus
+from stadimeter.errors import ConfigError
+from stadimeter.ranging.calibration import KnownDistance
+
+PicturesAtDistances = Annotated[
+    list[str],
+    typer.Argument(metavar="PATH@DISTANCE...", help="Pictures of the target at known distances: 2ft.png@24in."),
+]
+DistanceErrorOption = Annotated[
+    float,
+    typer.Option(
+        "--distance-error",
+        metavar="PERCENT",
+        min=0.0,
+        max=50.0,
+        help="How well you know the distances: one standard deviation, in per cent of each.",
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownPictures:
+    """What was found in the pictures.
+
+    Attributes:
+        usable: Those in which the target was found whole.
+        all_usable: Whether that is all of them.
+    """
+
+    usable: tuple[KnownDistance, ...]
+    all_usable: bool
+
+
+def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None) -> KnownPictures:
+    """Look for the target in pictures, and say on standard error which cannot be used, and why.
+
+    Args:
+        pictures: Each as ``PATH@DISTANCE``.
+        wanted: One target.
+        camera_model: The lens; None where it is not known yet.
+
+    Returns:
+        What was found.
+
+    Raises:
+        StadimeterError: A distance or a picture is wrong, or the pictures were taken with different zoom.
+    """
+    taken = [_split(each) for each in pictures]
+    for note in check_lens_settings([path for path, _ in taken]):
+        typer.echo(f"note: {note}", err=True)
+    (target,) = build_detectors(wanted.choices, camera_model)
+    known = [known_distance(path, depth_m, target) for path, depth_m in taken]
+    usable = tuple(each for each in known if each.detection.status is DetectionStatus.FOUND)
+    for each in known:
+        if each.detection.status is not DetectionStatus.FOUND:
+            typer.echo(f"left out: {each.picture}: {each.detection.reason}", err=True)
+    return KnownPictures(usable=usable, all_usable=len(usable) == len(known))
+
+
+def today() -> str:
+    """Return the date of today, as ISO 8601 has it."""
+    return dt.datetime.now().astimezone().date().isoformat()
+
+
+def _split(text: str) -> tuple[Path, float]:
+    path, at, length = text.rpartition("@")
+    if not (at and path):
+        raise ConfigError(f"{text!r} does not say how far away the target is; write it such as 2ft.png@24in")
+    return Path(path), parse_known_length(length, path)

@@ -1,0 +1,67 @@
+"""A command line that loads a command's module when the command is called, and not for the list of commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, ClassVar
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+
+@dataclass(frozen=True, slots=True)
+class LazyCommand:
+    """A command that is not loaded yet.
+
+    Attributes:
+        module: The module whose function ``register`` adds the command to a command line.
+        summary: What the list of commands says about it: the first sentence of its own help.
+    """
+
+    module: str
+    summary: str
+
+
+class LazyGroup(TyperGroup):
+    """A group of commands from the table `LAZY`, which a subclass sets.
+
+    Most of a start is imports, and no command needs what all the others import.
+    """
+
+    LAZY: ClassVar[Mapping[str, LazyCommand]] = {}
+
+    def __init__(self, **how: Any) -> None:
+        super().__init__(**how)
+        for name, lazy in self.LAZY.items():
+            self.add_command(TyperCommand(name, help=lazy.summary, rich_markup_mode=self.rich_markup_mode))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Load the command that is called, and let the group go on with it.
+
+        Args:
+            ctx: The context of the command line.
+            args: What follows on the command line, the name first.
+
+        Returns:
+            What the group found: the name, the command, and what is left on the command line.
+        """
+        if args and args[0] in self.LAZY:
+            self.load(args[0])
+        return super().resolve_command(ctx, args)
+
+    def load(self, name: str) -> Any:
+        """Load a command of the table.
+
+        Args:
+            name: Its name.
+
+        Returns:
+            The command, or group of commands.
+        """
+        alone = typer.Typer(rich_markup_mode="markdown", pretty_exceptions_enable=False)
+        import_module(self.LAZY[name].module).register(alone)
+        command = typer.main.get_group(alone).commands[name]
+        self.add_command(command)
+        return command

@@ -1,0 +1,269 @@
+"""The tag detector: one ArUco marker or AprilTag, its four corners to a few hundredths of a pixel.
+
+A tag says itself which one it is, so clutter is hardly ever taken for one.
+
+The corners that OpenCV and the AprilTag library give are good to some tenths of a pixel; both part black from white
+half way up in code values instead of light, which alone makes a tag of 48 pixels 1.5 % too small. Here they are the
+start for `stadimeter.detectors.tag_sides`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.units import Length
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
+from stadimeter.core.frame import Frame
+from stadimeter.core.target import TagSize
+from stadimeter.detectors.border import touches_border
+from stadimeter.detectors.lens import lens_for
+from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.quad_shape import diagonals_meet, grown, side_lengths, width_and_height
+from stadimeter.detectors.tag_code import SeenTag
+from stadimeter.detectors.tag_families import SMALL_TAG_FAMILIES, TagFamilyName, tag_family
+from stadimeter.detectors.tag_frame import BentSides
+from stadimeter.detectors.tag_search import Sighting, SmallTagFinder, TagSearch
+from stadimeter.detectors.tag_sides import TagSides, measure_sides
+from stadimeter.errors import DriverUnavailableError
+
+BORDER_PX = 2.0
+"""A tag with a corner nearer to the border of the picture than this may be cut off."""
+
+LEAST_SUPPORT = 0.5
+"""The share of each side that must be seen as a straight edge."""
+
+LEAST_CONTRAST = 0.02
+"""How much more light the white around a tag must give than its black: a share of the most that a picture holds."""
+
+SIGMA_FACTOR = 2.0
+SIGMA_FLOOR_PX = 0.012
+SIGMA_CROWDING_PX = 0.11
+"""The standard deviation of a side is ``hypot(2 s / sqrt(n), 0.012, 0.11 (e / c)²)`` pixels, for n steps that scatter
+by s, an edge that takes e pixels from black to white, and cells of c pixels.
+
+Steps beside each other err together, hence the factor. The last term is for blurred edges that run into each other
+across a cell. Fitted on rendered tags of 30 to 180 px, clean, with noise, JPEG, defocus and motion blur. A camera whose
+tone curve differs from what its model says errs by more, in all frames alike, see `CameraModel.edge_bias_px`.
+"""
+
+
+class TagOptions(Options):
+    """What a ``[targets.…]`` table with ``driver = "tag"`` may hold.
+
+    Attributes:
+        side: The side of the black square, without the white around it, such as ``"8 cm"``.
+        family: Such as ``apriltag-36h11`` or ``aruco-4x4-50``.
+        id: Which tag of the family; without it, the largest one in view.
+        min_side_px: Tags whose longest side is smaller than this in the picture are not looked for. The larger, the
+            sooner a picture without a tag is done with.
+        inverted: Whether tags with a white border on black count as well.
+        finder: What looks once more where the fast search finds nothing: ``opencv``, or ``pyapriltags`` for AprilTags
+            of less than 32 pixels, which needs the extra ``tags``.
+    """
+
+    side: Length
+    family: TagFamilyName = "apriltag-36h11"
+    id: Annotated[int | None, Field(ge=0)] = None
+    min_side_px: Annotated[float, Field(ge=12)] = 16.0
+    inverted: bool = False
+    finder: Literal["opencv", "pyapriltags"] = "opencv"
+
+    @field_validator("id")
+    @classmethod
+    def _in_family(cls, value: int | None, info: ValidationInfo) -> int | None:
+        name = info.data.get("family")
+        if value is not None and name is not None and value >= tag_family(name).members:
+            raise ValueError(f"{value} is not in {name}, whose tags are numbered 0 to {tag_family(name).members - 1}")
+        return value
+
+    @field_validator("finder")
+    @classmethod
+    def _knows_family(cls, value: str, info: ValidationInfo) -> str:
+        name = info.data.get("family")
+        if value == "pyapriltags" and name is not None and name not in SMALL_TAG_FAMILIES:
+            known = ", ".join(SMALL_TAG_FAMILIES)
+            raise ValueError(f"'pyapriltags' does not know the family {name}; it knows {known}; write 'opencv'")
+        return value
+
+
+class TagDetector:
+    """Finds one tag.
+
+    Args:
+        name: The target's name.
+        options: What it looks like.
+        camera: The lens, if it is known: its tone curve, distortion and edge bias are allowed for.
+        small_tags: Finds what is too small for the rest; None to do without.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        options: TagOptions,
+        camera: CameraModel | None = None,
+        small_tags: SmallTagFinder | None = None,
+    ) -> None:
+        self._name = name
+        self._camera = camera
+        self._size = TagSize(side_m=options.side)
+        self._number = options.id
+        self._family = tag_family(options.family)
+        self._search = TagSearch(
+            family=self._family,
+            light=light_table("srgb" if camera is None else camera.tone_curve),
+            min_side_px=options.min_side_px,
+            inverted=options.inverted,
+            small_tags=small_tags,
+        )
+
+    @property
+    def target_size(self) -> TagSize:
+        """The tag's size."""
+        return self._size
+
+    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+        """Look for the tag.
+
+        Args:
+            frame: The frame; its image is not changed.
+            prediction: Where the tag is expected. If it is not whole there, the whole frame is searched.
+
+        Returns:
+            The tag. Without a number it is the one nearest to the prediction or else the largest, and where several
+            are in view the reason says so.
+        """
+        near = None if prediction is None else self._near(frame, prediction)
+        return near or self._anywhere(frame)
+
+    def _near(self, frame: Frame, prediction: Prediction) -> Detection | None:
+        sighting = self._search.around(frame.image, prediction)
+        wanted = self._wanted(sighting)
+        if sighting is None or not wanted:
+            return None
+        expected = np.array(prediction.centre_px) - sighting.left_top_px
+        nearest = min(wanted, key=lambda tag: float(np.abs(tag.corners_px.mean(axis=0) - expected).max()))
+        found = self._measured(frame, sighting, nearest)
+        return found if found.status is DetectionStatus.FOUND else None
+
+    def _anywhere(self, frame: Frame) -> Detection:
+        answer = None
+        sighting = None
+        for sighting in self._search.everywhere(frame.image):
+            for tag in self._wanted(sighting):
+                answer = self._measured(frame, sighting, tag)
+                if answer.status is not DetectionStatus.NOT_FOUND:
+                    return answer
+        return answer or self._not_found(self._missing(sighting))
+
+    def _wanted(self, sighting: Sighting | None) -> list[SeenTag]:
+        tags = () if sighting is None else sighting.tags
+        return [tag for tag in tags if self._number is None or tag.number == self._number]
+
+    def _missing(self, sighting: Sighting | None) -> str:
+        """Say what was seen instead of the tag."""
+        if sighting is not None and sighting.tags:
+            others = ", ".join(str(number) for number in sorted({tag.number for tag in sighting.tags}))
+            return f"no tag {self._number} of {self._family.name}, only {others}"
+        outlines = 0 if sighting is None else sighting.outlines
+        of_which = f" among {outlines} four-cornered outlines" if outlines else ""
+        return f"no tag of {self._family.name} of at least {self._search.min_side_px:g} px{of_which}"
+
+    def _measured(self, frame: Frame, sighting: Sighting, tag: SeenTag) -> Detection:
+        """Measure a tag's sides, in the part of the picture in which it was seen."""
+        lens = lens_for(self._camera, frame)
+        bent = BentSides(camera=lens, left_top_px=sighting.left_top_px) if lens and lens.distortion else None
+        sides = measure_sides(sighting.grey, tag.corners_px, self._family.cells, self._search.light, bent)
+        corners = (tag.corners_px if sides is None else sides.corners_px) + sighting.left_top_px
+        if touches_border(corners, frame.width_px, frame.height_px, BORDER_PX):
+            return self._unmeasured(tag, DetectionStatus.TRUNCATED, "is cut off by the border", corners)
+        if sides is None:
+            return self._unmeasured(tag, DetectionStatus.NOT_FOUND, "has no straight sides")
+        trouble = self._trouble(sides)
+        if trouble:
+            return self._unmeasured(tag, DetectionStatus.NOT_FOUND, trouble)
+        if lens and lens.edge_bias_px:
+            corners = _without_bias(corners, sides, lens.edge_bias_px)
+        return self._found(tag, sides, corners, sighting.tags)
+
+    def _trouble(self, sides: TagSides) -> str:
+        """Say why the sides are not those of a tag; an empty string if they are."""
+        longest = max(side_lengths(sides.corners_px))
+        if longest < self._search.min_side_px:
+            return f"is too small: {longest:.1f} px, limit {self._search.min_side_px:g} px"
+        weakest = float(np.abs(sides.contrast).min())
+        if weakest < LEAST_CONTRAST or abs(np.sign(sides.contrast).sum()) < 4:
+            return f"does not stand out on all four sides: {weakest:.1%} of full light, limit {LEAST_CONTRAST:.0%}"
+        straight = float(sides.support.min())
+        if straight < LEAST_SUPPORT:
+            return f"has a side of which {straight:.0%} is straight, limit {LEAST_SUPPORT:.0%}"
+        return ""
+
+    def _found(self, tag: SeenTag, sides: TagSides, corners: Points, tags: Sequence[SeenTag]) -> Detection:
+        width_px, height_px = width_and_height(corners)
+        return Detection(
+            target=self._name,
+            status=DetectionStatus.FOUND,
+            reason=self._choice(tag, tags),
+            outline_px=corners,
+            centre_px=diagonals_meet(corners),
+            width_px=width_px,
+            height_px=height_px,
+            size_sigma_px=_size_sigma_px(sides, min(width_px, height_px) / self._family.cells),
+            quality=float(sides.support.min()) * (1 - tag.errors / (2 * self._family.most_errors + 1)),
+        )
+
+    def _choice(self, tag: SeenTag, tags: Sequence[SeenTag]) -> str:
+        """Say that there was a choice, if there was one."""
+        if self._number is not None or len(tags) < 2:
+            return ""
+        return f"tag {tag.number}, one of {len(tags)} of {self._family.name} in view; name one with id"
+
+    def _unmeasured(self, tag: SeenTag, status: DetectionStatus, why: str, corners: Points | None = None) -> Detection:
+        reason = f"tag {tag.number}, {tag.side_px:.0f} px, {why}"
+        if corners is None:
+            return self._not_found(reason)
+        return Detection(target=self._name, status=status, reason=reason, outline_px=corners)
+
+    def _not_found(self, reason: str) -> Detection:
+        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason)
+
+
+def _without_bias(corners: Points, sides: TagSides, edge_bias_px: float) -> Points:
+    """Return the corners with the camera's edge bias taken off: a black tag appears too small by it."""
+    outwards_px = edge_bias_px if sides.contrast[0] > 0 else -edge_bias_px
+    return np.asarray(grown(corners[None], outwards_px)[0])
+
+
+def _size_sigma_px(sides: TagSides, cell_px: float) -> float:
+    """Return the standard deviation of a side's length."""
+    of_steps = SIGMA_FACTOR * math.sqrt(float(np.mean(sides.scatter_px**2 / np.maximum(sides.steps, 1))))
+    of_crowding = SIGMA_CROWDING_PX * (float(sides.edge_px.max()) / cell_px) ** 2
+    return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding)
+
+
+def _build(options: TagOptions, context: DriverContext) -> TagDetector:
+    return TagDetector(context.name, options, context.camera_model, _small_tags(options, context.name))
+
+
+def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
+    """Load the library for small tags, if it is asked for; it takes long and is not always installed."""
+    if options.finder == "opencv":
+        return None
+    try:
+        from stadimeter.detectors.tag_apriltag import ApriltagFinder  # noqa: PLC0415 - an optional library
+    except ImportError as error:
+        raise DriverUnavailableError(
+            f"target {name}: finder = 'pyapriltags' needs a library that is not installed: {error}; install it with "
+            "pip install 'stadimeter[tags]', or write finder = 'opencv'"
+        ) from error
+    return ApriltagFinder(options.family)
+
+
+PLUGIN = Plugin(TagOptions, _build)

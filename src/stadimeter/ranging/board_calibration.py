@@ -1,0 +1,309 @@
+"""A whole camera model, distortion included, from pictures of a board whose corners are known.
+
+A low reprojection error says that the model explains these corners, not that its focal length is right: boards that
+all face the camera are explained as well by a longer lens further away. So the standard deviation of the focal length
+counts, and it is taken from two sources, whichever is more: the covariance of the fit, which trusts every corner to
+err by itself, and how much the focal length changes when views are left out (the jackknife: B. Efron, C. Stein, The
+jackknife estimate of variance, Annals of Statistics 9, 1981), which also notices what the corners of one view have in
+common, such as a board that is not flat.
+
+The fit itself is OpenCV's, after Z. Zhang, A flexible new technique for camera calibration, 2000.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.errors import CalibrationError
+
+VIEWS_MIN = 3
+"""Fewer views do not fix focal length, centre and distortion."""
+
+FOCAL_SIGMA_MAX = 0.2
+"""A focal length less sure than this is no calibration."""
+
+SAME_VIEW_SHARE = 0.005
+"""Two views are the same if their corners are on average no further apart than this share of the picture's width."""
+
+_JACKKNIFE_GROUPS = 15
+_OUTLIER_MADS = 5.0
+_OUTLIER_MEDIANS = 2.5
+_COVERAGE_CELLS = (8, 6)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class BoardView:
+    """The corners of a board in one picture.
+
+    Attributes:
+        picture: The picture's name.
+        board_m: Where the corners are on the board, shape (n, 2).
+        corners_px: Where they are in the picture, shape (n, 2), in the same order.
+    """
+
+    picture: str
+    board_m: NDArray[np.float64]
+    corners_px: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewError:
+    """How well one picture fits the camera model.
+
+    Attributes:
+        picture: The picture's name.
+        corners: How many corners were found.
+        rms_px: Root of the mean squared distance between where they are and where the model has them; NaN for a
+            picture that was left out before the fit.
+        why_left_out: Why it was left out; empty if it was not.
+    """
+
+    picture: str
+    corners: int
+    rms_px: float
+    why_left_out: str = ""
+
+    @property
+    def was_left_out(self) -> bool:
+        """Whether the picture was left out."""
+        return bool(self.why_left_out)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardCalibration:
+    """A camera model and how far to trust it.
+
+    Attributes:
+        camera_model: The model.
+        views: One for each picture, in their order.
+        rms_px: The reprojection error over all pictures that were used.
+        coverage: The share of the picture's area, in cells of a grid, that has a corner in some picture.
+        uncovered: The ninths of the picture without any corner, in words such as ``upper left``.
+    """
+
+    camera_model: CameraModel
+    views: tuple[ViewError, ...]
+    rms_px: float
+    coverage: float
+    uncovered: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Fit:
+    matrix: NDArray[np.float64]
+    distortion: NDArray[np.float64]
+    focal_sigma_px: NDArray[np.float64]
+    view_rms_px: NDArray[np.float64]
+    rms_px: float
+    flags: int
+
+
+def calibrate_board(views: Sequence[BoardView], width_px: int, height_px: int, *, date: str) -> BoardCalibration:
+    """Make a camera model from pictures of a board.
+
+    Views that are the same as another are left out: they say nothing new, and would make the fit look surer than it
+    is. So are those that fit far worse than the others, the worst first: one bad view spoils the fit of the good ones.
+
+    Args:
+        views: Three at least, all of one resolution.
+        width_px: The pictures' width.
+        height_px: The pictures' height.
+        date: ISO 8601 date of the calibration.
+
+    Returns:
+        The model with the figures to judge it by.
+
+    Raises:
+        CalibrationError: There are too few views, or they do not fix the focal length.
+    """
+    shape = (width_px, height_px)
+    used, same = _different(views, width_px * SAME_VIEW_SHARE)
+    if len(used) < VIEWS_MIN:
+        raise CalibrationError(
+            f"the board was found in {len(used)} different views; a calibration needs {VIEWS_MIN} at least, and is "
+            "better with 10 to 20, the board tilted to all sides and in all corners of the picture"
+        )
+    fit, used, bad = _without_outliers(used, shape)
+    errors = dict(zip(map(id, used), fit.view_rms_px, strict=True))
+    return BoardCalibration(
+        camera_model=_model(fit, used, shape, date),
+        views=tuple(
+            same.get(id(view))
+            or bad.get(id(view))
+            or ViewError(picture=view.picture, corners=len(view.corners_px), rms_px=float(errors[id(view)]))
+            for view in views
+        ),
+        rms_px=fit.rms_px,
+        coverage=float(_covered(used, shape, _COVERAGE_CELLS).mean()),
+        uncovered=_uncovered(used, shape),
+    )
+
+
+def _different(views: Sequence[BoardView], same_px: float) -> tuple[list[BoardView], dict[int, ViewError]]:
+    different: list[BoardView] = []
+    same: dict[int, ViewError] = {}
+    for view in views:
+        other = next((each for each in different if _apart_px(view, each) < same_px), None)
+        if other is None:
+            different.append(view)
+        else:
+            why = f"the same view as {other.picture}"
+            same[id(view)] = ViewError(
+                picture=view.picture, corners=len(view.corners_px), rms_px=math.nan, why_left_out=why
+            )
+    return different, same
+
+
+def _apart_px(view: BoardView, other: BoardView) -> float:
+    """Return the mean distance between the corners of two views; infinite if they do not show the same ones."""
+    if not np.array_equal(view.board_m, other.board_m):
+        return math.inf
+    return float(np.linalg.norm(view.corners_px - other.corners_px, axis=1).mean())
+
+
+def _without_outliers(
+    views: list[BoardView], shape: tuple[int, int]
+) -> tuple[_Fit, list[BoardView], dict[int, ViewError]]:
+    used, bad = list(views), {}
+    fit = _fit(used, shape)
+    while len(used) > VIEWS_MIN and (limit_px := _outlier_limit_px(fit.view_rms_px)) < fit.view_rms_px.max():
+        worst = int(fit.view_rms_px.argmax())
+        view = used.pop(worst)
+        bad[id(view)] = ViewError(
+            picture=view.picture,
+            corners=len(view.corners_px),
+            rms_px=float(fit.view_rms_px[worst]),
+            why_left_out=f"it fits far worse than the others, which allow {limit_px:.2f} px",
+        )
+        fit = _fit(used, shape)
+    return fit, used, bad
+
+
+def _outlier_limit_px(view_rms_px: NDArray[np.float64]) -> float:
+    """Return how badly a view may fit: far from the median, both in standard deviations and in proportion."""
+    median = float(np.median(view_rms_px))
+    sigma = 1.4826 * float(np.median(np.abs(view_rms_px - median)))
+    return max(median + _OUTLIER_MADS * sigma, _OUTLIER_MEDIANS * median)
+
+
+def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _Fit:
+    """Fit all five coefficients, or all but k3 where with it the lens would fold the picture."""
+    fit = _opencv_fit(views, shape, 0)
+    if _lens(fit, shape) is None:
+        fit = _opencv_fit(views, shape, cv2.CALIB_FIX_K3)
+    return fit
+
+
+def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int, start: _Fit | None = None) -> _Fit:
+    board, corners = _as_opencv(views)
+    matrix: NDArray[Any] = start.matrix.copy() if start else np.eye(3)
+    distortion: NDArray[Any] = start.distortion.copy() if start else np.zeros((1, 5))
+    flags |= cv2.CALIB_USE_INTRINSIC_GUESS if start else 0
+    try:
+        rms, new_matrix, new_distortion, _, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
+            board, corners, shape, matrix, distortion, flags=flags
+        )
+    except cv2.error as error:
+        raise CalibrationError(
+            "the pictures do not fix the camera: the corners allow no fit; tilt the board to all sides, by 30 to 45 "
+            "degrees"
+        ) from error
+    return _Fit(
+        matrix=np.asarray(new_matrix, dtype=np.float64),
+        distortion=np.asarray(new_distortion, dtype=np.float64),
+        focal_sigma_px=np.asarray(sigmas, dtype=np.float64).ravel()[:2],
+        view_rms_px=np.asarray(per_view, dtype=np.float64).ravel(),
+        rms_px=float(rms),
+        flags=flags,
+    )
+
+
+def _as_opencv(views: Sequence[BoardView]) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
+    """Return the corners as OpenCV wants them: the board as a plane at z = 0, single precision."""
+    board = [np.column_stack((each.board_m, np.zeros(len(each.board_m)))) for each in views]
+    return (
+        [each.astype(np.float32).reshape(-1, 1, 3) for each in board],
+        [each.corners_px.astype(np.float32).reshape(-1, 1, 2) for each in views],
+    )
+
+
+def _lens(fit: _Fit, shape: tuple[int, int]) -> CameraModel | None:
+    try:
+        return _lens_or_error(fit, shape)
+    except CalibrationError:
+        return None
+
+
+def _lens_or_error(fit: _Fit, shape: tuple[int, int]) -> CameraModel:
+    matrix = fit.matrix
+    return CameraModel(
+        width_px=shape[0],
+        height_px=shape[1],
+        fx_px=float(matrix[0, 0]),
+        fy_px=float(matrix[1, 1]),
+        cx_px=float(matrix[0, 2]),
+        cy_px=float(matrix[1, 2]),
+        distortion=tuple(map(float, fit.distortion.ravel()[:5])),
+    )
+
+
+def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
+    lens = _lens_or_error(fit, shape)
+    focal_px = np.array([lens.fx_px, lens.fy_px])
+    shares = np.maximum(fit.focal_sigma_px, _jackknife_sigma_px(fit, views, shape)) / focal_px
+    share = float(shares.max())
+    if not (math.isfinite(share) and share < FOCAL_SIGMA_MAX):
+        raise CalibrationError(
+            f"the pictures do not tell the focal length: {lens.fx_px:.0f} px ± {share:.0%}; tilt the board by 30 to 45 "
+            "degrees in several of them, to different sides"
+        )
+    notes = (
+        f"reprojection error {fit.rms_px:.3f} px over {len(views)} pictures",
+        *(f"{view.picture}: {rms_px:.3f} px" for view, rms_px in zip(views, fit.view_rms_px, strict=True)),
+    )
+    method = f"{len(views)} pictures of a board"
+    return replace(lens, focal_relative_sigma=share, provenance=Provenance(method=method, date=date, notes=notes))
+
+
+def _jackknife_sigma_px(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the standard deviations of fx and fy from how they change when a group of views is left out."""
+    groups = min(len(views), _JACKKNIFE_GROUPS)
+    if len(views) - math.ceil(len(views) / groups) < VIEWS_MIN:
+        return np.zeros(2)
+    focal_px = []
+    for group in range(groups):
+        kept = [view for index, view in enumerate(views) if index % groups != group]
+        without = _opencv_fit(kept, shape, fit.flags & cv2.CALIB_FIX_K3, fit)
+        focal_px.append((without.matrix[0, 0], without.matrix[1, 1]))
+    spread = np.array(focal_px) - np.mean(focal_px, axis=0)
+    sigma: NDArray[np.float64] = np.sqrt((groups - 1) / groups * np.sum(spread**2, axis=0))
+    return sigma
+
+
+def _covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return which cells of a grid over the picture have a corner, shape (rows, columns)."""
+    covered = np.zeros(cells[::-1], dtype=np.bool_)
+    corners = np.concatenate([view.corners_px for view in views])
+    columns, rows = np.floor((corners + 0.5) / np.array(shape) * np.array(cells)).astype(int).T
+    covered[rows.clip(0, cells[1] - 1), columns.clip(0, cells[0] - 1)] = True
+    return covered
+
+
+def _uncovered(views: Sequence[BoardView], shape: tuple[int, int]) -> tuple[str, ...]:
+    rows, columns = np.nonzero(~_covered(views, shape, (3, 3)))
+    return tuple(_PLACES[row][column] for row, column in zip(rows, columns, strict=True))
+
+
+_PLACES = (
+    ("upper left", "upper middle", "upper right"),
+    ("left", "middle", "right"),
+    ("lower left", "lower middle", "lower right"),
+)

@@ -1,0 +1,40 @@
+"""The command ``bench``."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from stadimeter.cli.main import app
+
+
+@pytest.fixture(scope="module")
+def shown():
+    return CliRunner().invoke(app, ["bench", "--seconds", "0.3"])
+
+
+def test_it_prints_a_line_for_each_detector_and_size(shown):
+    assert shown.exit_code == 0
+    for size in ("640x480", "1280x720", "1920x1080"):
+        for detector in ("ball", "sheet", "tag"):
+            assert any(detector in line and size in line for line in shown.output.splitlines()), (detector, size)
+
+
+def test_it_names_the_computer_and_tells_latency_and_memory(shown):
+    assert "OpenCV threads" in shown.output
+    assert "stadimeter 0" in shown.output
+    assert "From frame to actuator: " in shown.output
+    assert "Memory: " in shown.output
+
+
+def test_json_is_one_object_with_the_same_figures():
+    result = CliRunner().invoke(app, ["bench", "--seconds", "0.3", "--json"])
+    assert result.exit_code == 0
+    figures = json.loads(result.output)
+    assert list(figures) == ["computer", "detectors", "latency", "peak_memory_mb"]
+    assert len(figures["detectors"]) == 9
+    assert figures["latency"]["p50_ms"] <= figures["latency"]["p99_ms"]
+
+
+def test_no_time_at_all_is_refused():
+    assert CliRunner().invoke(app, ["bench", "--seconds", "0"]).exit_code == 2

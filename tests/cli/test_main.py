@@ -1,0 +1,68 @@
+"""The command line as a whole: what it lists, and what it loads for that."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from stadimeter.cli.main import Commands, app
+
+HEAVY = ("cv2", "numpy", "pydantic", "paho", "gpiozero", "serial", "stadimeter.app", "stadimeter.config")
+OF_DRIVERS = ("paho", "gpiozero", "serial", "lgpio", "stadimeter.simulation", "stadimeter.messaging.mqtt")
+
+
+def loaded_by(code):
+    """Return which modules a fresh Python has after running some code."""
+    script = f"import json, sys\n{code}\nprint(json.dumps(sorted(sys.modules)), file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return json.loads(done.stderr.splitlines()[-1])
+
+
+def among(modules, names):
+    return [module for module in modules if any(module == name or module.startswith(f"{name}.") for name in names)]
+
+
+def test_the_command_line_loads_nothing_that_only_commands_need():
+    assert among(loaded_by("import stadimeter.cli.main"), HEAVY) == []
+
+
+def test_the_help_loads_no_command():
+    code = "from stadimeter.cli.main import app\ntry:\n    app(['--help'])\nexcept SystemExit:\n    pass"
+    assert among(loaded_by(code), HEAVY) == []
+
+
+@pytest.mark.parametrize("name", list(Commands.LAZY))
+def test_a_command_loads_no_driver_that_nobody_named(name):
+    assert among(loaded_by(f"import {Commands.LAZY[name].module}"), OF_DRIVERS) == []
+
+
+def test_measuring_loads_the_configuration_of_a_run_only_when_one_is_given():
+    assert among(loaded_by("import stadimeter.cli.measure"), ["stadimeter.config.loader", "rich.progress"]) == []
+
+
+@pytest.mark.parametrize("name", list(Commands.LAZY))
+def test_the_list_of_commands_says_what_the_command_says_itself(name):
+    group = typer.main.get_command(app)
+    summary = group.commands[name].help
+    own = " ".join(group.load(name).help.split("\n\n")[0].split())
+    assert own == summary
+
+
+def test_the_help_lists_every_command():
+    shown = CliRunner().invoke(app, ["--help"]).output
+    for name in Commands.LAZY:
+        assert f" {name} " in shown
+
+
+def test_the_help_of_a_command_is_its_own():
+    assert "--annotate" in CliRunner().invoke(app, ["measure", "--help"]).output
+    assert "distance" in CliRunner().invoke(app, ["calibrate", "--help"]).output
+
+
+def test_an_unknown_command_is_told_with_the_nearest_one():
+    result = CliRunner().invoke(app, ["meaure"])
+    assert result.exit_code == 2
+    assert "Did you mean 'measure'?" in result.output

@@ -1,0 +1,32 @@
+"""From code values to light."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stadimeter.detectors.linear_light import light_table
+
+pytestmark = pytest.mark.vision
+
+
+def test_srgb_is_decoded_as_the_standard_says() -> None:
+    table = light_table("srgb")
+    assert (table[0], table[255]) == (0.0, 1.0)
+    assert table[10] == pytest.approx(10 / 255 / 12.92, rel=1e-6)
+    assert table[188] == pytest.approx(0.5029, abs=1e-4)
+    assert (np.diff(table) > 0).all()
+
+
+def test_linear_values_are_in_proportion_to_the_light() -> None:
+    assert light_table("linear") == pytest.approx(np.arange(256) / 255)
+
+
+def test_a_picture_is_decoded_at_once() -> None:
+    picture = np.array([[[0, 188, 255]]], np.uint8)
+    assert light_table("srgb")[picture][0, 0] == pytest.approx((0.0, 0.5029, 1.0), abs=1e-4)
+
+
+def test_the_table_is_shared_so_it_cannot_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        light_table("srgb")[0] = 1.0

@@ -1,0 +1,313 @@
+"""The tag detector on rendered scenes, whose truth is exact, and on drawn tags."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction
+from stadimeter.core.frame import Frame, Image
+from stadimeter.core.target import TagSize
+from stadimeter.detectors.tag import PLUGIN, TagDetector, TagOptions
+from stadimeter.detectors.tag_families import DICTIONARIES
+from stadimeter.errors import DriverUnavailableError
+from stadimeter.simulation.scenes.draw import empty_scene, tag_scene
+from stadimeter.simulation.scenes.nuisances import distorted, motion, noise, tone
+from stadimeter.simulation.scenes.render import render
+from stadimeter.simulation.scenes.tone import Tone, encode
+
+pytestmark = pytest.mark.vision
+
+
+def detector(camera: CameraModel | None = None, **options: object) -> TagDetector:
+    return TagDetector("tag", TagOptions.model_validate({"side": "10 cm", **options}), camera)
+
+
+def seen(image: Image, prediction: Prediction | None = None, **options: object) -> Detection:
+    return detector(**options).detect(Frame(image, 0.0, 0), prediction)
+
+
+def pasted(
+    *tags: tuple[int, int, int, int], family: str = "apriltag-36h11", quarters: int = 0, white: int = 1
+) -> Image:
+    """Draw tags, each given as number, left, top and side; pixel columns left to left + side - 1 are its own."""
+    light = np.full((480, 640), white, np.float32)
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARIES[family]))
+    for number, left, top, side in tags:
+        marker = np.rot90(cv2.aruco.generateImageMarker(dictionary, number, side), -quarters)
+        light[top : top + side, left : left + side] = np.where(marker > 0, white, 1 - white)
+    code = encode(cv2.GaussianBlur(0.03 + 0.6 * light, (0, 0), 0.8), Tone.SRGB)
+    return cv2.cvtColor(np.rint(code).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+
+
+def square(left: int, top: int, side: int) -> np.ndarray:
+    right, bottom = left + side - 0.5, top + side - 0.5
+    return np.array([(left - 0.5, top - 0.5), (right, top - 0.5), (right, bottom), (left - 0.5, bottom)])
+
+
+def worst_px(found: Detection, truth: np.ndarray) -> float:
+    """Return how far the worst corner is off, whichever corner is called the first."""
+    return min(float(np.abs(np.roll(found.outline_px, turn, axis=0) - truth).max()) for turn in range(4))
+
+
+def around(truth: np.ndarray, sigma_px: float = 3.0) -> Prediction:
+    x, y = truth.mean(axis=0) + np.array((2.0, -1.5))
+    longest = float(np.linalg.norm(np.roll(truth, -1, axis=0) - truth, axis=1).max())
+    return Prediction(centre_px=(float(x), float(y)), size_px=1.02 * longest, sigma_px=sigma_px)
+
+
+@pytest.mark.parametrize(
+    ("side_px", "tilt_deg", "limit_px"), [(48, 0, 0.15), (48, 40, 0.25), (100, 20, 0.1), (200, 50, 0.1)]
+)
+def test_the_corners_are_found_to_a_fraction_of_a_pixel(side_px: int, tilt_deg: int, limit_px: float) -> None:
+    made = render(tag_scene(11, side_px, math.radians(tilt_deg)))
+    found = seen(made.image)
+    assert found.status is DetectionStatus.FOUND
+    assert (found.target, found.reason) == ("tag", "")
+    assert worst_px(found, made.truth.outline_px) < limit_px
+    assert 0 < found.size_sigma_px < 0.1
+    assert 0.5 < found.quality <= 1
+
+
+def test_a_tag_of_32_pixels_turned_by_40_degrees_is_found() -> None:
+    made = render(tag_scene(6, 32, math.radians(40)))
+    assert worst_px(seen(made.image), made.truth.outline_px) < 0.5
+
+
+def test_around_a_prediction_the_same_corners_are_found() -> None:
+    made = render(tag_scene(12, 70, 0.5))
+    whole, part = seen(made.image), seen(made.image, around(made.truth.outline_px))
+    assert np.asarray(part.outline_px) == pytest.approx(np.asarray(whole.outline_px), abs=0.1)
+    assert worst_px(part, made.truth.outline_px) < 0.15
+
+
+@pytest.mark.parametrize("centre", [(40.0, 40.0), (-500.0, 9e5)])
+def test_a_wrong_prediction_does_not_hide_the_tag(centre: tuple[float, float]) -> None:
+    picture = pasted((7, 400, 250, 80))
+    found = seen(picture, Prediction(centre_px=centre, size_px=60, sigma_px=5))
+    assert worst_px(found, square(400, 250, 80)) < 0.1
+
+
+def test_a_tag_turned_far_is_found_around_its_prediction() -> None:
+    """Reduced to 40 pixels of length it would be 20 wide, which nobody reads, so the part is searched in full."""
+    made = render(tag_scene(15, 100, math.radians(60)))
+    found = detector()._near(Frame(made.image, 0.0, 0), around(made.truth.outline_px))
+    assert found is not None
+    assert worst_px(found, made.truth.outline_px) < 0.2
+
+
+def test_without_a_number_the_largest_tag_is_taken_and_the_reason_says_so() -> None:
+    found = seen(pasted((3, 60, 60, 60), (9, 300, 200, 120), (5, 60, 300, 80)))
+    assert worst_px(found, square(300, 200, 120)) < 0.1
+    assert found.reason == "tag 9, one of 3 of apriltag-36h11 in view; name one with id"
+
+
+def test_without_a_number_the_tag_at_the_prediction_is_kept_though_another_is_larger() -> None:
+    picture = pasted((3, 60, 60, 60), (9, 300, 200, 120))
+    found = seen(picture, around(square(60, 60, 60)))
+    assert worst_px(found, square(60, 60, 60)) < 0.1
+
+
+def test_the_tag_with_the_number_is_taken_though_another_is_larger() -> None:
+    found = seen(pasted((3, 60, 60, 60), (9, 300, 200, 120)), id=3)
+    assert worst_px(found, square(60, 60, 60)) < 0.1
+    assert found.reason == ""
+
+
+def test_a_number_that_is_not_in_view_is_missed_by_name() -> None:
+    found = seen(pasted((3, 60, 60, 60), (9, 300, 200, 120)), id=4)
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.reason == "no tag 4 of apriltag-36h11, only 3, 9"
+
+
+def test_tags_of_another_family_are_not_taken() -> None:
+    found = seen(pasted((3, 200, 200, 120), family="aruco-6x6-250"))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.reason.startswith("no tag of apriltag-36h11 of at least 16 px among ")
+
+
+@pytest.mark.parametrize("family", sorted(DICTIONARIES))
+def test_every_family_is_read_whichever_way_it_is_turned(family: str) -> None:
+    first = []
+    for quarters in range(4):
+        found = seen(pasted((17, 200, 150, 120), family=family, quarters=quarters), family=family, id=17)
+        assert found.status is DetectionStatus.FOUND, quarters
+        first.append(np.asarray(found.outline_px[0]))
+    corners = square(200, 150, 120)
+    turned_back = corners[[2, 3, 0, 1]] if family.startswith("apriltag") else corners
+    assert np.array(first) == pytest.approx(turned_back, abs=0.1)
+
+
+@pytest.mark.parametrize("family", ["apriltag-16h5", "apriltag-25h9", "apriltag-36h11"])
+def test_corners_start_where_the_authors_of_apriltag_say(family: str) -> None:
+    library = pytest.importorskip("pyapriltags")
+    picture = pasted((5, 200, 150, 120), family=family)
+    other = library.Detector(families="tag" + family.removeprefix("apriltag-"))
+    (theirs,) = other.detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+    assert np.asarray(seen(picture, family=family).outline_px) == pytest.approx(theirs.corners[::-1] - 0.5, abs=0.8)
+
+
+def test_white_on_black_counts_only_where_it_is_asked_for() -> None:
+    negative = pasted((3, 200, 200, 120), white=0)
+    assert seen(negative).status is DetectionStatus.NOT_FOUND
+    assert worst_px(seen(negative, inverted=True), square(200, 200, 120)) < 0.1
+    assert seen(pasted((3, 200, 200, 120)), inverted=True).status is DetectionStatus.FOUND
+
+
+@pytest.mark.parametrize("left", [0, 1])
+def test_a_tag_at_the_border_of_the_picture_gives_no_size(left: int) -> None:
+    found = seen(pasted((3, left, 200, 120)))
+    assert found.status is not DetectionStatus.FOUND
+    assert found.width_px == 0
+
+
+def test_a_tag_with_a_corner_beside_the_border_is_called_cut_off() -> None:
+    found = seen(pasted((3, 2, 200, 120)))
+    assert found.status is DetectionStatus.TRUNCATED
+    assert re.fullmatch(r"tag 3, 1[12]\d px, is cut off by the border", found.reason)
+
+
+def test_a_bent_picture_of_a_tag_has_its_corners_where_the_lens_puts_them() -> None:
+    scene = distorted(tag_scene(40, 150, 0.3))
+    made = render(scene)
+    found = detector(scene.camera).detect(Frame(made.image, 0.0, 0))
+    assert worst_px(found, made.truth.outline_px) < 0.1
+    assert worst_px(seen(made.image), made.truth.outline_px) > 0.2, "the lens matters in this picture"
+
+
+def test_a_linear_camera_is_believed_to_be_one() -> None:
+    scene = tone(Tone.LINEAR)(tag_scene(41, 80, 0.2))
+    made = render(scene)
+    found = detector(replace(scene.camera, tone_curve="linear")).detect(Frame(made.image, 0.0, 0))
+    assert worst_px(found, made.truth.outline_px) < 0.1
+    assert worst_px(seen(made.image), made.truth.outline_px) > 0.3, "the tone curve matters in this picture"
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_an_edge_bias_makes_a_black_tag_larger_and_a_white_one_smaller(inverted: bool) -> None:
+    picture = pasted((3, 200, 200, 120), white=0 if inverted else 1)
+    camera = CameraModel.with_focal_length(600.0, 640, 480)
+    plain = detector(camera, inverted=inverted).detect(Frame(picture, 0.0, 0))
+    biased = detector(replace(camera, edge_bias_px=0.25), inverted=inverted).detect(Frame(picture, 0.0, 0))
+    assert biased.width_px - plain.width_px == pytest.approx(-0.5 if inverted else 0.5, abs=1e-6)
+    assert biased.centre_px == pytest.approx(plain.centre_px)
+
+
+def test_a_picture_of_another_aspect_than_the_camera_file_is_searched_all_the_same() -> None:
+    camera = CameraModel.with_focal_length(600.0, 1000, 480)
+    found = detector(replace(camera, edge_bias_px=0.5)).detect(Frame(pasted((3, 200, 200, 120)), 0.0, 0))
+    assert worst_px(found, square(200, 200, 120)) < 0.1
+
+
+@pytest.mark.parametrize("trouble", [noise(8), motion(4), motion(8)])
+def test_noise_and_motion_move_the_corners_by_less_than_a_third_of_a_pixel(trouble) -> None:
+    made = render(trouble(tag_scene(14, 110, 0.3)))
+    found = seen(made.image)
+    assert found.status is DetectionStatus.FOUND
+    assert worst_px(found, made.truth.outline_px) < 0.3
+
+
+def test_clutter_is_not_taken_for_a_tag() -> None:
+    for seed in range(8):
+        found = seen(render(empty_scene(70 + seed)).image)
+        assert found.status is DetectionStatus.NOT_FOUND
+        assert "four-cornered outlines" in found.reason
+
+
+def test_a_tag_smaller_than_the_limit_is_not_taken() -> None:
+    picture = pasted((3, 200, 200, 48))
+    assert seen(picture).status is DetectionStatus.FOUND
+    assert seen(picture, min_side_px=60).status is DetectionStatus.NOT_FOUND
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 500), (8, 8), (17, 9), (3, 2000)])
+@pytest.mark.parametrize("level", [0, 255])
+def test_empty_and_tiny_pictures_hold_no_tag(shape: tuple[int, int], level: int) -> None:
+    found = seen(np.full((*shape, 3), level, np.uint8), Prediction(centre_px=(0, 0), size_px=40, sigma_px=4))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.reason == "no tag of apriltag-36h11 of at least 16 px"
+
+
+def test_a_large_picture_is_searched_from_its_smallest_copy_on() -> None:
+    picture = cv2.resize(pasted((3, 200, 200, 120)), (4000, 3000), interpolation=cv2.INTER_CUBIC)
+    truth = (square(200, 200, 120) + 0.5) * 6.25 - 0.5
+    assert worst_px(seen(picture), truth) < 0.5
+
+
+def test_the_picture_is_not_changed_and_the_same_picture_gives_the_same_answer() -> None:
+    picture = pasted((3, 200, 200, 120))
+    before, finder = picture.copy(), detector()
+    first, second = finder.detect(Frame(picture, 0.0, 0)), finder.detect(Frame(picture, 0.0, 0))
+    assert (picture == before).all()
+    assert (first.outline_px == second.outline_px).all()
+
+
+def test_the_target_size_is_the_side() -> None:
+    assert detector(side="8 cm").target_size == TagSize(side_m=0.08)
+
+
+def test_the_driver_is_found_by_its_name(driver_context) -> None:
+    assert load_plugin(DETECTORS, "tag") is PLUGIN
+    assert isinstance(PLUGIN.build(PLUGIN.options.model_validate({"side": "8 cm"}), driver_context("tag")), TagDetector)
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [("36h11", "apriltag-36h11"), ("4x4-50", "aruco-4x4-50"), ("ArUco_Original", "aruco-original")],
+)
+def test_a_family_may_be_written_shortly(written: str, meant: str) -> None:
+    assert TagOptions.model_validate({"side": "8 cm", "family": written}).family == meant
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"family": "apriltag-36h12"}, "did you mean 'apriltag-36h1"),
+        ({"family": "april-36h11"}, "did you mean 'apriltag-36h11'?"),
+        ({"family": "qr"}, "There are: aruco-4x4-50, "),
+        ({"family": 36}, "is not a family of tags"),
+        ({"family": "4x4-50", "id": 50}, "50 is not in aruco-4x4-50, whose tags are numbered 0 to 49"),
+        ({"id": -1}, "greater than or equal to 0"),
+        ({"side": "0 cm"}, "not a length above zero"),
+        ({"finder": "pyapriltags", "family": "4x4-50"}, "'pyapriltags' does not know the family aruco-4x4-50"),
+        ({"finder": "zbar"}, "'opencv' or 'pyapriltags'"),
+        ({"min_side_px": 4}, "greater than or equal to 12"),
+        ({"size": "8 cm"}, "Extra inputs"),
+    ],
+)
+def test_wrong_options_are_refused_with_a_reason(options: dict[str, object], said: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        TagOptions.model_validate({"side": "8 cm", **options})
+    assert said in str(caught.value)
+
+
+def test_the_library_for_small_tags_reads_what_is_too_small_for_the_rest(driver_context) -> None:
+    pytest.importorskip("pyapriltags")
+    options = TagOptions.model_validate({"side": "10 cm", "finder": "pyapriltags", "min_side_px": 12})
+    small = PLUGIN.build(options, driver_context("tag"))._search.small_tags
+    made = render(tag_scene(8, 24, 0.0))
+    (tag,) = small.find(cv2.cvtColor(made.image, cv2.COLOR_BGR2GRAY))
+    assert tag.number == 8
+    assert (
+        worst_px(Detection(target="", status=DetectionStatus.FOUND, outline_px=tag.corners_px), made.truth.outline_px)
+        < 1
+    )
+    assert small.find(np.zeros((1, 1), np.uint8)) == []
+
+
+def test_the_library_for_small_tags_is_missed_only_where_it_is_asked_for(monkeypatch, driver_context) -> None:
+    monkeypatch.setitem(sys.modules, "pyapriltags", None)
+    monkeypatch.delitem(sys.modules, "stadimeter.detectors.tag_apriltag", raising=False)
+    options = {"side": "8 cm"}
+    PLUGIN.build(TagOptions.model_validate(options), driver_context("tag"))
+    with pytest.raises(DriverUnavailableError, match=r"target door: finder = 'pyapriltags' .*stadimeter\[tags\]"):
+        PLUGIN.build(TagOptions.model_validate({**options, "finder": "pyapriltags"}), driver_context("door"))
