@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OLD_VENV := .venv-opencv-4.10
 ARGS ?=
 
-.PHONY: help demo test test-long test-opencv-4.10 check pictures format clean
+.PHONY: help demo test test-long test-opencv-4.10 check bench pictures format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -32,6 +32,9 @@ format: $(VENV)/.dev ## put the code in order
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
+bench: $(VENV)/.bench ## measure accuracy and speed on rendered pictures; ARGS="--only ball --frames 60" for a part
+	$(BIN)/python tests/benchmarks/run.py $(ARGS)
+
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	$(BIN)/python docs/pictures/make_pictures.py
 
@@ -49,6 +52,10 @@ $(VENV)/.app: $(VENV)/.python pyproject.toml
 
 $(VENV)/.dev: $(VENV)/.app
 	$(BIN)/python -m pip install --quiet --group dev
+	@touch $@
+
+$(VENV)/.bench: $(VENV)/.app pyproject.toml
+	$(BIN)/python -m pip install --quiet --group bench
 	@touch $@
 
 $(OLD_VENV)/.dev: pyproject.toml

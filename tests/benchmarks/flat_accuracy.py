@@ -1,0 +1,151 @@
+"""How well the distance of a sheet or a disc is measured: by tilt, before a plain wall and before clutter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import ours
+import tutorial
+from part import Chart, Part, table
+from samples import OURS, TUTORIAL, Sample, grouped, ours_of, summarise
+from workload import over_seeds
+
+from stadimeter.ranging.similar_triangles import distance_m, focal_length_px
+from stadimeter.simulation.scenes import draw
+from stadimeter.simulation.scenes.nuisances import CAMERA_NUISANCES, SHEET_NUISANCES
+from stadimeter.simulation.scenes.plane import Pose
+from stadimeter.simulation.scenes.render import render
+from stadimeter.simulation.scenes.scene import RenderedScene, Scene
+
+GROSS = 0.05
+TILTS_DEG = (0, 15, 30, 45, 60)
+TROUBLED_TILT_DEG = 30
+CALIBRATION_M = 1.0
+CAMERAS_EVERY = 3
+"""Of so many sheets, one is seen through other cameras too."""
+
+OTHER_CAMERA = "other camera: "
+
+
+def run_sheet(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) -> Part:
+    """Measure so many sheets at each tilt, before both backdrops, and under each trouble."""
+    samples = over_seeds(sheet_samples_of, range(first_seed, first_seed + frames), workers)
+    text = (
+        f"{frames} sheets of A4 in each row, 0.6–4 m away, rolled by up to 34°. The tutorial's longer side is taken, "
+        "and only where its box is about the sheet; elsewhere it counts as missed. Gross is an error above 5 %.\n\n"
+        + _table([sample for sample in samples if not sample.row.startswith(OTHER_CAMERA)])
+    )
+    assumed = [sample for sample in samples if not sample.row.startswith(OTHER_CAMERA)]
+    text += f"\nCameras that differ from what is assumed of them; plain, {TROUBLED_TILT_DEG}°:\n\n"
+    text += _table([sample for sample in samples if sample.row.startswith(OTHER_CAMERA)])
+    rows = list(grouped(assumed, lambda sample: sample.row))
+    return Part(title="Sheet", text=text, charts=[_chart("sheet", assumed, rows)], facts=_facts("sheet", assumed))
+
+
+def run_disc(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) -> Part:
+    """Measure so many discs at each tilt, before both backdrops."""
+    if not ours.exists("disc"):
+        return Part(title="Disc", text="There is no detector for discs yet.\n")
+    samples = over_seeds(disc_samples_of, range(first_seed, first_seed + frames), workers)
+    text = f"{frames} white discs of 12 cm in each row, 0.3–3 m away. Gross is an error above 5 %.\n\n"
+    return Part(title="Disc", text=text + _table(samples), facts=_facts("disc", samples))
+
+
+def sheet_samples_of(seed: int) -> list[Sample]:
+    """Measure one sheet in every row."""
+    found = []
+    for name, scene in _sheet_scenes(seed).items():
+        made = render(scene)
+        measured = ours.measure(ours.detector("sheet", scene.camera), made.image, scene.camera)
+        found += [ours_of(name, seed, made.truth, measured), _tutorial(name, seed, made)]
+    return found
+
+
+def disc_samples_of(seed: int) -> list[Sample]:
+    """Measure one disc in every row."""
+    found = []
+    for tilt, plain in ((tilt, plain) for plain in (True, False) for tilt in TILTS_DEG):
+        scene = draw.disc_scene(seed, math.radians(tilt), plain=plain)
+        made = render(scene)
+        measured = ours.measure(ours.detector("disc", scene.camera), made.image, scene.camera)
+        found.append(ours_of(f"{'plain' if plain else 'clutter'} {tilt}°", seed, made.truth, measured))
+    return found
+
+
+def _sheet_scenes(seed: int) -> dict[str, Scene]:
+    scenes = {}
+    for plain in (True, False):
+        before = "plain" if plain else "clutter"
+        for tilt in TILTS_DEG:
+            scenes[f"{before} {tilt}°"] = draw.sheet_scene(seed, math.radians(tilt), plain=plain)
+    still = {plain: draw.sheet_scene(seed, math.radians(TROUBLED_TILT_DEG), plain=plain) for plain in (True, False)}
+    for name, nuisance in SHEET_NUISANCES.items():
+        if name != "clean":
+            scenes[f"plain {TROUBLED_TILT_DEG}° {name}"] = nuisance(still[True])
+    scenes[f"clutter {TROUBLED_TILT_DEG}° jpeg 80"] = SHEET_NUISANCES["jpeg 80"](still[False])
+    if seed % CAMERAS_EVERY == 0:
+        scenes |= {f"{OTHER_CAMERA}{name}": nuisance(still[True]) for name, nuisance in CAMERA_NUISANCES.items()}
+    return scenes
+
+
+def _tutorial(row: str, seed: int, made: RenderedScene) -> Sample:
+    truth = made.truth
+    measured = None
+    if tutorial.is_the_sheet(made.image, truth.outline_px):
+        measured = distance_m(tutorial_focal_px(), max(draw.SHEET_M), tutorial.sheet_long_side_px(made.image))
+    return Sample(
+        row=row,
+        method=TUTORIAL,
+        seed=seed,
+        apparent_px=truth.apparent_px,
+        true_m=truth.depth_m,
+        measured_m=measured,
+    )
+
+
+@cache
+def tutorial_focal_px() -> float:
+    """Calibrate as the tutorial does: from one picture of the sheet, 1 m away in the middle, before a plain wall."""
+    scene = draw.sheet_scene(draw.TUNING_SEEDS.start, 0.0, plain=True)
+    facing = replace(scene, target=replace(scene.target, pose=Pose(position_m=(0.0, 0.0, CALIBRATION_M))))
+    return focal_length_px(tutorial.sheet_long_side_px(render(facing).image), CALIBRATION_M, max(draw.SHEET_M))
+
+
+def _table(samples: list[Sample]) -> str:
+    has_tutorial = any(sample.method == TUTORIAL for sample in samples)
+    rows = []
+    for name, of_row in grouped(samples, lambda sample: sample.row).items():
+        we = summarise([sample for sample in of_row if sample.method == OURS], GROSS)
+        cells = [name, we.percents, we.failures, f"{we.bias_px:+.2f}", f"{100 * we.coverage:.0f}"]
+        if has_tutorial:
+            they = summarise([sample for sample in of_row if sample.method == TUTORIAL], GROSS)
+            cells += [they.percents, they.failures]
+        rows.append(cells)
+    head = ["scene", "ours: median / p95 %", "gross / missed %", "bias px", "95 % interval holds %"]
+    return table(head + ["tutorial: median / p95 %", "gross / missed %"] * has_tutorial, rows)
+
+
+def _facts(what: str, samples: list[Sample]) -> dict[str, float]:
+    mine = [sample for sample in samples if sample.method == OURS]
+    tilts = {f"{before} {tilt}°": before for before in ("plain", "clutter") for tilt in TILTS_DEG}
+    by_backdrop = grouped([s for s in mine if s.row in tilts], lambda sample: tilts[sample.row])
+    facts = {f"{what} coverage": summarise(mine, GROSS).coverage}
+    for before, of_backdrop in by_backdrop.items():
+        summary = summarise(of_backdrop, GROSS)
+        facts |= {f"{what} {before} {key}": getattr(summary, key) for key in ("median", "p95", "found", "gross")}
+    for name, of_row in grouped(mine, lambda sample: tilts.get(sample.row, sample.row)).items():
+        facts[f"{what} {name} coverage"] = summarise(of_row, GROSS).coverage
+    return facts
+
+
+def _chart(what: str, samples: list[Sample], rows: list[str]) -> Chart:
+    series = {}
+    for method in (OURS, TUTORIAL):
+        by_row = grouped([sample for sample in samples if sample.method == method], lambda sample: sample.row)
+        summaries = [summarise(by_row[row], GROSS) for row in rows]
+        series |= {f"{method}, {key}": [100 * getattr(s, key) for s in summaries] for key in ("median", "p95")}
+    return Chart(
+        name=f"{what}-error", title="Sheet: error by scene", axis="relative error, %", rows=rows, series=series
+    )

@@ -1,0 +1,278 @@
+"""What was to be reached, and what was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from part import table
+
+Facts = dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Goal:
+    """A row of the table.
+
+    Attributes:
+        what: What is measured.
+        reach: What was asked for, in words.
+        facts: The names of the figures.
+        limits: The least or greatest value of each figure, in its own unit.
+        most: Whether the limits are the greatest values; else the least.
+        show: How to write a figure.
+    """
+
+    what: str
+    reach: str
+    facts: Sequence[str]
+    limits: Sequence[float]
+    most: bool
+    show: Callable[[float], str]
+
+    def line(self, facts: Facts) -> tuple[str, str, str, str]:
+        """Return what, what was asked for, what was reached, and whether that is enough."""
+        values = [facts.get(name, math.nan) for name in self.facts]
+        if all(math.isnan(value) for value in values):
+            return self.what, self.reach, "not measured", "–"
+        reached = " / ".join("–" if math.isnan(value) else self.show(value) for value in values)
+        pairs = zip(values, self.limits, strict=True)
+        held = all(value <= limit if self.most else value >= limit for value, limit in pairs)
+        return self.what, self.reach, reached, "yes" if held else "**no**"
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:.2f} %"
+
+
+def _times(value: float) -> str:
+    return f"{value:.1f} ×"
+
+
+HEIGHTS = (480, 720, 1080)
+
+GOALS = (
+    Goal(
+        what="ball, full detection, against the tutorial at 640 / 720 / 1080",
+        reach="≥ 10 × each",
+        facts=[f"ball stadimeter {height} speed-up" for height in HEIGHTS],
+        limits=(10, 10, 10),
+        most=False,
+        show=_times,
+    ),
+    Goal(
+        what="ball, tracking, against the tutorial",
+        reach="≥ 20 × / 25 × / 45 ×",
+        facts=[f"ball stadimeter, tracking {height} speed-up" for height in HEIGHTS],
+        limits=(20, 25, 45),
+        most=False,
+        show=_times,
+    ),
+    Goal(
+        what="ball, full detection, against HSV + `inRange` alone at 720 and 1080",
+        reach="≤ 0.35",
+        facts=[f"ball stadimeter {height} of inRange" for height in HEIGHTS[1:]],
+        limits=(0.35, 0.35),
+        most=True,
+        show=lambda value: f"{value:.2f}",
+    ),
+    Goal(
+        what="ball error, radius > 20 px, median: clean / JPEG 80 / 40 % hidden / 10 px blur",
+        reach="≤ 0.15 / 0.25 / 0.2 / 0.5 %",
+        facts=["ball clean large", "ball jpeg 80 large", "ball hidden 40 % large", "ball blur 10 large"],
+        limits=(0.0015, 0.0025, 0.002, 0.005),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="ball error, radius 5–10 px, clean, median",
+        reach="≤ 1.5 %",
+        facts=["ball small"],
+        limits=(0.015,),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="empty clutter taken for a ball",
+        reach="≤ 0.5 % of frames",
+        facts=["alarms stadimeter ball clutter"],
+        limits=(0.005,),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="ball found at 40 % hidden (with an error below 30 %)",
+        reach="≥ 85 %",
+        facts=["ball hidden 40 % found"],
+        limits=(0.85,),
+        most=False,
+        show=_percent,
+    ),
+    Goal(
+        what="sheet, tilt 0–60°, plain: median / p95",
+        reach="≤ 0.15 % / 0.4 %",
+        facts=["sheet plain median", "sheet plain p95"],
+        limits=(0.0015, 0.004),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="sheet, tilt 0–60°, clutter: found",
+        reach="≥ 95 %",
+        facts=["sheet clutter found"],
+        limits=(0.95,),
+        most=False,
+        show=_percent,
+    ),
+    Goal(
+        what="sheet, tilt 0–60°, clutter: gross (> 5 %)",
+        reach="≤ 1 %",
+        facts=["sheet clutter gross"],
+        limits=(0.01,),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="empty clutter taken for a sheet",
+        reach="≤ 2 % of frames",
+        facts=["alarms stadimeter sheet clutter"],
+        limits=(0.02,),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="tag of 48 / 100 px, median",
+        reach="≤ 0.3 / 0.15 %",
+        facts=["tag 48 px", "tag 100 px"],
+        limits=(0.003, 0.0015),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="tag, region search / full frame, against `cv2.aruco` defaults",
+        reach="≥ 30 × / ≥ 4 ×",
+        facts=["tag stadimeter, tracking speed-up", "tag stadimeter speed-up"],
+        limits=(30, 4),
+        most=False,
+        show=_times,
+    ),
+    Goal(
+        what="everything but vision, 100 rules, journal on, a cycle",
+        reach="≤ 100 µs",
+        facts=["machinery us"],
+        limits=(100,),
+        most=True,
+        show=lambda value: f"{value:.0f} µs",
+    ),
+    Goal(
+        what="real: sheet, calibrated on 2 ft, worst of 3 and 4 ft",
+        reach="≤ 3 %",
+        facts=["real sheet worst"],
+        limits=(0.03,),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="real: sheet, inside the stated interval with the tape's ±1 in",
+        reach="all",
+        facts=["real sheet inside"],
+        limits=(1.0,),
+        most=False,
+        show=_percent,
+    ),
+    Goal(
+        what="real: tennis ball, given intrinsics: median / 90th percentile",
+        reach="≤ 0.8 % / 1.7 %",
+        facts=["real ball median", "real ball p90"],
+        limits=(0.008, 0.017),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="real: tennis ball, measured of those that are whole",
+        reach="all",
+        facts=["real ball measured"],
+        limits=(1.0,),
+        most=False,
+        show=_percent,
+    ),
+    Goal(
+        what="real: tennis ball, refused where the border cuts it off",
+        reach="all",
+        facts=["real ball cut off"],
+        limits=(1.0,),
+        most=False,
+        show=_percent,
+    ),
+    Goal(
+        what="real: chessboards left and right, RMS",
+        reach="≤ 0.20 / 0.21 px",
+        facts=["real left rms", "real right rms"],
+        limits=(0.20, 0.21),
+        most=True,
+        show=lambda value: f"{value:.3f} px",
+    ),
+    Goal(
+        what="real: chessboards left and right, f against 532.8 and 537.4",
+        reach="within 0.5 %",
+        facts=["real left focal", "real right focal"],
+        limits=(0.005, 0.005),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="real: `tags/visp` found of 12",
+        reach="12",
+        facts=["real visp found"],
+        limits=(12,),
+        most=False,
+        show=lambda value: f"{value:.0f}",
+    ),
+    Goal(
+        what="real: `tags/visp` median error of the range",
+        reach="≤ 0.5 %",
+        facts=["real visp median"],
+        limits=(0.005,),
+        most=True,
+        show=_percent,
+    ),
+    Goal(
+        what="real: `tags/duckietown`, largest deviation of the range from its mean",
+        reach="≤ 2 %",
+        facts=["real duckietown spread"],
+        limits=(0.02,),
+        most=True,
+        show=_percent,
+    ),
+)
+
+
+def goals_table(facts: Facts) -> str:
+    """Return the table of goals, with how often the intervals hold at the end."""
+    rows = [goal.line(facts) for goal in GOALS] + [_overall(facts), _by_trouble(facts)]
+    return table(("what", "to reach", "reached", "met"), rows)
+
+
+def _coverages(facts: Facts) -> dict[str, float]:
+    return {name: value for name, value in facts.items() if name.endswith("coverage") and not math.isnan(value)}
+
+
+def _overall(facts: Facts) -> tuple[str, str, str, str]:
+    totals = {name: value for name, value in _coverages(facts).items() if len(name.split()) == 2}
+    what, reach = "95 % interval holds the truth, overall", "93–97 %"
+    if not totals:
+        return what, reach, "not measured", "–"
+    reached = ", ".join(f"{name.split()[0]} {100 * value:.1f} %" for name, value in totals.items())
+    return what, reach, reached, "yes" if all(0.93 <= value <= 0.97 for value in totals.values()) else "**no**"
+
+
+def _by_trouble(facts: Facts) -> tuple[str, str, str, str]:
+    each = {name: value for name, value in _coverages(facts).items() if len(name.split()) > 2}
+    what, reach = "95 % interval holds the truth, for each trouble", "90–99 %"
+    if not each:
+        return what, reach, "not measured", "–"
+    outside = [name for name, value in each.items() if not 0.90 <= value <= 0.99]
+    span = f"{100 * min(each.values()):.0f}–{100 * max(each.values()):.0f} %"
+    detail = f"; outside: {', '.join(name.removesuffix(' coverage') for name in outside)}" if outside else ""
+    return what, reach, span + detail, "**no**" if outside else "yes"

@@ -1,0 +1,77 @@
+"""What is measured: detectors by the names of their entry points, and the measurement of what they find."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from stadimeter.config.plugins import DETECTORS, DriverContext, driver_names, load_plugin
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Prediction
+from stadimeter.core.frame import Frame, Image
+from stadimeter.core.measurement import Measurement
+from stadimeter.detectors.protocol import Detector
+from stadimeter.ranging.measure import measure_frame
+from stadimeter.simulation.scenes import draw
+from stadimeter.simulation.scenes.scene import Truth
+from stadimeter.testing.manual_clock import ManualClock
+
+BALL_HSV = "29,86,6:64,255,255"
+PREDICTION_SIGMA_PX = 2.0
+
+OPTIONS: dict[str, dict[str, Any]] = {
+    "ball": {"diameter": f"{draw.TENNIS_M} m", "hsv": BALL_HSV},
+    "large ball": {"diameter": f"{draw.LARGE_BALL_M} m", "hsv": BALL_HSV},
+    "sheet": {"width": f"{draw.SHEET_M[0]} m", "height": f"{draw.SHEET_M[1]} m"},
+    "disc": {"diameter": f"{draw.DISC_M} m"},
+    "tag": {"side": f"{draw.TAG_M} m", "family": draw.TAG_FAMILY},
+}
+"""What each detector is told, by the name of the target."""
+
+DRIVERS = {"large ball": "ball"}
+"""Which entry point a target's detector has, where the names differ."""
+
+
+def exists(target: str) -> bool:
+    """Return whether there is a detector for a target."""
+    return DRIVERS.get(target, target) in driver_names(DETECTORS)
+
+
+@cache
+def detector(target: str, camera: CameraModel | None, **changes: Any) -> Detector:
+    """Return the detector for a target, with the options that the benchmarks use."""
+    plugin = load_plugin(DETECTORS, DRIVERS.get(target, target))
+    options = plugin.options.model_validate(OPTIONS.get(target, {}) | changes)
+    made: Detector = plugin.build(options, DriverContext(name=target, clock=ManualClock(), camera_model=camera))
+    return made
+
+
+def framed(image: Image) -> Frame:
+    """Return a frame with this picture."""
+    return Frame(image, 0.0, 0)
+
+
+def read(path: Path) -> Frame:
+    """Return a frame with the picture of a file."""
+    image = cv2.imread(str(path))
+    if image is None:
+        raise FileNotFoundError(f"{path} is no picture that OpenCV can read")
+    return framed(np.asarray(image, np.uint8))
+
+
+def measure(finder: Detector, image: Image, camera: CameraModel, prediction: Prediction | None = None) -> Measurement:
+    """Look for the target and measure how far away it is, as a run does."""
+    frame = framed(image)
+    return measure_frame(frame, finder.detect(frame, prediction), finder.target_size, camera)
+
+
+def prediction_of(truth: Truth) -> Prediction:
+    """Return where a tracker would expect the target that is there."""
+    outline = truth.outline_px
+    x, y = (outline.min(axis=0) + outline.max(axis=0)) / 2
+    size_px = truth.apparent_px if len(outline) > 4 else float(np.linalg.norm(np.diff(outline, axis=0), axis=1).max())
+    return Prediction(centre_px=(float(x), float(y)), size_px=size_px, sigma_px=PREDICTION_SIGMA_PX)

@@ -1,0 +1,52 @@
+"""A part of the report: text, charts, and the figures that the goals are judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chart:
+    """What to plot: a dot for each row and series.
+
+    Attributes:
+        name: The name of its file, without folder and ending.
+        title: What it shows.
+        axis: What the figures are, with their unit.
+        rows: From top to bottom.
+        series: The figures of each series, as many as rows; NaN for none.
+        is_logarithmic: Whether the axis is.
+        band: What is asked for, as a range to shade; None for none.
+    """
+
+    name: str
+    title: str
+    axis: str
+    rows: Sequence[str]
+    series: dict[str, Sequence[float]]
+    is_logarithmic: bool = True
+    band: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """A part of the report.
+
+    Attributes:
+        title: Its heading.
+        text: Markdown.
+        charts: What to plot below.
+        facts: Figures by name, for the goals.
+    """
+
+    title: str
+    text: str
+    charts: Sequence[Chart] = ()
+    facts: dict[str, float] = field(default_factory=dict)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; all columns but the first are aligned to the right."""
+    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"

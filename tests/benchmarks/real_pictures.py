@@ -1,0 +1,144 @@
+"""Real pictures at known distances, where they are on the machine: they are no part of the repository."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import ours
+import real_boards
+import real_tags
+from part import Part, table
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.measurement import Measurement
+from stadimeter.errors import CalibrationError
+from stadimeter.ranging.calibration import KnownDistance, calibrate
+from stadimeter.ranging.measure import measure_frame
+
+PICTURES = Path(__file__).resolve().parents[3] / "shared" / "data"
+INCH_M = 0.0254
+TAPE_M = INCH_M
+LETTER = {"width": "11 in", "height": "8.5 in"}
+SIGMAS_OF_95 = 1.96
+TENNIS_FOCAL_PX, TENNIS_CENTRE_PX = (1449.03, 1449.08), (768.12, 1028.81)
+CUT_OFF = {"44.5_30.jpg"}
+"""Where the ball is cut off by the border of the picture."""
+
+TENNIS_DISTORTION = (0.205489723, -0.67305901, 0.000336320714, 0.000149915927, 0.666189722)
+
+
+def run(folder: Path = PICTURES) -> Part:
+    """Measure all that is there.
+
+    Args:
+        folder: Where the pictures are.
+
+    Returns:
+        The part of the report; it says so if there are none.
+    """
+    if not folder.is_dir():
+        return Part(title="Real pictures", text="The real pictures are not on the machine that made this report.\n")
+    parts = [
+        _sheet(folder / "seed_sheet"),
+        _tennis(folder / "tennis_ball"),
+        real_boards.chessboards(folder / "chessboard"),
+        real_tags.visp(folder / "tags" / "visp"),
+        real_tags.duckietown(folder / "tags" / "duckietown"),
+    ]
+    text = "".join(f"### {part.title}\n\n{part.text}\n" for part in parts)
+    facts = {name: value for part in parts for name, value in part.facts.items()}
+    return Part(title="Real pictures", text=text, facts=facts)
+
+
+def _sheet(folder: Path) -> Part:
+    """Calibrate on the picture at 2 ft, measure those at 3 and 4 ft."""
+    title = "Sheet of letter paper, taped to ±1 in"
+    try:
+        camera = _calibrated_on(folder / "2ft.png", 24 * INCH_M)
+    except CalibrationError as error:
+        failed = {"real sheet worst": math.inf, "real sheet inside": 0.0}
+        return Part(title=title, text=f"2ft.png cannot be calibrated on: {error}\n", facts=failed)
+    finder = ours.detector("sheet", camera, **LETTER)
+    rows, errors, inside = [], [], []
+    for path in sorted(folder.glob("[34]ft.*")) + sorted(folder.glob("original/[34]ft.*")):
+        known_m = 12 * int(path.stem[0]) * INCH_M
+        frame = ours.read(path)
+        measured = measure_frame(frame, finder.detect(frame), finder.target_size, camera)
+        error, is_inside, cells = _judged(measured, known_m)
+        errors.append(error)
+        inside.append(is_inside)
+        rows.append((str(path.relative_to(folder)), *cells))
+    text = f"Calibrated on 2ft.png: f = {camera.fx_px:.1f} px.\n\n" + table(("picture", "measured", "error %"), rows)
+    facts = {"real sheet worst": max(errors), "real sheet inside": sum(inside) / len(inside)}
+    return Part(title=title, text=text, facts=facts)
+
+
+def _calibrated_on(path: Path, depth_m: float) -> CameraModel:
+    finder = ours.detector("sheet", None, **LETTER)
+    frame = ours.read(path)
+    known = KnownDistance(
+        picture=path.name,
+        width_px=frame.width_px,
+        height_px=frame.height_px,
+        detection=finder.detect(frame),
+        size=finder.target_size,
+        depth_m=depth_m,
+    )
+    return calibrate([known], date="").camera_model
+
+
+def _judged(measured: Measurement, known_m: float) -> tuple[float, bool, tuple[str, str]]:
+    """Return the size of the error, whether the interval and the tape's own error hold it, and cells of a table."""
+    if measured.distance_m is None or measured.sigma_m is None:
+        return math.inf, False, (measured.reason, "–")
+    error = measured.distance_m / known_m - 1
+    is_inside = abs(measured.distance_m - known_m) <= SIGMAS_OF_95 * measured.sigma_m + TAPE_M
+    inches, sigma = measured.distance_m / INCH_M, measured.sigma_m / INCH_M
+    return abs(error), is_inside, (f"{inches:.2f} ± {sigma:.2f} in", f"{100 * error:+.2f}")
+
+
+def _tennis(folder: Path) -> Part:
+    """Measure the tennis ball with the intrinsics that came with it."""
+    camera = CameraModel(
+        width_px=1530,
+        height_px=2040,
+        fx_px=TENNIS_FOCAL_PX[0],
+        fy_px=TENNIS_FOCAL_PX[1],
+        cx_px=TENNIS_CENTRE_PX[0],
+        cy_px=TENNIS_CENTRE_PX[1],
+        distortion=TENNIS_DISTORTION,
+    )
+    finder = ours.detector("ball", camera, diameter="6.4 cm")
+    with (folder / "truth.csv").open() as file:
+        truths = list(csv.DictReader(file))
+    errors, refused, rows = [], [], []
+    for truth in truths:
+        frame = ours.read(next(folder.glob(f"images/{truth['file']}")))
+        detection = finder.detect(frame)
+        measured = measure_frame(frame, detection, finder.target_size, camera)
+        depth_m = float(truth["ball_centre_depth_m"])
+        if measured.depth_m is None:
+            refused.append((truth["file"], measured.reason or detection.reason))
+        else:
+            errors.append(measured.depth_m / depth_m - 1)
+            within = abs(measured.depth_m - depth_m) <= SIGMAS_OF_95 * measured.sigma_m
+            sigma = f"{100 * measured.sigma_m / measured.distance_m:.2f}"
+            rows.append((truth["file"], f"{depth_m:.3f}", f"{100 * errors[-1]:+.2f}", sigma, "yes" if within else "no"))
+    sizes = np.abs(errors) if errors else np.array([math.inf])
+    signed = float(np.median(errors)) if errors else math.nan
+    text = (
+        f"{len(truths)} pictures, {len(errors)} measured: median |error| of the depth {100 * np.median(sizes):.2f} %, "
+        f"90th percentile {100 * np.quantile(sizes, 0.9):.2f} %, signed median {100 * signed:+.2f} %. "
+        f"Refused: {'; '.join(f'{name} ({reason})' for name, reason in refused) or 'none'}.\n\n"
+        + table(("picture", "depth m", "error %", "σ %", "inside 95 %"), rows)
+    )
+    facts = {
+        "real ball median": float(np.median(sizes)),
+        "real ball p90": float(np.quantile(sizes, 0.9)),
+        "real ball measured": len(errors) / (len(truths) - len(CUT_OFF)),
+        "real ball cut off": len(CUT_OFF & {name for name, _ in refused}) / len(CUT_OFF),
+    }
+    return Part(title="Tennis ball, given intrinsics", text=text, facts=facts)

@@ -1,0 +1,137 @@
+"""What one method made of one picture, and what many of those come to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadimeter.core.measurement import Measurement
+from stadimeter.simulation.scenes.scene import Truth
+
+OURS, TUTORIAL = "stadimeter", "tutorial"
+SIGMAS_OF_95 = 1.96
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sample:
+    """What one method made of one picture.
+
+    Attributes:
+        row: The conditions, such as a nuisance.
+        method: Who measured.
+        seed: The scene.
+        apparent_px: How large the target truly appears.
+        true_m: What should have been measured.
+        measured_m: What was; None if there was no answer.
+        sigma_m: The standard deviation that came with it; None if there was none.
+    """
+
+    row: str
+    method: str
+    seed: int
+    apparent_px: float
+    true_m: float
+    measured_m: float | None
+    sigma_m: float | None = None
+
+    @property
+    def error(self) -> float:
+        """The relative error; NaN without an answer."""
+        return math.nan if self.measured_m is None else self.measured_m / self.true_m - 1
+
+    @property
+    def bias_px(self) -> float:
+        """By how many pixels the target was measured too large, if its size alone is to blame."""
+        return math.nan if not self.measured_m else self.apparent_px * (self.true_m / self.measured_m - 1)
+
+    @property
+    def is_covered(self) -> bool:
+        """Whether the truth is inside the 95 % interval."""
+        if self.measured_m is None or self.sigma_m is None:
+            return False
+        return abs(self.measured_m - self.true_m) <= SIGMAS_OF_95 * self.sigma_m
+
+
+def ours_of(row: str, seed: int, truth: Truth, measured: Measurement) -> Sample:
+    """Return what stadimeter made of a picture: the straight line to the centre, which is what it promises."""
+    return Sample(
+        row=row,
+        method=OURS,
+        seed=seed,
+        apparent_px=truth.apparent_px,
+        true_m=truth.distance_m,
+        measured_m=measured.distance_m,
+        sigma_m=measured.sigma_m,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """What many samples come to.
+
+    Attributes:
+        count: How many there are.
+        found: The share with an answer.
+        median: Median of the absolute relative error, of those with an answer.
+        p95: Its 95th percentile.
+        gross: The share of all with an answer that is wrong beyond the limit.
+        bias_px: Median of the signed error in pixels.
+        coverage: The share of answers whose 95 % interval holds the truth; NaN if none has an interval.
+    """
+
+    count: int
+    found: float
+    median: float
+    p95: float
+    gross: float
+    bias_px: float
+    coverage: float
+
+    @property
+    def percents(self) -> str:
+        """Median and 95th percentile in percent."""
+        return "–" if math.isnan(self.median) else f"{100 * self.median:.2f} / {100 * self.p95:.1f}"
+
+    @property
+    def failures(self) -> str:
+        """Shares of gross errors and of missing answers in percent."""
+        return f"{100 * self.gross:.1f} / {100 * (1 - self.found):.1f}"
+
+
+def summarise(samples: Sequence[Sample], gross_limit: float) -> Summary:
+    """Return what samples come to.
+
+    Args:
+        samples: The samples.
+        gross_limit: From which relative error on an answer is simply wrong.
+
+    Returns:
+        The summary; its figures are NaN where there is nothing to compute them from.
+    """
+    answered = [sample for sample in samples if sample.measured_m is not None]
+    errors = np.array([abs(sample.error) for sample in answered])
+    stated = [sample for sample in answered if sample.sigma_m is not None]
+    return Summary(
+        count=len(samples),
+        found=len(answered) / len(samples) if samples else math.nan,
+        median=_quantile(errors, 0.5),
+        p95=_quantile(errors, 0.95),
+        gross=float((errors > gross_limit).sum()) / len(samples) if samples else math.nan,
+        bias_px=_quantile(np.array([sample.bias_px for sample in answered]), 0.5),
+        coverage=sum(sample.is_covered for sample in stated) / len(stated) if stated else math.nan,
+    )
+
+
+def grouped(samples: Iterable[Sample], key: Callable[[Sample], str]) -> dict[str, list[Sample]]:
+    """Return samples by a key, in the order in which the keys first appear."""
+    groups: dict[str, list[Sample]] = {}
+    for sample in samples:
+        groups.setdefault(key(sample), []).append(sample)
+    return groups
+
+
+def _quantile(values: np.ndarray, share: float) -> float:
+    return float(np.quantile(values, share)) if len(values) else math.nan

@@ -1,0 +1,203 @@
+"""How long a frame takes, beside what people run today and beside the least that any program must do.
+
+All contenders take turns in one run, on one thread of OpenCV. Absolute times say something about this machine only;
+ratios travel better.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import cv2
+import fiducials
+import numpy as np
+import ours
+import tutorial
+from part import Chart, Part, table
+from workload import one_thread
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Image
+from stadimeter.simulation.scenes import draw
+from stadimeter.simulation.scenes.render import render
+from stadimeter.simulation.scenes.scene import RenderedScene, Scene
+
+SIZES = ((640, 480), (1280, 720), (1920, 1080))
+FOCAL_OF_WIDTH = 600 / 640
+SCENES = 8
+ROUNDS = 12
+TAG_SIDES_PX = (48.0, 64.0, 100.0)
+
+Work = Callable[[int], object]
+"""Takes the number of a scene."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contender:
+    """Something that is timed.
+
+    Attributes:
+        name: What it is.
+        work: What it does with a scene.
+    """
+
+    name: str
+    work: Work
+
+
+def run(rounds: int = ROUNDS, scenes: int = SCENES, first_seed: int = draw.REPORT_SEEDS.start) -> Part:
+    """Time everything.
+
+    Args:
+        rounds: How often each scene is taken.
+        scenes: How many scenes.
+        first_seed: The first of them.
+
+    Returns:
+        The part of the report.
+    """
+    one_thread()
+    seeds = range(first_seed, first_seed + scenes)
+    balls = {size: _timed(_ball_contenders(size, seeds), rounds, scenes) for size in SIZES}
+    sheets = {size: _timed(_sheet_contenders(size, seeds), rounds, scenes) for size in SIZES}
+    tags = _timed(_tag_contenders(seeds), rounds, scenes)
+    text = (
+        f"Medians of {rounds} rounds over {scenes} scenes, one OpenCV thread ({cv2.__version__}), all in turns. "
+        "Ours is detection and measurement together; in brackets how many times faster than the tutorial. Tracking is "
+        f"told where the target is, to {ours.PREDICTION_SIGMA_PX:g} px.\n\n### Ball on clutter, µs\n\n"
+        + _table(balls, "tutorial")
+        + "\n### Sheet on clutter, µs\n\n"
+        + _table(sheets, "tutorial")
+        + "\n### Tag of 48–100 px on clutter, 640×480, µs; in brackets against `cv2.aruco`'s defaults\n\n"
+        + _table({SIZES[0]: tags}, "aruco")
+    )
+    charts = [_chart("ball", balls), _chart("sheet", sheets)]
+    return Part(title="Speed", text=text, charts=charts, facts=_facts(balls, sheets, tags))
+
+
+def _camera(size: tuple[int, int]) -> CameraModel:
+    return CameraModel.with_focal_length(FOCAL_OF_WIDTH * size[0], *size)
+
+
+def _ball_contenders(size: tuple[int, int], seeds: range) -> list[Contender]:
+    camera = _camera(size)
+    # Even seeds are tennis balls, so that one detector serves all.
+    made = [render(draw.ball_scene(seeds.start + 2 * number, camera)) for number in range(len(seeds))]
+    return [
+        *_floors(made),
+        Contender(name="tutorial", work=lambda number: tutorial.ball_radius_px(made[number].image)),
+        *_ours("ball", made, camera),
+    ]
+
+
+def _sheet_contenders(size: tuple[int, int], seeds: range) -> list[Contender]:
+    camera = _camera(size)
+    made = [render(draw.sheet_scene(seed, 0.5, camera=camera)) for seed in seeds]
+    return [
+        *_floors(made),
+        Contender(name="tutorial", work=lambda number: tutorial.sheet_long_side_px(made[number].image)),
+        *_ours("sheet", made, camera),
+    ]
+
+
+def _tag_contenders(seeds: range) -> list[Contender]:
+    scenes = [draw.tag_scene(seed, TAG_SIDES_PX[seed % len(TAG_SIDES_PX)], 0.4) for seed in seeds]
+    made = [render(scene) for scene in scenes]
+    libraries = [Contender(name=name, work=_library(finder, made)) for name, finder in fiducials.finders().items()]
+    return [*_floors(made)[:1], *libraries, *_our_tags(scenes, made)]
+
+
+def _library(finder: fiducials.Finder, made: Sequence[RenderedScene]) -> Work:
+    return lambda number: finder(made[number].image)
+
+
+def _floors(made: Sequence[RenderedScene]) -> list[Contender]:
+    """Return what any program must at least do: touch each pixel once; judge the colour of each."""
+    copy = np.empty_like(made[0].image)
+    return [
+        Contender(name="np.copyto", work=lambda number: np.copyto(copy, made[number].image)),
+        Contender(name="HSV + inRange", work=lambda number: _in_range(made[number].image)),
+    ]
+
+
+def _in_range(image: Image) -> object:
+    return cv2.inRange(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), tutorial.BALL_LOWER, tutorial.BALL_UPPER)
+
+
+def _ours(target: str, made: Sequence[RenderedScene], camera: CameraModel) -> list[Contender]:
+    if not ours.exists(target):
+        return []
+    finder = ours.detector(target, camera)
+    predictions = [ours.prediction_of(each.truth) for each in made]
+    return [
+        Contender(name="stadimeter", work=lambda number: ours.measure(finder, made[number].image, camera)),
+        Contender(
+            name="stadimeter, tracking",
+            work=lambda number: ours.measure(finder, made[number].image, camera, predictions[number]),
+        ),
+    ]
+
+
+def _our_tags(scenes: Sequence[Scene], made: Sequence[RenderedScene]) -> list[Contender]:
+    if not ours.exists("tag"):
+        return []
+    camera = scenes[0].camera
+    finders = [ours.detector("tag", camera, id=scene.target.number) for scene in scenes]
+    predictions = [ours.prediction_of(each.truth) for each in made]
+    return [
+        Contender(name="stadimeter", work=lambda number: ours.measure(finders[number], made[number].image, camera)),
+        Contender(
+            name="stadimeter, tracking",
+            work=lambda number: ours.measure(finders[number], made[number].image, camera, predictions[number]),
+        ),
+    ]
+
+
+def _timed(contenders: Sequence[Contender], rounds: int, scenes: int) -> dict[str, float]:
+    """Return the median time of each contender in microseconds; they take turns on each scene."""
+    times: dict[str, list[float]] = {contender.name: [] for contender in contenders}
+    for contender in contenders:
+        contender.work(0)
+    for _ in range(rounds):
+        for number in range(scenes):
+            for contender in contenders:
+                began_s = perf_counter()
+                contender.work(number)
+                times[contender.name].append(perf_counter() - began_s)
+    return {name: 1e6 * statistics.median(of_one) for name, of_one in times.items()}
+
+
+def _table(times: dict[tuple[int, int], dict[str, float]], against: str) -> str:
+    names = list(next(iter(times.values())))
+    rows = []
+    for name in names:
+        cells = [f"{of_size[name]:.0f} ({of_size[against] / of_size[name]:.1f}×)" for of_size in times.values()]
+        rows.append([name, *cells])
+    return table(["", *(f"{width}×{height}" for width, height in times)], rows)
+
+
+def _chart(what: str, times: dict[tuple[int, int], dict[str, float]]) -> Chart:
+    rows = list(next(iter(times.values())))
+    series = {f"{width}×{height}": [of_size[row] for row in rows] for (width, height), of_size in times.items()}
+    return Chart(name=f"{what}-time", title=f"Time of a frame: {what}", axis="µs", rows=rows, series=series)
+
+
+def _facts(
+    balls: dict[tuple[int, int], dict[str, float]],
+    sheets: dict[tuple[int, int], dict[str, float]],
+    tags: dict[str, float],
+) -> dict[str, float]:
+    facts = {}
+    for what, by_size in (("ball", balls), ("sheet", sheets)):
+        for (_, height), times in by_size.items():
+            for name in ("stadimeter", "stadimeter, tracking"):
+                if name in times:
+                    facts[f"{what} {name} {height} speed-up"] = times["tutorial"] / times[name]
+                    facts[f"{what} {name} {height} of inRange"] = times[name] / times["HSV + inRange"]
+    for name in ("stadimeter", "stadimeter, tracking"):
+        if name in tags:
+            facts[f"tag {name} speed-up"] = tags["aruco"] / tags[name]
+    return facts

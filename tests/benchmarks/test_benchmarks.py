@@ -1,0 +1,180 @@
+"""The benchmarks run and count right, so that a report can be believed."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from stadimeter.simulation.scenes import draw
+from stadimeter.simulation.scenes.backdrop import PlainBackdrop
+from stadimeter.simulation.scenes.ball import BallTarget
+from stadimeter.simulation.scenes.nuisances import BALL_NUISANCES
+from stadimeter.simulation.scenes.plane import Pose
+from stadimeter.simulation.scenes.render import render
+
+RUN = Path(__file__).parent / "run.py"
+
+
+def run_benchmarks(*arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, str(RUN), "--workers", "1", "--tuning", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=55,
+        check=False,
+        env={**os.environ, "PYTHONWARNINGS": "error"},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def sample(measured_m, *, sigma_m=0.01, row="clean", method="stadimeter", true_m=2.0):
+    from samples import Sample
+
+    return Sample(
+        row=row,
+        method=method,
+        seed=1,
+        apparent_px=40.0,
+        true_m=true_m,
+        measured_m=measured_m,
+        sigma_m=sigma_m,
+    )
+
+
+def test_a_short_run_writes_a_report_with_every_trouble_and_every_goal(tmp_path) -> None:
+    from goals import GOALS
+
+    run_benchmarks("--only", "ball", "--frames", "1", "--no-plots", "--out", str(tmp_path))
+    report = (tmp_path / "report.md").read_text()
+    assert all(f"| {name} | 1 |" in report for name in BALL_NUISANCES)
+    assert all(goal.what in report for goal in GOALS)
+    assert not list(tmp_path.glob("*.svg"))
+
+
+@pytest.mark.long
+def test_every_part_runs_and_has_figures_for_the_goals_of_what_exists(tmp_path) -> None:
+    parts = ("sheet", "disc", "tag", "empty", "speed")
+    printed = run_benchmarks("--only", *parts, "--frames", "1", "--rounds", "1")
+    goals = printed[printed.index("| what | to reach") :]
+    measured = [line for line in goals.splitlines() if "not measured" not in line]
+    for what in ("against the tutorial at 640", "sheet, tilt 0–60°, plain", "clutter taken for a ball"):
+        assert any(what in line for line in measured), what
+
+
+def test_a_chart_is_drawn_the_same_byte_for_byte(tmp_path) -> None:
+    pytest.importorskip("matplotlib")
+    from part import Chart
+    from plots import draw_chart
+
+    series = {"stadimeter, median": [0.1, math.nan], "tutorial, median": [3.0, 4.0]}
+    chart = Chart(name="errors", title="Errors", axis="%", rows=["one", "two"], series=series, band=(1, 2))
+    first = draw_chart(chart, tmp_path).read_bytes()
+    assert first == draw_chart(chart, tmp_path).read_bytes()
+    assert b"two" in first
+
+
+def test_errors_bias_and_misses_are_summed_up() -> None:
+    from samples import summarise
+
+    samples = [sample(2.02), sample(1.98), sample(2.2), sample(4.0), sample(None, sigma_m=None)]
+    summary = summarise(samples, gross_limit=0.3)
+    assert summary.found == pytest.approx(0.8)
+    assert summary.median == pytest.approx((0.01 + 0.1) / 2)
+    assert summary.gross == pytest.approx(0.2)
+    # Measured twice as far, a target of 40 px was taken for one of 20.
+    assert sample(4.0).bias_px == pytest.approx(-20.0)
+
+
+def test_an_interval_holds_the_truth_up_to_1_96_sigmas() -> None:
+    from samples import summarise
+
+    inside, outside = sample(2.0195), sample(2.0197)
+    assert inside.is_covered
+    assert not outside.is_covered
+    assert summarise([inside, outside, sample(None)], 0.3).coverage == 0.5
+
+
+def test_a_method_without_answers_has_no_figures_but_a_count() -> None:
+    from samples import summarise
+
+    summary = summarise([sample(None), sample(None)], 0.3)
+    assert (summary.count, summary.found, summary.gross) == (2, 0.0, 0.0)
+    assert math.isnan(summary.median)
+    assert math.isnan(summary.coverage)
+
+
+@pytest.mark.parametrize(
+    ("facts", "ending"),
+    [
+        ({"ball small": 0.014}, "| 1.40 % | yes |"),
+        ({"ball small": 0.016}, "| 1.60 % | **no** |"),
+        ({}, "| not measured | – |"),
+    ],
+)
+def test_a_goal_is_met_missed_or_not_measured(facts, ending) -> None:
+    from goals import goals_table
+
+    line = next(line for line in goals_table(facts).splitlines() if "radius 5–10 px" in line)
+    assert line.endswith(ending)
+
+
+def test_a_goal_of_several_figures_is_met_only_if_each_is() -> None:
+    from goals import goals_table
+
+    facts = {f"ball stadimeter {height} speed-up": value for height, value in ((480, 12), (720, 9), (1080, 30))}
+    line = next(line for line in goals_table(facts).splitlines() if "at 640 / 720 / 1080" in line)
+    assert line.endswith("| 12.0 × / 9.0 × / 30.0 × | **no** |")
+
+
+def test_the_goals_for_intervals_name_the_troubles_that_miss_them() -> None:
+    from goals import goals_table
+
+    facts = {"ball coverage": 0.95, "ball clean coverage": 0.95, "ball blur 15 coverage": 0.84}
+    overall, each = goals_table(facts).splitlines()[-2:]
+    assert overall.endswith("| ball 95.0 % | yes |")
+    assert each.endswith("| 84–95 %; outside: ball blur 15 | **no** |")
+
+
+def test_the_tutorials_measure_what_is_plain_to_see() -> None:
+    import tutorial
+
+    ball = BallTarget(position_m=(0.0, 0.0, 1.0), diameter_m=0.2, ambient=1.0)
+    seen = render(replace(draw.empty_scene(1), target=ball, backdrop=PlainBackdrop()))
+    assert tutorial.ball_radius_px(seen.image) == pytest.approx(seen.truth.apparent_px / 2, abs=3)
+    scene = draw.sheet_scene(1, 0.0, plain=True)
+    facing = replace(scene.target, pose=Pose(position_m=(0.0, 0.0, 1.0)))
+    sheet = render(replace(scene, target=facing))
+    assert tutorial.sheet_long_side_px(sheet.image) == pytest.approx(0.297 * 600, abs=3)
+    assert tutorial.is_the_sheet(sheet.image, sheet.truth.outline_px)
+    assert not tutorial.is_the_sheet(sheet.image, sheet.truth.outline_px + 200)
+
+
+def test_the_tutorial_sees_no_ball_before_a_plain_wall() -> None:
+    import tutorial
+
+    assert tutorial.ball_radius_px(render(replace(draw.empty_scene(1), backdrop=PlainBackdrop())).image) is None
+
+
+def test_the_libraries_for_tags_read_the_right_tag_and_its_range() -> None:
+    import fiducials
+
+    scene = draw.tag_scene(9, 100.0, 0.3)
+    made = render(scene)
+    finders = fiducials.finders()
+    assert {"aruco", "aruco subpix"} <= set(finders)
+    for name, finder in finders.items():
+        corners = finder(made.image)
+        assert list(corners) == [9], name
+        assert fiducials.range_m(corners[9], draw.TAG_M, scene.camera) == pytest.approx(made.truth.distance_m, rel=0.03)
+
+
+def test_seeds_for_tuning_are_none_of_the_reports() -> None:
+    assert not set(draw.TUNING_SEEDS) & {draw.REPORT_SEEDS.start, draw.REPORT_SEEDS.stop - 1}
+    assert draw.TUNING_SEEDS.stop <= draw.REPORT_SEEDS.start
