@@ -77,7 +77,7 @@ def test_every_command_that_is_shown_exists_with_its_options(words):
     while hasattr(command, "commands"):
         name, *words = words
         assert name in command.commands, f"there is no command {name}"
-        command = command.commands[name]
+        command = command.load(name) if hasattr(command, "load") else command.commands[name]
     known = {option for parameter in command.params for option in parameter.opts}
     assert {word.partition("=")[0] for word in words if word.startswith("-")} <= known
 
