@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from stadimeter.core.camera_model import CameraModel
@@ -58,6 +58,7 @@ def seen_from(pose: Pose, camera: CameraModel = CAMERA, sigma_px: float = 0.05) 
     towards=st.floats(0, 2 * math.pi),
     roll=st.floats(-math.pi, math.pi),
 )
+@example(x=0.25, y=0.25, z=2.0, tilt=0.0, towards=0.0, roll=0.0)
 def test_exact_corners_give_the_exact_place(x, y, z, tilt, towards, roll) -> None:
     place = (x * z, y * z, z)
     pose = Pose(position_m=place, tilt_rad=tilt, tilt_towards_rad=towards, roll_rad=roll)

@@ -95,7 +95,10 @@ def tag_poses(directions: Points, size: TagSize) -> tuple[TagPose, ...]:
             corners, _never_face_on(seen), np.eye(3), NO_BENDING, flags=cv2.SOLVEPNP_IPPE_SQUARE
         )
         found = [_pose(corners, seen, turn, shift) for turn, shift in zip(turns, shifts, strict=True)]
-        poses = sorted((pose for pose in found if pose is not None), key=lambda pose: pose.misfit)
+        if None in found:  # seen exactly from the front, the closed form loses a pose
+            turn, shift = cv2.solvePnP(corners, seen, np.eye(3), NO_BENDING, flags=cv2.SOLVEPNP_ITERATIVE)[1:]
+            found.append(_pose(corners, seen, turn, shift))
+        poses = sorted((pose for pose in found if pose is not None), key=lambda pose: pose.misfit)[:2]
         return tuple(_refined(corners, seen, pose) for pose in poses[:1]) + tuple(poses[1:])
     except cv2.error:
         return ()
@@ -126,7 +129,9 @@ def _never_face_on(seen: Points) -> Points:
 
 
 def _pose(corners: Points, seen: Points, turn: MatLike, shift: MatLike) -> TagPose | None:
-    """Return a pose with its misfit; None for one that has a corner behind the camera."""
+    """Return a pose with its misfit; None for one that is no rotation, or has a corner behind the camera."""
+    if not np.linalg.norm(turn) <= 2 * math.pi:
+        return None
     rotation = np.asarray(cv2.Rodrigues(turn)[0], np.float64)
     position = np.asarray(shift, np.float64).reshape(3)
     placed = corners @ rotation.T + position
