@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# Machines are shared and slow at times: how long an example takes says nothing. In CI the examples are always the same,
+# so that a change is judged by what it changes; everywhere else new ones are tried each time.
+settings.register_profile("here", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "here")
 
 REAL_PICTURES = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -54,7 +54,7 @@ def seen_from(pose: Pose, camera: CameraModel = CAMERA, sigma_px: float = 0.05) 
     x=st.floats(-0.4, 0.4),
     y=st.floats(-0.3, 0.3),
     z=st.floats(0.3, 5.0),
-    tilt=st.floats(0, 1.2),
+    tilt=st.floats(0.01, 1.2),  # exactly from the front OpenCV loses a pose; the next test is about that
     towards=st.floats(0, 2 * math.pi),
     roll=st.floats(-math.pi, math.pi),
 )
