@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stadimeter.config.plugins import DriverContext
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
@@ -86,8 +87,8 @@ def sheet_detector() -> Callable[..., SheetDetector]:
 def ball_detector() -> Callable[..., BallDetector]:
     """Return a function that makes a detector for a red ball, whose hue wraps through 0; options may be given."""
 
-    def make(**options: object) -> BallDetector:
+    def make(camera: CameraModel | None = None, **options: object) -> BallDetector:
         table = {"diameter": "6.4 cm", "hsv": "170,100,60:10,255,255", **options}
-        return BallDetector("ball", BallOptions.model_validate(table))
+        return BallDetector("ball", BallOptions.model_validate(table), camera)
 
     return make

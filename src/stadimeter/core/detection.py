@@ -8,6 +8,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.core.camera_model import CameraModel
+
 Points = NDArray[np.float64]
 
 
@@ -24,6 +26,21 @@ class DetectionStatus(StrEnum):
     NOT_FOUND = "not_found"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RejectedCandidate:
+    """Something in the picture that was looked at, and is not the target.
+
+    Attributes:
+        centre_px: Where it is, x and y.
+        size_px: How large it is: the diameter of something round, the longer side of something flat.
+        reason: The test that it failed, with the figure and the limit: ``edge scatters by 2.1 px, limit 1.0 px``.
+    """
+
+    centre_px: tuple[float, float]
+    size_px: float
+    reason: str
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Detection:
     """Where one target is in one picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
@@ -31,7 +48,8 @@ class Detection:
     Attributes:
         target: The name of the target.
         status: Whether it was found.
-        reason: Why it was not found or is not whole, in words with figures; empty if it was found.
+        reason: Why it was not found or is not whole, in words with figures. With a target that was found it is mostly
+            empty; there it is a remark, such as that of several tags in view the largest was taken.
         outline_px: Its outline, shape ``(n, 2)``, x and y in pixels: the four corners of a sheet in order around it,
             or points on the limb of a ball. Empty if it was not found.
         centre_px: The centre as x, y; meaningless if it was not found.
@@ -40,6 +58,9 @@ class Detection:
         height_px: The apparent height: of a sheet the mean of its two more vertical sides, of a ball as the width.
         size_sigma_px: The standard deviation of the apparent size.
         quality: From 0, barely a candidate, to 1, as it should look.
+        rejected: What else was looked at in the picture and is not the target, the most like it first.
+        measured_with: The camera model that it was measured with, if the detector has one: centre and size then say
+            all that the outline does, for that camera.
     """
 
     target: str
@@ -51,6 +72,8 @@ class Detection:
     height_px: float = 0.0
     size_sigma_px: float = 0.0
     quality: float = 0.0
+    rejected: tuple[RejectedCandidate, ...] = ()
+    measured_with: CameraModel | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

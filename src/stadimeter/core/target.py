@@ -14,9 +14,11 @@ class BallSize:
 
     Attributes:
         diameter_m: Its diameter.
+        relative_sigma: Standard deviation of the diameter, as a share: how well it is known.
     """
 
     diameter_m: float
+    relative_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,11 +30,13 @@ class SheetSize:
         height_m: Its vertical side as it hangs.
         known_side: Which side the distance is computed from. ``auto`` takes the side that is the least foreshortened:
             turning a sheet away from the camera can only shorten a side.
+        relative_sigma: Standard deviation of the sides, as a share: how well they are known.
     """
 
     width_m: float
     height_m: float
     known_side: KnownSide = "auto"
+    relative_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,9 +45,24 @@ class TagSize:
 
     Attributes:
         side_m: The side of its black square, without the white around it.
+        relative_sigma: Standard deviation of the side, as a share: how well it is known.
     """
 
     side_m: float
+    relative_sigma: float = 0.0
 
 
-TargetSize = BallSize | SheetSize | TagSize
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiscSize:
+    """A flat circle, such as a sticker, a lid or a printed dot.
+
+    Attributes:
+        diameter_m: Its diameter.
+        relative_sigma: Standard deviation of the diameter, as a share: how well it is known.
+    """
+
+    diameter_m: float
+    relative_sigma: float = 0.0
+
+
+TargetSize = BallSize | SheetSize | TagSize | DiscSize

@@ -53,7 +53,7 @@ class HsvRange:
             below_red = _between(hsv, self.lower, (179, *self.upper[1:]))
             mask = np.asarray(cv2.bitwise_or(below_red, _between(hsv, (0, *self.lower[1:]), self.upper)), np.uint8)
         any_hue = (self.lower[0], self.upper[0]) == (0, 179)
-        return mask if any_hue else np.asarray(cv2.bitwise_and(mask, _has_hue(image)), np.uint8)
+        return mask if any_hue else np.asarray(cv2.bitwise_and(mask, _has_hue(hsv)), np.uint8)
 
     def __str__(self) -> str:
         """Return it as it is written."""
@@ -105,14 +105,14 @@ def _parse_limit(limit: str, text: str) -> tuple[int, int, int]:
     return numbers[0], numbers[1], numbers[2]
 
 
-def _has_hue(image: Image) -> Mask:
-    blue, green, red = cv2.split(image)
-    chroma = cv2.subtract(cv2.max(cv2.max(blue, green), red), cv2.min(cv2.min(blue, green), red))
-    return np.asarray(cv2.inRange(chroma, np.array(LEAST_CHROMA), np.array(255)), np.uint8)
+def _has_hue(hsv: cv2.typing.MatLike) -> cv2.typing.MatLike:
+    """Return where the channels differ by `LEAST_CHROMA` levels: saturation is their difference as a share of value."""
+    chroma = cv2.multiply(cv2.extractChannel(hsv, 1), cv2.extractChannel(hsv, 2), scale=1 / 255)
+    return cv2.threshold(chroma, LEAST_CHROMA - 1, 255, cv2.THRESH_BINARY)[1]
 
 
 def _between(hsv: cv2.typing.MatLike, lower: tuple[int, ...], upper: tuple[int, ...]) -> Mask:
-    return np.asarray(cv2.inRange(hsv, np.array(lower), np.array(upper)), np.uint8)
+    return np.asarray(cv2.inRange(hsv, lower, upper), np.uint8)
 
 
 HsvRangeText = Annotated[HsvRange, BeforeValidator(parse_hsv_range)]

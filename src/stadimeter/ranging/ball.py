@@ -1,4 +1,4 @@
-"""Where a ball is, from the smaller diameter of its outline."""
+"""Where a ball is, from the cone of rays that touches it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from stadimeter.core.target import BallSize
 from stadimeter.ranging.apparent_size import ApparentSize, apparent_size
 from stadimeter.ranging.reading import Reading, size_noise_share
 from stadimeter.ranging.similar_triangles import distance_m
+from stadimeter.ranging.sphere_cone import fit_cone
 
 
 def read_ball(detection: Detection, size: BallSize, camera: CameraModel) -> Reading:
-    """Return where a ball's centre is.
+    """Return where a ball's centre is: exactly, by the points on its limb, or by its diameter if there are none.
 
     Args:
         detection: A ball that was found whole.
@@ -24,12 +25,18 @@ def read_ball(detection: Detection, size: BallSize, camera: CameraModel) -> Read
         The position and how sure it is.
     """
     known = apparent_size(detection, size, camera.fx_px, camera.fy_px)
-    depth_m = _depth_m(known)
-    x, y = _direction(known, camera.direction(*detection.centre_px))
-    return Reading(
-        position_m=(x * depth_m, y * depth_m, depth_m),
-        noise_share=size_noise_share(detection, camera, known.apparent),
-    )
+    noise_share = size_noise_share(detection, camera, known.apparent)
+    centre = camera.direction(*detection.centre_px)
+    cone = None
+    if detection.measured_with is not camera and len(detection.outline_px):
+        cone = fit_cone(camera.directions(detection.outline_px), centre)
+    if cone is None:
+        depth_m = _depth_m(known)
+        x, y = _direction(known, centre)
+        return Reading(position_m=(x * depth_m, y * depth_m, depth_m), noise_share=noise_share)
+    straight_m = cone.distance_m(size.diameter_m / 2)
+    x, y, z = cone.axis
+    return Reading(position_m=(x * straight_m, y * straight_m, z * straight_m), noise_share=noise_share)
 
 
 def _depth_m(known: ApparentSize) -> float:

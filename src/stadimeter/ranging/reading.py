@@ -16,12 +16,17 @@ class Reading:
     Attributes:
         position_m: In the camera frame: x to the right, y down, z along the optical axis.
         noise_share: Standard deviation of the distance that differs from frame to frame, as a share of the distance.
-        systematic_share: The part that stays from frame to frame, without that of the focal length.
+        systematic_share: The part that stays from frame to frame, without those of the focal length and of the size.
+        tilt_rad: Of something flat, the angle between its normal and the line of sight, 0 for face on; None for a ball.
+        ambiguity: Of something flat, how far it is from certain which of two mirrored poses it has: 0 for certain, 1
+            for no idea; None for a ball.
     """
 
     position_m: tuple[float, float, float]
     noise_share: float
     systematic_share: float = 0.0
+    tilt_rad: float | None = None
+    ambiguity: float | None = None
 
 
 def size_noise_share(detection: Detection, camera: CameraModel, apparent: float) -> float:

@@ -1,0 +1,238 @@
+"""The limb of a ball: the cone of rays that touches it, fitted to the steps around an expected circle.
+
+Some of the steps are not the ball's: a finger hides part of it, what lies behind it is as bright. The cone is fitted
+robustly, and where too many steps miss it, started anew from the best of many circles through three steps each.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.detectors.circle_fit import Circle, most_common_circle
+from stadimeter.detectors.limb_edges import LimbEdges, limb_edges
+from stadimeter.detectors.linear_light import light_table
+from stadimeter.ranging.sphere_cone import LEAST_RAYS, ConeFrame, SphereCone
+
+Values = NDArray[np.float64]
+
+BEYOND_PX = 2.5
+"""How far beyond the places where the limb may be pixels are looked at in the first look, for the levels beside it."""
+
+LEAST_REACH_PX, MOST_REACH_PX = 6.0, 24.0
+"""How far from the expected circle the limb is looked for, at first and later on."""
+
+REACH_OF_WIDTH = 0.6
+"""Half of a step, and some room, must be within reach on either side of it."""
+
+REACH_SPARE_PX = 4.0
+"""What must be left of the reach beside the step: the pixels that its levels are read from, and the rounding."""
+
+WITHIN_PX, WITHIN_SHARE, WITHIN_OF_WIDTH = 2.0, 0.06, 0.3
+
+MOST_LOOKS = 4
+
+ROUNDS, SETTLED_SHARE = 5, 0.8
+"""How often the cone is fitted with new weights at most; no more once the limit for outliers shrinks by less."""
+
+NARROWEST_PX = 0.25
+"""Steps no further from the cone than this always count fully: noise alone puts them there."""
+
+OUTLIER_SIGMAS = 4.0
+OFF_PX, OFF_SHARE, OFF_OF_WIDTH = 1.0, 0.015, 0.6
+RANK, RANK_SIGMAS = 0.3, 0.385
+"""Of normal errors, 30 % are smaller than 0.385 standard deviations; more than half of the steps may be outliers."""
+
+DOUBTFUL_PX = 0.3
+DOUBTFUL_SHARE = 0.75
+"""A usual distance above the one, or a share of steps on the cone below the other, may be a fit to the wrong steps."""
+
+OUTLINE_POINTS = 16
+"""From so many points of the outline it is told how a lens that bends lines shows it."""
+
+SQUARENESS = 1.11
+"""Spokes cross the limb at up to 45 degrees, so steps are wider along them; this is the mean."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Limb:
+    """The limb of a ball.
+
+    Attributes:
+        cone: The rays that touch the ball.
+        circle: The circle that comes nearest to the outline, as wide as its smaller diameter.
+        straight_radius_px: That radius if the lens bent no lines.
+        points_px: The steps on it, shape ``(n, 2)``.
+        support: The share of the spokes that have a step on it: how much of the limb is seen.
+        support_inside: The same share of the spokes that do not leave the picture.
+        scatter_px: Standard deviation of these steps about it.
+        width_px: How many pixels the steps take from inside to outside, the median, across the limb.
+        sigma_px: Standard deviation of `straight_radius_px` if each step erred by itself, by as much as they scatter.
+    """
+
+    cone: SphereCone
+    circle: Circle
+    straight_radius_px: float
+    points_px: Points
+    support: float
+    support_inside: float
+    scatter_px: float
+    width_px: float
+    sigma_px: float
+
+
+def find_limb(image: Image, start: Circle, within_px: float, lens: CameraModel) -> Limb | None:
+    """Fit the limb near an expected circle, looked for again around where the last fit put it.
+
+    Args:
+        image: The picture, three channels.
+        start: Where it is expected.
+        within_px: How far from there it may be.
+        lens: The camera at the picture's resolution.
+
+    Returns:
+        The limb, or None where there are too few steps near the circle for any.
+    """
+    light = light_table(lens.tone_curve)
+    limb, circle, reach_px = None, start, within_px + BEYOND_PX
+    for _ in range(MOST_LOOKS):
+        edges = limb_edges(image, circle, reach_px, within_px, light, lens.edge_bias_px)
+        limb = None if edges is None else _fitted(edges, circle, lens)
+        if edges is None or limb is None:
+            return None
+        moved_px = math.hypot(limb.circle.x_px - circle.x_px, limb.circle.y_px - circle.y_px) + abs(
+            limb.circle.radius_px - circle.radius_px
+        )
+        needed_px = _reach_px(edges, limb)
+        if moved_px + needed_px <= reach_px + 1.0:
+            break
+        circle, reach_px = limb.circle, min(max(needed_px + 1.0, LEAST_REACH_PX), MOST_REACH_PX)
+        within_px = min(reach_px, within(circle) + WITHIN_OF_WIDTH * limb.width_px)
+    return limb
+
+
+def within(circle: Circle) -> float:
+    """Return how far from a circle that was fitted to it the limb may be."""
+    return WITHIN_PX + WITHIN_SHARE * circle.radius_px
+
+
+def _reach_px(edges: LimbEdges, limb: Limb) -> float:
+    """Return how far from the limb must be looked to see its steps whole, on an outline that is no circle."""
+    widest = float(np.partition(edges.width_px, -1 - len(edges.width_px) // 8)[-1 - len(edges.width_px) // 8])
+    z = limb.cone.axis[2]
+    oblong_px = limb.circle.radius_px * (1 / z - 1) if z > 0 else 0.0
+    return min(REACH_SPARE_PX + REACH_OF_WIDTH * widest + oblong_px, MOST_REACH_PX)
+
+
+def _fitted(edges: LimbEdges, circle: Circle, lens: CameraModel) -> Limb | None:
+    """Return the limb through most of the steps."""
+    if len(edges.points_px) < LEAST_RAYS:
+        return None
+    points = edges.points_px
+    directions = lens.directions(points)
+    frame = ConeFrame(directions, lens.direction(circle.x_px, circle.y_px))
+    most_px = _most_px(circle, edges)
+    fit = _robust(frame, frame.fit(), lens, most_px)
+    if fit is None or fit.usual_px > DOUBTFUL_PX or np.count_nonzero(fit.on_it) < DOUBTFUL_SHARE * len(points):
+        common = most_common_circle(points)
+        if common is not None:
+            near = np.abs(np.hypot(points[:, 0] - common.x_px, points[:, 1] - common.y_px) - common.radius_px)
+            again = _robust(frame, frame.fit(np.where(near < 0.05 * common.radius_px + 1.0, 1.0, 0.0)), lens, most_px)
+            fit = _better(fit, again)
+    return None if fit is None else _limb(fit, points, edges, lens)
+
+
+def _most_px(circle: Circle, edges: LimbEdges) -> float:
+    """Return how far from the cone its steps may be at most: felt and blur spread them."""
+    return OFF_PX + OFF_SHARE * circle.radius_px + OFF_OF_WIDTH * max(0.0, edges.usual_width_px - 3.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """A cone, by how many pixels the steps miss it, which of them are on it, and how far they usually are."""
+
+    cone: SphereCone
+    misses_px: Values
+    on_it: NDArray[np.bool_]
+    usual_px: float
+
+
+def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_px: float) -> _Fit | None:
+    """Fit a cone again with Tukey's weights, until what belongs to it is settled."""
+    last_px = math.inf
+    for _ in range(ROUNDS):
+        if cone is None:
+            return None
+        misses = np.abs(frame.misses_rad(cone)) * _pixels_a_radian(cone, lens)
+        usual, limit = _limits(misses, most_px)
+        if limit > SETTLED_SHARE * last_px:
+            break
+        last_px = limit
+        share = misses / limit
+        cone = frame.fit(np.maximum(1 - share * share, 0.0) ** 2)
+    return None if cone is None else _Fit(cone, misses, misses < limit, usual)
+
+
+def _limits(misses: Values, most_px: float) -> tuple[float, float]:
+    """Return how far steps usually are from the cone, and from where on they do not belong to it."""
+    rank = int(RANK * len(misses))
+    usual = float(np.partition(misses, rank)[rank]) / RANK_SIGMAS
+    return usual, min(max(OUTLIER_SIGMAS * usual, NARROWEST_PX), most_px)
+
+
+def _better(one: _Fit | None, other: _Fit | None) -> _Fit | None:
+    """Return the fit with more steps that lie closer to it."""
+    if one is None or other is None:
+        return one or other
+
+    def worth(fit: _Fit) -> float:
+        return float(np.maximum(1 - (fit.misses_px / 1.0) ** 2, 0.0).sum())
+
+    return one if worth(one) >= worth(other) else other
+
+
+def _pixels_a_radian(cone: SphereCone, lens: CameraModel) -> float:
+    """Return how many pixels an angle across the cone takes in the picture: away from the optical axis more."""
+    return math.sqrt(lens.fx_px * lens.fy_px) / math.pow(max(cone.axis[2], 0.1), 1.5)
+
+
+def _limb(fit: _Fit, points: Points, edges: LimbEdges, lens: CameraModel) -> Limb | None:
+    on_it, cone = fit.on_it, fit.cone
+    steps = int(np.count_nonzero(on_it))
+    if steps < LEAST_RAYS or not (math.isfinite(cone.half_across) and cone.axis[2] > 0.1):
+        return None
+    scatter = math.sqrt(float(np.square(fit.misses_px[on_it]).sum()) / max(1, steps - 3))
+    circle = _outline_circle(cone, lens)
+    straight_radius_px = cone.half_across * math.sqrt(lens.fx_px * lens.fy_px)
+    return Limb(
+        cone=cone,
+        circle=circle,
+        straight_radius_px=straight_radius_px,
+        points_px=points[on_it],
+        support=steps / edges.spokes,
+        support_inside=steps / edges.inside,
+        scatter_px=scatter,
+        width_px=edges.usual_width_px / SQUARENESS,
+        sigma_px=cone.sine_share * straight_radius_px * scatter / _pixels_a_radian(cone, lens),
+    )
+
+
+def _outline_circle(cone: SphereCone, lens: CameraModel) -> Circle:
+    """Return the circle that comes nearest to the outline in the picture."""
+    if not lens.distortion:
+        x, y = cone.outline_centre
+        return Circle(
+            x_px=x * lens.fx_px + lens.cx_px,
+            y_px=y * lens.fy_px + lens.cy_px,
+            radius_px=cone.half_across * math.sqrt(lens.fx_px * lens.fy_px),
+        )
+    x_px, y_px = lens.project(np.array([cone.outline_centre]))[0].tolist()
+    points = lens.project(cone.outline(OUTLINE_POINTS))
+    radius_px = float(np.hypot(points[:, 0] - x_px, points[:, 1] - y_px).min())
+    return Circle(x_px=x_px, y_px=y_px, radius_px=radius_px)

@@ -1,0 +1,152 @@
+"""Where in a picture a ball may be: blobs of its colour, found in every fourth pixel.
+
+Most of a picture is not the ball. Leaving out pixels, not averaging them, costs a thirteenth of a proper reduction, and
+each pixel that is left keeps its colour. How large the ball is comes later, from all pixels along its limb.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.detectors.circle_fit import Circle
+from stadimeter.detectors.hsv_range import HsvRange
+
+SMALLEST_SEARCHED_RADIUS_PX = 1.25
+"""Pixels are left out only as long as the smallest accepted ball still has this radius in what remains."""
+
+GREATEST_STEP = 8
+
+MOST_BLOBS = 16
+"""How many blobs are looked at: the largest."""
+
+MOST_POINTS = 60
+"""How many points of an outline are used where fewer will do: evenly spaced ones."""
+
+GRID = 16
+"""So many pixels each way say how much of a circle has the ball's colour."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Blob:
+    """Pixels of the ball's colour that hang together.
+
+    Attributes:
+        outline_px: Points along its outline, shape ``(n, 2)``.
+        area_px2: Its area.
+        circle: The circle around which its limb may be: as wide or as high as the blob, whichever is more.
+    """
+
+    outline_px: Points
+    area_px2: float
+    circle: Circle
+
+    @property
+    def size_px(self) -> float:
+        """The larger of its width and its height."""
+        return 2 * self.circle.radius_px
+
+    @property
+    def thinned_px(self) -> Points:
+        """No more than `MOST_POINTS` points of its outline, evenly spaced."""
+        return self.outline_px[:: max(1, math.ceil(len(self.outline_px) / MOST_POINTS))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Region:
+    """A part of a picture.
+
+    Attributes:
+        left: Its first column.
+        top: Its first row.
+        right: The column after its last one.
+        bottom: The row after its last one.
+    """
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @classmethod
+    def around(cls, centre_px: tuple[float, float], half_px: float, image: Image) -> Region:
+        """Return the square about a place, as far as it is inside the picture."""
+        (x, y), (height, width) = centre_px, image.shape[:2]
+        return cls(
+            left=int(min(max(x - half_px, 0), width)),
+            top=int(min(max(y - half_px, 0), height)),
+            right=int(min(max(x + half_px + 1, 0), width)),
+            bottom=int(min(max(y + half_px + 1, 0), height)),
+        )
+
+
+def search_step(min_radius_px: float) -> int:
+    """Return the k of "every k-th pixel"."""
+    return max(1, min(GREATEST_STEP, int(min_radius_px / SMALLEST_SEARCHED_RADIUS_PX)))
+
+
+def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None = None) -> list[Blob]:
+    """Find the largest blobs of a colour.
+
+    Args:
+        image: The picture, three channels.
+        colour: The colour.
+        step: Only every so manieth pixel is looked at, each way.
+        region: The part of the picture to look at; None for all of it.
+
+    Returns:
+        `MOST_BLOBS` at most, the largest first.
+    """
+    left, top = (0, 0) if region is None else (region.left, region.top)
+    part = image if region is None else image[top : region.bottom, left : region.right]
+    if part.size == 0:
+        return []
+    contours, _ = cv2.findContours(colour.mask(thinned(part, step)), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    boxed = [(contour, cv2.boundingRect(contour)) for contour in contours]
+    boxed.sort(key=lambda pair: (-max(pair[1][2:]), pair[1]))
+    return [_blob(contour, box, step, left, top) for contour, box in boxed[:MOST_BLOBS]]
+
+
+def thinned(image: Image, step: int) -> Image:
+    """Return every k-th pixel of every k-th row."""
+    if step == 1:
+        return image
+    height, width = image.shape[:2]
+    # OpenCV's nearest neighbour takes the first pixel of each cell, and is four times as fast as slicing and copying.
+    whole = image[: height - height % step or height, : width - width % step or width]
+    size = (max(1, width // step), max(1, height // step))
+    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
+    """Return how much of a circle has a colour, from a grid of pixels in the square within it, 0 to 1.
+
+    Args:
+        image: The picture.
+        circle: The circle; what is outside of the picture does not count.
+        colour: The colour.
+    """
+    half_px = max(1.0, circle.radius_px * math.sqrt(0.5))
+    region = Region.around((circle.x_px, circle.y_px), half_px, image)
+    part = image[region.top : region.bottom, region.left : region.right]
+    if part.size == 0:
+        return 0.0
+    grid = np.asarray(cv2.resize(part, (GRID, GRID), interpolation=cv2.INTER_NEAREST), np.uint8)
+    return cv2.countNonZero(colour.mask(grid)) / (GRID * GRID)
+
+
+def _blob(contour: cv2.typing.MatLike, box: cv2.typing.Rect, step: int, left: int, top: int) -> Blob:
+    x, y, width, height = box
+    # The pixel that was looked at is the first of its cell; the blob reaches half a cell beyond it on average.
+    circle = Circle(
+        x_px=left + (x + (width - 1) / 2) * step,
+        y_px=top + (y + (height - 1) / 2) * step,
+        radius_px=max(width, height) * step / 2,
+    )
+    outline = np.asarray(contour, np.float64).reshape(-1, 2) * step + (left, top)
+    return Blob(outline_px=outline, area_px2=float(cv2.contourArea(contour)) * step**2, circle=circle)

@@ -1,0 +1,113 @@
+"""Edges around something round, against rendered balls of exact outline."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stadimeter.core.frame import Image
+from stadimeter.detectors.circle_fit import Circle
+from stadimeter.detectors.limb_edges import LimbEdges, limb_edges
+from stadimeter.detectors.linear_light import light_table
+from stadimeter.simulation.scenes import draw
+from stadimeter.simulation.scenes.backdrop import PlainBackdrop
+from stadimeter.simulation.scenes.ball import BallTarget
+from stadimeter.simulation.scenes.nuisances import exposure, motion
+from stadimeter.simulation.scenes.render import render
+from stadimeter.simulation.scenes.scene import Scene
+
+pytestmark = pytest.mark.vision
+
+SRGB = light_table("srgb")
+
+
+def _scene(diameter_m: float = 0.2, depth_m: float = 1.5) -> Scene:
+    """Return a ball in the middle of the picture, where its outline is a circle, before a plain wall."""
+    ball = BallTarget(position_m=(0.0, 0.0, depth_m), diameter_m=diameter_m)
+    return replace(draw.empty_scene(7), target=ball, backdrop=PlainBackdrop())
+
+
+def _circle(scene: Scene) -> Circle:
+    camera = scene.camera
+    return Circle(x_px=camera.cx_px, y_px=camera.cy_px, radius_px=scene.target.apparent_px(camera) / 2)
+
+
+def _edges(scene: Scene, circle: Circle | None = None, within_px: float = 6.0) -> LimbEdges:
+    edges = limb_edges(render(scene).image, circle or _circle(scene), within_px + 2.5, within_px, SRGB)
+    assert edges is not None
+    return edges
+
+
+def _radii(scene: Scene, edges: LimbEdges) -> np.ndarray:
+    return np.hypot(*(edges.points_px - (scene.camera.cx_px, scene.camera.cy_px)).T)
+
+
+@pytest.mark.parametrize("depth_m", [0.8, 1.5, 4.0, 8.0])
+def test_the_edges_lie_on_the_limb_to_a_few_hundredths_of_a_pixel(depth_m: float) -> None:
+    scene = _scene(depth_m=depth_m)
+    radii = _radii(scene, _edges(scene))
+    true_px = _circle(scene).radius_px
+    assert np.median(radii) == pytest.approx(true_px, abs=0.04)
+    assert np.std(radii) < 0.2
+    assert len(radii) >= min(60, 3 * true_px)
+
+
+def test_where_they_are_looked_for_does_not_move_them() -> None:
+    scene = _scene()
+    true = _circle(scene)
+    for x, y, more in ((3.0, 0.0, 0.0), (-2.0, 2.0, 1.0), (0.0, -3.0, -2.0)):
+        beside = Circle(x_px=true.x_px + x, y_px=true.y_px + y, radius_px=true.radius_px + more)
+        radii = _radii(scene, _edges(scene, beside))
+        assert np.median(radii) == pytest.approx(true.radius_px, abs=0.04)
+
+
+def test_a_blurred_edge_is_as_wide_as_it_was_smeared() -> None:
+    scene = _scene(depth_m=1.0)
+    sharp, smeared = _edges(scene), _edges(motion(8)(scene), within_px=10.0)
+    assert 2.2 < sharp.usual_width_px < 3.2
+    assert np.max(smeared.width_px) > 6.0
+    assert np.median(_radii(scene, smeared)) == pytest.approx(_circle(scene).radius_px, abs=0.3)
+
+
+def test_overexposed_channels_do_not_move_the_edges() -> None:
+    scene = _scene(depth_m=1.0)
+    bright = exposure(0.7)(scene)
+    assert render(bright).image.max() == 255
+    assert np.median(_radii(scene, _edges(bright))) == pytest.approx(_circle(scene).radius_px, abs=0.06)
+
+
+def test_an_edge_bias_moves_the_edges_back_and_forth() -> None:
+    scene = _scene()
+    image, circle = render(scene).image, _circle(scene)
+    plain = limb_edges(image, circle, 8.5, 6.0, SRGB)
+    biased = limb_edges(image, circle, 8.5, 6.0, SRGB, bias_px=0.25)
+    assert plain is not None
+    assert biased is not None
+    moved = np.median(_radii(scene, biased)) - np.median(_radii(scene, plain))
+    assert abs(moved) == pytest.approx(0.25, abs=0.01)
+
+
+def test_spokes_that_leave_the_picture_are_counted_and_not_looked_along() -> None:
+    scene = _scene(depth_m=1.0)
+    camera, circle = scene.camera, _circle(scene)
+    image: Image = np.ascontiguousarray(render(scene).image[:, int(camera.cx_px) :])
+    shifted = Circle(x_px=circle.x_px - int(camera.cx_px), y_px=circle.y_px, radius_px=circle.radius_px)
+    edges = limb_edges(image, shifted, 8.5, 6.0, SRGB)
+    assert edges is not None
+    assert edges.inside < 0.8 * edges.spokes
+    assert len(edges.points_px) <= edges.inside
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 5), (480, 640)])
+def test_a_plain_picture_has_no_edges(shape: tuple[int, int]) -> None:
+    circle = Circle(x_px=shape[1] / 2, y_px=shape[0] / 2, radius_px=min(shape) / 4)
+    assert limb_edges(np.full((*shape, 3), 90, np.uint8), circle, 8.5, 6.0, SRGB) is None
+
+
+def test_a_circle_far_outside_has_no_edges() -> None:
+    circle = Circle(x_px=-5000.0, y_px=9000.0, radius_px=40.0)
+    assert limb_edges(render(_scene()).image, circle, 8.5, 6.0, SRGB) is None
+    assert math.isfinite(circle.radius_px)
