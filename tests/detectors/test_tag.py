@@ -17,8 +17,10 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import TagSize
+from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.tag import PLUGIN, TagDetector, TagOptions
-from stadimeter.detectors.tag_families import DICTIONARIES
+from stadimeter.detectors.tag_families import DICTIONARIES, tag_family
+from stadimeter.detectors.tag_sides import measure_sides
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.simulation.scenes.draw import empty_scene, tag_scene
 from stadimeter.simulation.scenes.nuisances import distorted, motion, noise, tone
@@ -311,3 +313,57 @@ def test_the_library_for_small_tags_is_missed_only_where_it_is_asked_for(monkeyp
     PLUGIN.build(TagOptions.model_validate(options), driver_context("tag"))
     with pytest.raises(DriverUnavailableError, match=r"target door: finder = 'pyapriltags' .*stadimeter\[tags\]"):
         PLUGIN.build(TagOptions.model_validate({**options, "finder": "pyapriltags"}), driver_context("door"))
+
+
+def test_other_tags_and_outlines_without_a_tag_are_told_with_the_test_that_they_failed() -> None:
+    picture = pasted((3, 60, 60, 60), (9, 300, 200, 120))
+    cv2.rectangle(picture, (60, 300), (140, 380), (20, 20, 20), -1)
+    cv2.rectangle(picture, (75, 315), (125, 365), (240, 240, 240), -1)
+    found = seen(picture, id=9)
+    assert worst_px(found, square(300, 200, 120)) < 0.1
+    by_reason = {each.reason: each for each in found.rejected}
+    assert by_reason["is tag 3, not 9"].centre_px == pytest.approx((89.5, 89.5), abs=1)
+    assert by_reason["is tag 3, not 9"].size_px == pytest.approx(60, abs=3)
+    others = [each.reason for each in found.rejected if each.centre_px == pytest.approx((100, 340), abs=2)]
+    assert any(re.search(r"differs from every tag in \d+ cells or more, limit 3", reason) for reason in others)
+    assert len(found.rejected) <= 8
+
+
+def test_a_tag_that_is_found_is_not_among_the_rejected() -> None:
+    found = seen(pasted((9, 300, 200, 120)))
+    assert not [each for each in found.rejected if math.dist(each.centre_px, found.centre_px) < 20]
+
+
+def test_a_tag_cut_off_by_the_border_is_no_candidate_but_the_answer() -> None:
+    found = seen(pasted((7, 0, 200, 120)))
+    assert found.status is not DetectionStatus.FOUND
+    assert "%" in found.reason or "px" in found.reason
+
+
+@pytest.mark.parametrize("sigma_px", [0.6, 2.0, 4.5])
+def test_sides_are_where_they_are_however_blurred_and_wherever_the_search_starts(sigma_px: float) -> None:
+    """A wide edge fills the first look, which must not take the edge's own grey for black and white."""
+    light = np.full((480, 640), 0.7, np.float32)
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARIES["apriltag-36h11"]))
+    light[100:340, 200:440] = np.where(cv2.aruco.generateImageMarker(dictionary, 5, 240) > 0, 0.7, 0.03)
+    grey = np.rint(encode(cv2.GaussianBlur(light, (0, 0), sigma_px), Tone.SRGB)).astype(np.uint8)
+    truth = square(200, 100, 240)
+    for off_px in (-4.0, -1.0, 0.0, 2.0, 4.0):
+        start = truth + off_px * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1)))
+        sides = measure_sides(grey, start, 8, light_table("srgb"))
+        assert sides is not None
+        assert np.abs(sides.corners_px - truth).max() < 0.02 * sigma_px
+        assert sides.edge_px == pytest.approx([math.sqrt(2 * math.pi) * sigma_px] * 4, rel=0.15)
+
+
+def test_every_code_of_a_family_is_looked_up_as_the_product_of_matrices_finds_it() -> None:
+    family = tag_family("aruco-4x4-50")
+    for row, code in enumerate(family.codes):
+        agreement = family.codes @ code
+        assert agreement[family.rows[(code > 0).astype(np.uint8).tobytes()]] == agreement.max() == agreement[row]
+
+
+def test_so_many_wrong_cells_are_accepted_as_leave_no_doubt_whatever_the_version_of_opencv() -> None:
+    """Six tenths of what a family could correct: half of the least distance that its authors state, rounded down."""
+    accepted = {name: tag_family(name).most_errors for name in ("apriltag-16h5", "apriltag-36h11", "aruco-mip-36h12")}
+    assert accepted == {"apriltag-16h5": 1, "apriltag-36h11": 3, "aruco-mip-36h12": 3}

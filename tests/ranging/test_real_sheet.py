@@ -52,8 +52,9 @@ def _frame(path: Path) -> Frame:
     return Frame(cv2.imread(str(path)), 0.0, 0)
 
 
-def test_calibrated_at_two_feet_the_sheet_at_three_and_four_is_right_within_six_per_cent(real_pictures: Path) -> None:
-    detector = SheetDetector("paper", SheetOptions.model_validate({"width": "11 in", "height": "8.5 in"}))
+def test_calibrated_at_two_feet_the_sheet_at_three_and_four_is_right_within_three_per_cent(real_pictures: Path) -> None:
+    options = SheetOptions.model_validate({"width": "11 in", "height": "8.5 in"})
+    detector = SheetDetector("paper", options)
     folder = real_pictures / "seed_sheet"
     first = _frame(folder / "2ft.png")
     known = KnownDistance(
@@ -65,15 +66,16 @@ def test_calibrated_at_two_feet_the_sheet_at_three_and_four_is_right_within_six_
         depth_m=24 * INCH_M,
     )
     camera = calibrate([known], date="").camera_model
-    assert camera.fx_px == pytest.approx(673, rel=0.03), "the EXIF data say 673 to 693 px"
+    # The EXIF data say 673 to 693 px; the tape is good to an inch of 24, which is 4.2 per cent.
+    assert camera.fx_px == pytest.approx(673, rel=0.045)
     pictures = [folder / f"{name}.png" for name in NAMES[1:]]
     originals = [folder / "original" / f"{name}.jpg" for name in NAMES[1:]]
     # The same for every version of OpenCV, to 0.1 %.
-    expected_in = dict(zip((*pictures, *originals), (36.04, 47.31, 36.00, 47.27), strict=True))
+    expected_in = dict(zip((*pictures, *originals), (36.20, 46.98, 36.17, 46.90), strict=True))
     for path in (*pictures, *originals):
         frame = _frame(path)
-        measured = measure_frame(frame, detector.detect(frame), detector.target_size, camera)
+        measured = measure_frame(frame, SheetDetector("paper", options, camera).detect(frame), options.size, camera)
         inches = measured.distance_m / INCH_M
-        assert inches == pytest.approx(12 * int(path.stem[0]), rel=0.06), path
-        assert measured.depth_m / INCH_M == pytest.approx(12 * int(path.stem[0]), rel=0.06), path
+        assert inches == pytest.approx(12 * int(path.stem[0]), rel=0.03), path
+        assert abs(inches - 12 * int(path.stem[0])) < 1 + 1.96 * measured.sigma_m / INCH_M, path
         assert inches == pytest.approx(expected_in[path], rel=0.001), path

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stadimeter.core.detection import Points
 
 
@@ -17,31 +20,40 @@ def touches_border(points_px: Points, width_px: int, height_px: int, margin_px: 
     Returns:
         True if any point is nearer to the border than the margin, or beyond it.
     """
-    low = points_px.min(axis=0)
-    high = points_px.max(axis=0)
+    left, top = points_px.min(axis=0).tolist()
+    right, bottom = points_px.max(axis=0).tolist()
     return bool(
-        low[0] < margin_px
-        or low[1] < margin_px
-        or high[0] > width_px - 1 - margin_px
-        or high[1] > height_px - 1 - margin_px
+        left < margin_px or top < margin_px or right > width_px - 1 - margin_px or bottom > height_px - 1 - margin_px
     )
 
 
-def side_on_border(start_px: Points, end_px: Points, width_px: int, height_px: int, margin_px: float) -> bool:
-    """Say whether a side of a shape runs along one border of the picture.
+def sides_on_border(corners_px: Points, shape: tuple[int, ...], margin_px: float) -> NDArray[np.bool_]:
+    """Say which sides of outlines run along one border of the picture.
 
     Args:
-        start_px: One end of the side, x and y.
-        end_px: Its other end.
-        width_px: Width of the picture.
-        height_px: Height of the picture.
+        corners_px: Their corners in order around each, shape ``(c, n, 2)``; side i leads from corner i to corner i + 1.
+        shape: Height and width of the picture.
         margin_px: How near to the outermost pixels counts as on the border.
 
     Returns:
-        True if both ends are at the same border.
+        For each side whether both ends are at the same border, shape ``(c, n)``.
     """
-    for axis, size_px in ((0, width_px), (1, height_px)):
-        ends = (float(start_px[axis]), float(end_px[axis]))
-        if max(ends) < margin_px or min(ends) > size_px - 1 - margin_px:
-            return True
-    return False
+    last_px = np.array((shape[1], shape[0])) - 1 - margin_px
+    low, high = corners_px < margin_px, corners_px > last_px
+    after = [*range(1, corners_px.shape[1]), 0]
+    return np.asarray(((low & low[:, after]) | (high & high[:, after])).any(axis=2))
+
+
+def corners_on_border(corners_px: Points, shape: tuple[int, ...], margin_px: float) -> NDArray[np.bool_]:
+    """Say which outlines reach the border of the picture, or pass it.
+
+    Args:
+        corners_px: Their corners, shape ``(c, n, 2)``.
+        shape: Height and width of the picture.
+        margin_px: How near to the outermost pixels counts as reaching the border.
+
+    Returns:
+        Shape ``(c,)``.
+    """
+    last_px = np.array((shape[1], shape[0])) - 1 - margin_px
+    return np.asarray(((corners_px < margin_px) | (corners_px > last_px)).any(axis=(1, 2)))

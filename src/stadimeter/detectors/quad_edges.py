@@ -1,7 +1,14 @@
-"""The four sides of a candidate, measured at full resolution: straight lines through the steps in brightness.
+"""The four sides of candidates, to a few hundredths of a pixel.
 
-The lines do not depend on how the candidate was found: they are fitted again from where the last fit ended until the
-same steps are used, so another version of OpenCV, which may round a contour differently, gives the same corners.
+Light is read along columns of pixels where a side is more horizontal and along rows where it is more vertical, so
+nothing is interpolated but the last step: where, between two neighbouring pixels, it passes half way from what is
+inside to what is outside. In light that is where the edge is, see `stadimeter.detectors.linear_light`. Half way is
+meant in all three channels at once, along the straight line between both colours, and for each step anew, since what
+is behind a sheet is of many colours. A line through these steps is fitted to each side, and the corners are where the
+lines meet.
+
+The lines are fitted again from where the last fit ended until they stay, so they do not depend on how a candidate was
+found: another version of OpenCV, which may round a contour differently, gives the same corners.
 """
 
 from __future__ import annotations
@@ -11,240 +18,243 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.sampling import sample
+from stadimeter.detectors.linear_light import Light
+from stadimeter.detectors.quad_frame import CORNER_SHARE, QuadFrame, Values, quad_frame
+from stadimeter.detectors.quad_lines import fit_lines, intersections, median
 
-CORNER_SHARE = 0.08
-"""Share of a side left out at each end: corners are bent, torn or rounded."""
+Profiles = NDArray[np.float32]
 
-DIFFERENCE_TO_SIGMA = 0.954
-"""The median difference of two samples of the same normal noise, as a multiple of its standard deviation."""
+FIRST_STEPS = 16
+NEXT_STEPS = 24
+MOST_STEPS = 64
+LEAST_STEPS = 8
 
-OUTLIER_PX = 1.5
-OUTLIER_SHARE = 0.02
-"""Steps further from the line than 1.5 px, or three times their usual distance, do not belong to the side; but paper
-never bends by more than two per cent of a side, so steps further away than that never do."""
+PLATEAU_PX = 1.7
+"""So far beyond an edge both sides are themselves."""
 
-LEAST_FIRST_SUPPORT = 0.3
-"""A candidate is given up where a side finds so few steps at the first look: most are clutter, and looking is slow."""
+REACHES_PX = (3.0, 16.0)
+"""How far across a side is looked at once it is known about where it is, at least and at most."""
+
+LEAST_DROP = 0.06
+"""How much of the way from inside to outside two neighbouring pixels must differ by to be the step."""
+
+CLEAR_PX = 1.5
+SMOOTH = 0.04
+"""Further from an edge than this a profile should be level, to this share of the way from inside to outside; a step is
+worth less the further it is from that, unless all along the side are."""
+
+LEAST_LEVELS = 5.0
+"""A step whose two sides differ by less, in levels of 8 bits, is none."""
+
+SETTLED_PX = 0.01
+"""Lines that moved by less stay where they are."""
+
+LOOKS = 6
+
+SAME_PX = 1.0
+"""Candidates whose corners are all nearer to each other are one."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadEdges:
-    """What the four sides of a candidate look like. Side i leads from corner i to corner i + 1.
+    """What the sides of candidates look like. Side i leads from corner i to corner i + 1.
 
     Attributes:
-        corners_px: Where the lines through the sides meet, shape ``(4, 2)``.
-        contrast: How much brighter the inside of each side is, in levels of 8 bits, shape ``(4,)``; negative if darker.
-        noise: Standard deviation of a pixel beside the sides, in levels.
-        support: The share of each side where there is a step on the line, shape ``(4,)``.
-        scatter_px: Standard deviation of the steps about each line, shape ``(4,)``.
-        steps: How many steps each line was fitted to, shape ``(4,)``.
+        corners_px: Where the lines meet, shape ``(c, 4, 2)``; NaN where they do not.
+        contrast: How much brighter the inside of each side is, in levels of 8 bits, shape ``(c, 4)``.
+        colour_contrast: How much the inside differs in the channel that differs most, shape ``(c, 4)``.
+        support: The share of each side where there is a step on the line, of the sign that most have, ``(c, 4)``.
+        scatter_px: Standard deviation of the steps about each line, shape ``(c, 4)``.
+        steps: How many steps each line was fitted to, shape ``(c, 4)``.
+        edge_px: How many pixels each side takes from inside to outside at its steepest, shape ``(c, 4)``.
+        inside: The colour inside each side, in levels, shape ``(c, 4, 3)``.
+        unevenness: By how many levels the inside along each side usually differs from that colour, ``(c, 4)``.
     """
 
     corners_px: Points
-    contrast: NDArray[np.float64]
-    noise: float
-    support: NDArray[np.float64]
-    scatter_px: NDArray[np.float64]
+    contrast: Values
+    colour_contrast: Values
+    support: Values
+    scatter_px: Values
     steps: NDArray[np.int64]
+    edge_px: Values
+    inside: Values
+    unevenness: Values
+
+    def __len__(self) -> int:
+        """Return how many candidates there are."""
+        return len(self.corners_px)
+
+    def __getitem__(self, which: object) -> QuadEdges:
+        """Return some of the candidates, as numpy would choose them."""
+        return QuadEdges(**{name: getattr(self, name)[which] for name in self.__slots__})
 
 
-@dataclass(frozen=True, slots=True)
-class _Levels:
-    """How bright it is on both sides of an edge, away from the edge itself.
-
-    Attributes:
-        contrast: How much brighter the inside is, for each channel.
-        noise: Standard deviation of a sample.
-    """
-
-    contrast: NDArray[np.float64]
-    noise: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Profiles:
-    """Brightness across one side, from the inside to the outside.
-
-    Attributes:
-        length_px: Length of the side.
-        along_px: How far along the side each profile stands, shape ``(n,)``.
-        across_px: How far outside each sample lies, shape ``(k,)``.
-        values: The samples, shape ``(n, k, channels)``.
-    """
-
-    length_px: float
-    along_px: Points
-    across_px: Points
-    values: NDArray[np.float32]
-
-
-@dataclass(frozen=True, slots=True)
-class _Line:
-    """The line through one side, in the coordinates of its profiles: across = offset + slope * along."""
-
-    offset_px: float
-    slope: float
-    support: float
-    scatter_px: float
-    steps: int
-
-
-def measure_edges(image: Image, corners_px: Points, reach_px: float, free_sides: tuple[bool, ...]) -> QuadEdges | None:
-    """Fit lines to the sides of a candidate.
+def measure_edges(
+    image: Image,
+    corners_px: Points,
+    reach_px: float,
+    light: Light,
+    lens: CameraModel | None = None,
+    free: NDArray[np.bool_] | None = None,
+) -> QuadEdges:
+    """Fit lines to the sides of candidates once, quickly, in few places and far across.
 
     Args:
         image: The picture at full resolution, three channels.
-        corners_px: The candidate's corners, clockwise on the screen, shape ``(4, 2)``.
-        reach_px: How far from the candidate's sides the true ones may be.
-        free_sides: For each side, whether it is not one; such a side stays as it is, as where the border cuts it.
+        corners_px: About where the corners are, clockwise on the screen, shape ``(c, 4, 2)``.
+        reach_px: How far from there the true sides may be.
+        light: What each code value stands for.
+        lens: How the lens bends straight sides; None if it does not.
+        free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
 
     Returns:
-        The sides; or None where the lines form no outline near the candidate.
+        The sides.
     """
-    channel = _clearest_channel(image, corners_px, reach_px, free_sides)
-    plane = image[:, :, channel : channel + 1]
-    edges = None
-    for reach in (reach_px, reach_px, max(3.0, reach_px / 2), max(3.0, reach_px / 2)):
-        edges = _fit_once(plane, corners_px, reach, free_sides)
-        if edges is None or edges.support.min() < LEAST_FIRST_SUPPORT:
-            return None
-        if np.abs(edges.corners_px - corners_px).max() > 4 * reach_px:
-            return None
-        corners_px = edges.corners_px
+    reaches = np.full(corners_px.shape[:2], reach_px + PLATEAU_PX)
+    return _fit(image, quad_frame(corners_px, FIRST_STEPS, reaches, image.shape, lens), light, free)
+
+
+def measure_edges_closer(image: Image, edges: QuadEdges, light: Light, lens: CameraModel | None = None) -> QuadEdges:
+    """Fit lines to the sides of candidates once more, in few places but narrowly.
+
+    Args:
+        image: The picture at full resolution, three channels.
+        edges: The sides as they were measured before.
+        light: What each code value stands for.
+        lens: How the lens bends straight sides; None if it does not.
+
+    Returns:
+        The sides.
+    """
+    return _fit(image, _narrow_frame(image, edges, NEXT_STEPS, lens), light, None)
+
+
+def settle_edges(
+    image: Image,
+    edges: QuadEdges,
+    light: Light,
+    lens: CameraModel | None = None,
+    free: NDArray[np.bool_] | None = None,
+) -> QuadEdges:
+    """Fit lines to the sides of candidates again and again, in many places and narrowly, until they stay.
+
+    Args:
+        image: The picture at full resolution, three channels.
+        edges: The sides as they were measured before.
+        light: What each code value stands for.
+        lens: How the lens bends straight sides; None if it does not.
+        free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
+
+    Returns:
+        The sides.
+    """
+    moving = np.arange(len(edges))
+    for _ in range(LOOKS):
+        before = edges.corners_px[moving]
+        again = edges[moving]
+        some_free = None if free is None else free[moving]
+        again = _fit(image, _narrow_frame(image, again, MOST_STEPS, lens), light, some_free)
+        edges = again if len(moving) == len(edges) else _replaced(edges, moving, again)
+        moved = np.abs(again.corners_px - before).max(axis=(1, 2))
+        moving = moving[moved > SETTLED_PX]
+        if not len(moving):
+            break
     return edges
 
 
-def _clearest_channel(image: Image, corners: Points, reach_px: float, free_sides: tuple[bool, ...]) -> int:
-    """Return the channel in which the side that stands out least stands out most."""
-    contrasts = np.array(
-        [
-            _levels(_profiles(image, corners, side, reach_px), reach_px).contrast
-            for side in range(4)
-            if not free_sides[side]
-        ]
-    )
-    one_sign = np.where(np.abs(np.sign(contrasts).sum(axis=0)) == len(contrasts), 1.0, 0.1)
-    return int(np.argmax(np.abs(contrasts).min(axis=0) * one_sign))
+def _replaced(edges: QuadEdges, which: NDArray[np.intp], again: QuadEdges) -> QuadEdges:
+    """Return the sides of candidates with those of some measured again."""
+    for name in QuadEdges.__slots__:
+        getattr(edges, name)[which] = getattr(again, name)
+    return edges
 
 
-def _fit_once(plane: Image, corners: Points, reach_px: float, free_sides: tuple[bool, ...]) -> QuadEdges | None:
-    profiles = [_profiles(plane, corners, side, reach_px) for side in range(4)]
-    levels = [_levels(each, min(reach_px, 3.0)) for each in profiles]
-    contrast = np.array([float(each.contrast[0]) for each in levels])
-    polarity = _polarity(contrast[~np.array(free_sides)])
-    lines = [
-        _Line(0.0, 0.0, 1.0, 0.0, 0) if free_sides[side] else _fit_line(profiles[side], polarity) for side in range(4)
-    ]
-    met = _intersections(corners, lines)
-    if met is None:
-        return None
+def distinct_edges(edges: QuadEdges) -> QuadEdges:
+    """Return the candidates whose sides meet, without those that settled on the same sides as one before."""
+    edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
+    apart = np.abs(edges.corners_px[:, None] - edges.corners_px).max(axis=(2, 3), initial=0.0)
+    return edges[~np.tril(apart < SAME_PX, -1).any(axis=1)]
+
+
+def _narrow_frame(image: Image, edges: QuadEdges, most_steps: int, lens: CameraModel | None) -> QuadFrame:
+    corners = np.nan_to_num(edges.corners_px)
+    longest = np.abs(corners[:, [1, 2, 3, 0]] - corners).max(initial=0.0)
+    steps = int(min(max((1 - 2 * CORNER_SHARE) * longest, LEAST_STEPS), most_steps))
+    reaches = np.clip(edges.edge_px / 2 + PLATEAU_PX, *REACHES_PX)
+    return quad_frame(corners, steps, reaches, image.shape, lens)
+
+
+def _fit(image: Image, frame: QuadFrame, light: Light, free: NDArray[np.bool_] | None) -> QuadEdges:
+    codes = _profiles(image, frame)
+    reach = int(frame.reach.max(initial=0))
+    ends = reach + np.concatenate((-frame.reach, 1 - frame.reach, frame.reach - 1, frame.reach), axis=2)
+    levels = np.take_along_axis(codes, ends[:, :, None, :, None], axis=3)
+    inside_codes, outside_codes = _means(levels.astype(np.float32))
+    difference = inside_codes - outside_codes
+    most = np.abs(difference).max(axis=3)
+    usual = median(most)
+    across, drop, rough = _steps(light[codes], *_means(light[levels]), frame, reach)
+    worth = np.minimum(most / np.maximum(usual, 1.0), 1.0) / (1 + (rough / np.maximum(median(rough), SMOOTH)) ** 2)
+    worth = worth * ((drop > LEAST_DROP) & (most > LEAST_LEVELS))
+    lines = fit_lines(frame, across, worth.astype(np.float64))
+    if free is not None:
+        lines.offset[free], lines.slope[free] = 0.0, 0.0
+    brighter = difference.sum(axis=3)
+    sign = np.where(median(brighter.reshape(len(brighter), -1)) >= 0, 1.0, -1.0)[:, :, None]
+    inside = np.moveaxis(median(np.moveaxis(inside_codes, 3, 2)), 2, 3)
     return QuadEdges(
-        corners_px=met,
-        contrast=contrast,
-        noise=float(np.median([each.noise for each in levels])),
-        support=np.array([line.support for line in lines]),
-        scatter_px=np.array([line.scatter_px for line in lines]),
-        steps=np.array([line.steps for line in lines]),
+        corners_px=intersections(frame, lines),
+        contrast=median(brighter)[..., 0].astype(np.float64) / 3,
+        colour_contrast=usual[..., 0].astype(np.float64),
+        support=(lines.used & (brighter * sign > 0)).sum(axis=2) / brighter.shape[2],
+        scatter_px=lines.scatter_px,
+        steps=lines.steps,
+        edge_px=1 / median(np.maximum(drop, LEAST_DROP))[..., 0],
+        inside=inside[:, :, 0].astype(np.float64),
+        unevenness=median(np.abs(inside_codes - inside).max(axis=3))[..., 0].astype(np.float64),
     )
 
 
-def _polarity(contrast: NDArray[np.float64]) -> float:
-    """Return 1 for a sheet that is brighter than what is behind it, -1 for a darker one."""
-    return 1.0 if float(np.median(contrast)) >= 0 else -1.0
+def _means(levels: Profiles) -> tuple[Profiles, Profiles]:
+    """Return what is inside and what is outside each step: of two pixels each, so that one alone counts less."""
+    half = np.float32(0.5)
+    return (levels[:, :, :, 0] + levels[:, :, :, 1]) * half, (levels[:, :, :, 2] + levels[:, :, :, 3]) * half
 
 
-def _profiles(image: Image, corners: Points, side: int, reach_px: float) -> _Profiles:
-    start, end = corners[side], corners[(side + 1) % 4]
-    length = float(np.hypot(*(end - start)))
-    direction = (end - start) / max(length, 1e-9)
-    outward = np.array([direction[1], -direction[0]])
-    count = int(np.clip(length / 2, 8, 64))
-    along = np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, count) * length
-    across = np.arange(-reach_px - 3.0, reach_px + 3.01, 0.5)
-    points = start + along[:, None, None] * direction + across[None, :, None] * outward
-    return _Profiles(length, along, across, sample(image, points[..., 0], points[..., 1]))
+def _profiles(image: Image, frame: QuadFrame) -> NDArray[np.uint8]:
+    """Return the code values across each side, from the inside to the outside, shape ``(c, 4, n, 2 reach + 1, 3)``."""
+    reach = int(frame.reach.max(initial=0))
+    width = image.shape[1]
+    apart = np.where(frame.flat, width, 1)
+    middle = (frame.pixel * apart + frame.along * (width + 1 - apart)).astype(np.int64)
+    offsets = np.minimum(np.maximum(np.arange(-reach, reach + 1), -frame.reach), frame.reach)
+    places = middle[..., None] + ((apart * frame.outward) * offsets)[:, :, None, :]
+    return np.asarray(image.reshape(-1, image.shape[2])[places], np.uint8)
 
 
-def _levels(profiles: _Profiles, gap_px: float) -> _Levels:
-    """Return how bright it is on both sides, further from the candidate's side than the gap."""
-    beyond = min(gap_px, float(profiles.across_px[-1]) - 1.0)
-    inside = np.median(profiles.values[:, profiles.across_px <= -beyond], axis=(0, 1))
-    outside = np.median(profiles.values[:, profiles.across_px >= beyond], axis=(0, 1))
-    differences = np.abs(np.diff(profiles.values[:, ::4], axis=1))
-    return _Levels(np.asarray(inside - outside, np.float64), float(np.median(differences)) / DIFFERENCE_TO_SIGMA)
+def _steps(
+    profiles: Profiles, inside: Profiles, outside: Profiles, frame: QuadFrame, reach: int
+) -> tuple[Values, Values, Values]:
+    """Return where each profile passes half way from the inside to the outside, and how much it drops there.
 
-
-def _fit_line(profiles: _Profiles, polarity: float) -> _Line:
-    """Fit a line to the steepest steps, by weighted least squares with Tukey's weights from a median start."""
-    across, height = _steepest_steps(profiles, polarity)
-    along = profiles.along_px
-    strong = height > max(0.3 * float(np.median(height)), 1e-6)
-    if strong.sum() < 4:
-        return _Line(0.0, 0.0, 0.0, 0.0, 0)
-    offset, slope = _median_line(along[strong], across[strong])
-    limit = OUTLIER_PX
-    for _ in range(5):
-        residual = across - offset - slope * along
-        spread = 1.4826 * float(np.median(np.abs(residual[strong])))
-        limit = max(OUTLIER_PX, min(3 * spread, OUTLIER_SHARE * profiles.length_px))
-        weight = np.where(strong & (np.abs(residual) < limit), (1 - (residual / limit) ** 2) ** 2, 0.0)
-        if (weight > 0).sum() < 4:
-            return _Line(0.0, 0.0, 0.0, 0.0, 0)
-        offset, slope = _weighted_line(along, across, weight)
-    residual = across - offset - slope * along
-    near = strong & (np.abs(residual) < limit)
-    return _Line(offset, slope, float(near.mean()), float(np.std(residual[near])), int(near.sum()))
-
-
-def _steepest_steps(profiles: _Profiles, polarity: float) -> tuple[Points, Points]:
-    """Return for each profile where it falls most steeply from the inside to the outside, and how much in a pixel."""
-    values = profiles.values[:, :, 0]
-    beside = np.pad(values, ((1, 1), (0, 0)), mode="edge")
-    smooth = (beside[:-2] + 2 * beside[1:-1] + beside[2:]) / 4
-    fall = polarity * (smooth[:, :-4] - smooth[:, 4:]) / 2
-    best = np.clip(np.argmax(fall, axis=1), 1, fall.shape[1] - 2)
-    rows = np.arange(len(fall))
-    before, peak, after = fall[rows, best - 1], fall[rows, best], fall[rows, best + 1]
-    curvature = before - 2 * peak + after
-    shift = np.where(curvature < -1e-6, 0.5 * (before - after) / np.where(curvature < -1e-6, curvature, 1.0), 0.0)
-    step_px = float(profiles.across_px[1] - profiles.across_px[0])
-    across = profiles.across_px[best + 2] + np.clip(shift, -1, 1) * step_px
-    return np.asarray(across, np.float64), np.asarray(peak, np.float64)
-
-
-def _median_line(along: Points, across: Points) -> tuple[float, float]:
-    """Return the line of Theil and Sen: the median of the slopes between all points, which outliers do not move."""
-    first, second = np.triu_indices(len(along), k=max(1, len(along) // 4))
-    slope = float(np.median((across[second] - across[first]) / (along[second] - along[first])))
-    return float(np.median(across - slope * along)), slope
-
-
-def _weighted_line(along: Points, across: Points, weight: Points) -> tuple[float, float]:
-    total = weight.sum()
-    mean_along, mean_across = (weight * along).sum() / total, (weight * across).sum() / total
-    spread = (weight * (along - mean_along) ** 2).sum()
-    slope = (weight * (along - mean_along) * (across - mean_across)).sum() / max(spread, 1e-9)
-    return float(mean_across - slope * mean_along), float(slope)
-
-
-def _intersections(corners: Points, lines: list[_Line]) -> Points | None:
-    """Return the corners between neighbouring lines, or None where two of them are all but parallel."""
-    homogeneous = []
-    for side, line in enumerate(lines):
-        start, end = corners[side], corners[(side + 1) % 4]
-        direction = (end - start) / max(float(np.hypot(*(end - start))), 1e-9)
-        outward = np.array([direction[1], -direction[0]])
-        point = start + line.offset_px * outward
-        along = direction + line.slope * outward
-        normal = np.array([along[1], -along[0]]) / float(np.hypot(*along))
-        homogeneous.append(np.array([normal[0], normal[1], -float(normal @ point)]))
-    met = []
-    for side in range(4):
-        crossing = np.cross(homogeneous[side - 1], homogeneous[side])
-        if abs(crossing[2]) < 0.1:
-            return None
-        met.append(crossing[:2] / crossing[2])
-    return np.array(met)
+    The last is how far beside its edge a profile is from what it should be there, as a share of the way: where another
+    edge runs beside that of the sheet, half way is not where it seems.
+    """
+    difference = inside - outside
+    scale = np.einsum("cskx,cskx->csk", difference, difference)
+    towards = difference / np.maximum(scale, 1e-9)[..., None]
+    share = np.einsum("cskpx,cskx->cskp", profiles, towards)
+    share -= (np.einsum("cskx,cskx->csk", outside, towards) + 0.5)[..., None]
+    before, after = share[..., :-1], share[..., 1:]
+    drop = (before - after) * ((before >= 0) & (after < 0))
+    best = np.argmax(drop, axis=3)[..., None]
+    height = np.take_along_axis(drop, best, 3)[..., 0].astype(np.float64)
+    start = np.take_along_axis(before, best, 3)[..., 0]
+    beyond = best[..., 0] + start / np.maximum(height, LEAST_DROP)
+    apart = np.arange(share.shape[3]) - beyond[..., None]
+    off_level = np.abs(np.abs(share) - 0.5) * ((apart > CLEAR_PX) | (apart < -CLEAR_PX))
+    return frame.pixel + frame.outward * (beyond - reach), height, off_level.max(axis=3)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TagSize
 from stadimeter.detectors.border import touches_border
@@ -29,9 +30,12 @@ from stadimeter.detectors.quad_shape import diagonals_meet, grown, side_lengths,
 from stadimeter.detectors.tag_code import SeenTag
 from stadimeter.detectors.tag_families import SMALL_TAG_FAMILIES, TagFamilyName, tag_family
 from stadimeter.detectors.tag_frame import BentSides
-from stadimeter.detectors.tag_search import Sighting, SmallTagFinder, TagSearch
+from stadimeter.detectors.tag_search import Sighting, SmallTagFinder, TagSearch, candidate
 from stadimeter.detectors.tag_sides import TagSides, measure_sides
 from stadimeter.errors import DriverUnavailableError
+
+MOST_REJECTED = 8
+"""So many candidates that are not the tag are reported."""
 
 BORDER_PX = 2.0
 """A tag with a corner nearer to the border of the picture than this may be cut off."""
@@ -44,8 +48,8 @@ LEAST_CONTRAST = 0.02
 
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.012
-SIGMA_CROWDING_PX = 0.11
-"""The standard deviation of a side is ``hypot(2 s / sqrt(n), 0.012, 0.11 (e / c)²)`` pixels, for n steps that scatter
+SIGMA_CROWDING_PX = 0.14
+"""The standard deviation of a side is ``hypot(2 s / sqrt(n), 0.012, 0.14 (e / c)²)`` pixels, for n steps that scatter
 by s, an edge that takes e pixels from black to white, and cells of c pixels.
 
 Steps beside each other err together, hence the factor. The last term is for blurred edges that run into each other
@@ -59,6 +63,7 @@ class TagOptions(Options):
 
     Attributes:
         side: The side of the black square, without the white around it, such as ``"8 cm"``.
+        tolerance: One standard deviation of its side, such as ``"0.2 mm"``; None for a side that is known exactly.
         family: Such as ``apriltag-36h11`` or ``aruco-4x4-50``.
         id: Which tag of the family; without it, the largest one in view.
         min_side_px: Tags whose longest side is smaller than this in the picture are not looked for. The larger, the
@@ -69,6 +74,7 @@ class TagOptions(Options):
     """
 
     side: Length
+    tolerance: Length | None = None
     family: TagFamilyName = "apriltag-36h11"
     id: Annotated[int | None, Field(ge=0)] = None
     min_side_px: Annotated[float, Field(ge=12)] = 16.0
@@ -112,7 +118,7 @@ class TagDetector:
     ) -> None:
         self._name = name
         self._camera = camera
-        self._size = TagSize(side_m=options.side)
+        self._size = TagSize(side_m=options.side, relative_sigma=(options.tolerance or 0.0) / options.side)
         self._number = options.id
         self._family = tag_family(options.family)
         self._search = TagSearch(
@@ -147,20 +153,34 @@ class TagDetector:
         wanted = self._wanted(sighting)
         if sighting is None or not wanted:
             return None
-        expected = np.array(prediction.centre_px) - sighting.left_top_px
-        nearest = min(wanted, key=lambda tag: float(np.abs(tag.corners_px.mean(axis=0) - expected).max()))
-        found = self._measured(frame, sighting, nearest)
-        return found if found.status is DetectionStatus.FOUND else None
+        found = self._measured(frame, sighting, _nearest(wanted, prediction.centre_px - sighting.left_top_px))
+        return self._explained(found, sighting) if found.status is DetectionStatus.FOUND else None
 
     def _anywhere(self, frame: Frame) -> Detection:
         answer = None
         sighting = None
+        refused: list[RejectedCandidate] = []
         for sighting in self._search.everywhere(frame.image):
+            refused.clear()
             for tag in self._wanted(sighting):
                 answer = self._measured(frame, sighting, tag)
                 if answer.status is not DetectionStatus.NOT_FOUND:
-                    return answer
-        return answer or self._not_found(self._missing(sighting))
+                    return self._explained(answer, sighting, refused)
+                refused.append(candidate(tag.corners_px + sighting.left_top_px, answer.reason))
+        answer = answer or self._not_found(self._missing(sighting))
+        return answer if sighting is None else self._explained(answer, sighting, refused)
+
+    def _explained(self, answer: Detection, sighting: Sighting, refused: Sequence[RejectedCandidate] = ()) -> Detection:
+        """Add what else was looked at: tags that could not be measured, other tags, outlines without a tag."""
+        if not (refused or sighting.unread or len(sighting.tags) > 1 or answer.status is DetectionStatus.NOT_FOUND):
+            return answer
+        others = [
+            candidate(tag.corners_px + sighting.left_top_px, f"is tag {tag.number}, not {self._number}")
+            for tag in sighting.tags
+            if self._number is not None and tag.number != self._number
+        ]
+        rejected = [*refused, *others, *sighting.rejected(MOST_REJECTED)]
+        return replace(answer, rejected=tuple([each for each in rejected if not _is_at(each, answer)][:MOST_REJECTED]))
 
     def _wanted(self, sighting: Sighting | None) -> list[SeenTag]:
         tags = () if sighting is None else sighting.tags
@@ -197,10 +217,10 @@ class TagDetector:
         longest = max(side_lengths(sides.corners_px))
         if longest < self._search.min_side_px:
             return f"is too small: {longest:.1f} px, limit {self._search.min_side_px:g} px"
-        weakest = float(np.abs(sides.contrast).min())
-        if weakest < LEAST_CONTRAST or abs(np.sign(sides.contrast).sum()) < 4:
+        weakest = min(abs(each) for each in sides.contrast)
+        if weakest < LEAST_CONTRAST or not all((each > 0) == (sides.contrast[0] > 0) for each in sides.contrast):
             return f"does not stand out on all four sides: {weakest:.1%} of full light, limit {LEAST_CONTRAST:.0%}"
-        straight = float(sides.support.min())
+        straight = min(sides.support)
         if straight < LEAST_SUPPORT:
             return f"has a side of which {straight:.0%} is straight, limit {LEAST_SUPPORT:.0%}"
         return ""
@@ -216,7 +236,7 @@ class TagDetector:
             width_px=width_px,
             height_px=height_px,
             size_sigma_px=_size_sigma_px(sides, min(width_px, height_px) / self._family.cells),
-            quality=float(sides.support.min()) * (1 - tag.errors / (2 * self._family.most_errors + 1)),
+            quality=min(sides.support) * (1 - tag.errors / (2 * self._family.most_errors + 1)),
         )
 
     def _choice(self, tag: SeenTag, tags: Sequence[SeenTag]) -> str:
@@ -235,6 +255,20 @@ class TagDetector:
         return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason)
 
 
+def _is_at(rejected: RejectedCandidate, found: Detection) -> bool:
+    """Say whether a candidate is the tag itself: OpenCV sees one border from both its sides."""
+    if not len(found.outline_px):
+        return False
+    x, y = (rejected.centre_px - found.outline_px.mean(axis=0)).tolist()
+    return math.hypot(x, y) < rejected.size_px / 4
+
+
+def _nearest(tags: Sequence[SeenTag], expected_px: Points) -> SeenTag:
+    if len(tags) == 1:
+        return tags[0]
+    return min(tags, key=lambda tag: float(np.abs(tag.corners_px.mean(axis=0) - expected_px).max()))
+
+
 def _without_bias(corners: Points, sides: TagSides, edge_bias_px: float) -> Points:
     """Return the corners with the camera's edge bias taken off: a black tag appears too small by it."""
     outwards_px = edge_bias_px if sides.contrast[0] > 0 else -edge_bias_px
@@ -243,8 +277,9 @@ def _without_bias(corners: Points, sides: TagSides, edge_bias_px: float) -> Poin
 
 def _size_sigma_px(sides: TagSides, cell_px: float) -> float:
     """Return the standard deviation of a side's length."""
-    of_steps = SIGMA_FACTOR * math.sqrt(float(np.mean(sides.scatter_px**2 / np.maximum(sides.steps, 1))))
-    of_crowding = SIGMA_CROWDING_PX * (float(sides.edge_px.max()) / cell_px) ** 2
+    variances_px2 = [scatter**2 / max(steps, 1) for scatter, steps in zip(sides.scatter_px, sides.steps, strict=True)]
+    of_steps = SIGMA_FACTOR * math.sqrt(sum(variances_px2) / len(variances_px2))
+    of_crowding = SIGMA_CROWDING_PX * (max(sides.edge_px) / cell_px) ** 2
     return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding)
 
 

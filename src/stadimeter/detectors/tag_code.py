@@ -1,13 +1,15 @@
 """Reading the code of a tag from its four corners.
 
 OpenCV finds outlines fast but compares each with every member of a family, in version 5 a millisecond for each
-outline. Here the code is read at full resolution, however much the picture was reduced for the search, and compared
-with all members in all four directions by one product of matrices.
+outline. Here the code is read at full resolution, however much the picture was reduced for the search, and looked up
+among all members in all four directions; only if it is none of them, it is compared with all by a product of matrices.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,10 +19,13 @@ from stadimeter.core.detection import Points
 from stadimeter.detectors.tag_families import TagFamily
 
 Plane = NDArray[np.uint8]
-Cells = NDArray[np.float32]
+Points32 = NDArray[np.float32]
 
 SAMPLES = 4
 """Samples along a cell; the outermost are left out, since neighbouring cells blur into them."""
+
+FROM = np.array([[(first + i) % 4 for i in range(4)] for first in range(4)])
+"""The order of the corners from each of them on."""
 
 LEAST_CONTRAST = 12.0
 """How much brighter the white cells must be than the black ones, in levels of 8 bits."""
@@ -52,8 +57,29 @@ class SeenTag:
         return float(np.linalg.norm(self.corners_px[[1, 2, 3, 0]] - self.corners_px, axis=1).max())
 
 
-def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bool = False) -> SeenTag | None:
+class Unread(NamedTuple):
+    """What an outline shows that is no tag of the family.
+
+    Attributes:
+        reason: The test that it failed, with the figure and the limit.
+        white_border: The share of the border's cells that look white; 1 where there is no contrast.
+    """
+
+    reason: str
+    white_border: float
+
+    @property
+    def may_be_tag(self) -> bool:
+        """Whether it may still be a tag, if its corners were known better: most of the border is black."""
+        return self.white_border < MOST_BORDER_DOUBTS
+
+
+def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bool = False) -> SeenTag | Unread:
     """Read the code inside an outline.
+
+    What parts black from white is found by Otsu's criterion: the variance between the two classes is the largest
+    (N. Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems, Man, and
+    Cybernetics 9, 1979).
 
     Args:
         grey: The picture, shape ``(height, width)``.
@@ -62,77 +88,63 @@ def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bo
         inverted: Whether a white border on black counts too.
 
     Returns:
-        The tag; None if it is none of the family.
+        The tag, or why it is none of the family.
     """
-    white = _white_cells(grey, corners_px, family, inverted=inverted)
-    if white is None or _border(white).mean() > MOST_BORDER_ERRORS:
-        return None
-    return _closest(white[1:-1, 1:-1], corners_px, family)
-
-
-def may_be_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bool = False) -> bool:
-    """Say whether an outline whose code cannot be read may still be a tag, if its corners were known better.
-
-    Args:
-        grey: The picture, shape ``(height, width)``.
-        corners_px: The outline's corners clockwise on the screen.
-        family: The family.
-        inverted: Whether a white border on black counts too.
-
-    Returns:
-        True if there is contrast, and most of the border is black.
-    """
-    white = _white_cells(grey, corners_px, family, inverted=inverted)
-    return white is not None and bool(_border(white).mean() < MOST_BORDER_DOUBTS)
-
-
-def _white_cells(grey: Plane, corners: Points, family: TagFamily, *, inverted: bool) -> NDArray[np.bool_] | None:
-    """Return which cells are white, or black for a white border on black; None where there is no contrast."""
-    cells = _cells(grey, corners, family.cells)
-    threshold, contrast = _two_levels(cells)
+    cells = _cells(grey, corners_px, family.cells)
+    white = np.asarray(cv2.threshold(cells, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1], np.uint8)
+    has_both = 0 < cv2.countNonZero(white) < white.size
+    contrast = cv2.mean(cells, white)[0] - cv2.mean(cells, 1 - white)[0] if has_both else 0.0
     if contrast < LEAST_CONTRAST:
-        return None
-    white = cells > threshold
-    return ~white if inverted and _border(white).mean() > 0.5 else white
+        return Unread(f"white cells are brighter by {contrast:.0f} levels, limit {LEAST_CONTRAST:.0f}", 1.0)
+    border = _white_border(white)
+    if inverted and border > 0.5:
+        white, border = 1 - white, 1 - border
+    if border > MOST_BORDER_ERRORS:
+        return Unread(f"{border:.0%} of the border is not black, limit {MOST_BORDER_ERRORS:.0%}", border)
+    return _closest(white[1:-1, 1:-1], corners_px, family, border)
 
 
-def _cells(grey: Plane, corners: Points, count: int) -> Cells:
+def _cells(grey: Plane, corners: Points, count: int) -> Plane:
     """Return how bright each cell is, shape ``(count, count)``."""
     side = count * SAMPLES
-    square = np.array(((0, 0), (side, 0), (side, side), (0, side)), np.float32) - np.float32(0.5)
-    turned = cv2.getPerspectiveTransform(square, corners.astype(np.float32))
+    turned = cv2.getPerspectiveTransform(_square(side), corners.astype(np.float32))
     flat = cv2.warpPerspective(
         grey, turned, (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE
     )
-    samples = np.asarray(flat, np.float32).reshape(count, SAMPLES, count, SAMPLES)
-    return np.asarray(samples[:, 1:-1, :, 1:-1].mean(axis=(1, 3)))
+    mean = _inner_means(count)
+    return np.asarray(np.rint(mean @ np.asarray(flat, np.float32) @ mean.T), np.uint8)
 
 
-def _two_levels(cells: Cells) -> tuple[float, float]:
-    """Return what parts black from white, and how far apart they are, by Otsu's criterion.
-
-    N. Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems, Man, and
-    Cybernetics 9, 1979: the variance between the two classes is the largest.
-    """
-    levels = np.sort(cells, axis=None).astype(np.float64)
-    dark = np.arange(1, levels.size)
-    sums = np.cumsum(levels)
-    dark_mean, bright_mean = sums[:-1] / dark, (sums[-1] - sums[:-1]) / (levels.size - dark)
-    best = int(np.argmax(dark * (levels.size - dark) * (bright_mean - dark_mean) ** 2))
-    return float(levels[best] + levels[best + 1]) / 2, float(bright_mean[best] - dark_mean[best])
+@cache
+def _square(side: int) -> Points32:
+    """Return the corners of a square picture, from the outer edge of its first pixel on."""
+    return np.array(((0, 0), (side, 0), (side, side), (0, side)), np.float32) - np.float32(0.5)
 
 
-def _border(white: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return np.concatenate((white[0], white[-1], white[1:-1, 0], white[1:-1, -1]))
+@cache
+def _inner_means(count: int) -> Points32:
+    """Return the matrix that takes the mean of the inner samples of each cell, shape ``(count, count * SAMPLES)``."""
+    inner = np.zeros(SAMPLES, np.float32)
+    inner[1:-1] = 1 / (SAMPLES - 2)
+    return np.kron(np.eye(count, dtype=np.float32), inner)
 
 
-def _closest(inner: NDArray[np.bool_], corners: Points, family: TagFamily) -> SeenTag | None:
+def _white_border(white: Plane) -> float:
+    """Return the share of the border's cells that are white."""
+    cells = len(white)
+    inner = white[1:-1, 1:-1]
+    return (cv2.countNonZero(white) - cv2.countNonZero(inner)) / (cells * cells - inner.size)
+
+
+def _closest(inner: Plane, corners: Points, family: TagFamily, border: float) -> SeenTag | Unread:
     """Return the member with the fewest wrong cells, whichever way it is turned."""
-    signs = inner.reshape(-1).astype(np.float32) * 2 - 1
-    agreement = family.codes @ signs
-    quarter, number = divmod(int(np.argmax(agreement)), family.members)
-    errors = round((signs.size - float(agreement.max())) / 2)
+    row, errors = family.rows.get(inner.tobytes()), 0
+    if row is None:
+        agreement = family.codes @ (inner.reshape(-1).astype(np.float32) * 2 - 1)
+        row = int(np.argmax(agreement))
+        errors = round((inner.size - float(agreement[row])) / 2)
     if errors > family.most_errors:
-        return None
+        return Unread(f"its code differs from every tag in {errors} cells or more, limit {family.most_errors}", border)
+    quarter, number = divmod(row, family.members)
     # Turned clockwise by so many quarters, its own top left corner is that many further on.
-    return SeenTag(number=number, errors=errors, corners_px=corners[[i - 4 + quarter for i in range(4)]])
+    return SeenTag(number=number, errors=errors, corners_px=corners[FROM[quarter]])

@@ -46,6 +46,7 @@ class TagFamily:
         members: How many tags there are; they are numbered from 0.
         codes: The cells inside the border, row by row, of each member: 1 for white, -1 for black. First all members
             upright, then all turned clockwise by one, two and three quarters, shape ``(4 * members, (cells - 2)²)``.
+        rows: Where in `codes` a code is, by its cells as bytes, 1 for white and 0 for black.
         most_errors: How many wrong cells are accepted.
     """
 
@@ -53,6 +54,7 @@ class TagFamily:
     cells: int
     members: int
     codes: NDArray[np.float32]
+    rows: dict[bytes, int]
     most_errors: int
 
 
@@ -84,8 +86,26 @@ def tag_family(name: str) -> TagFamily:
         cells=size + 2,
         members=len(rows),
         codes=codes,
-        most_errors=int(dictionary.maxCorrectionBits * CORRECTED_SHARE),
+        rows=_rows(codes),
+        most_errors=int(_correctable(codes, len(rows)) * CORRECTED_SHARE),
     )
+
+
+def _correctable(codes: NDArray[np.float32], members: int) -> int:
+    """Return how many wrong cells leave no doubt which member it is: less than half of what two differ by at least.
+
+    OpenCV says so too, but before version 5 wrongly for AprilTags.
+    """
+    alike = codes @ codes[:members].T
+    np.fill_diagonal(alike, -np.inf)
+    differ = int(codes.shape[1] - float(alike.max())) // 2
+    return max(0, (differ - 1) // 2)
+
+
+def _rows(codes: NDArray[np.float32]) -> dict[bytes, int]:
+    """Return where each code is; of those that look the same, the first."""
+    white = (codes > 0).astype(np.uint8)
+    return {white[row].tobytes(): row for row in reversed(range(len(white)))}
 
 
 def parse_family(text: object) -> str:

@@ -25,8 +25,14 @@ LEAST_PICTURE_PX = 8
 SAME_PX = 1.5
 """Outlines whose corners are all nearer to each other are one."""
 
+INSET_PX = 0.85
+"""How far inside the edge of a black tag OpenCV's outline runs: through the middles of the outermost dark pixels."""
 
-def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> list[Points]:
+ROUND = np.array((1, 2, 3, 0))
+"""The corner after each corner."""
+
+
+def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> Points:
     """Return the outlines of four corners that are darker or brighter than what is around them.
 
     What costs time is what is found, so small ones are left out early: OpenCV's limit is a share of the picture's long
@@ -39,16 +45,28 @@ def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, 
         thorough: Whether three window sizes are tried instead of one.
 
     Returns:
-        The corners of each, clockwise on the screen, shape ``(4, 2)``; the largest first.
+        The corners of each, clockwise on the screen, shape ``(k, 4, 2)``; the largest first.
     """
     if min(grey.shape) < LEAST_PICTURE_PX:
-        return []
+        return np.zeros((0, 4, 2))
     small, scale = _reduced(grey, long_side_px)
     rate = smallest_perimeter_px * scale / max(small.shape)
     parameters = _parameters(THREE_WINDOWS if thorough else ONE_WINDOW, rate)
     named, _, others = cv2.aruco.ArucoDetector(_no_dictionary(), parameters).detectMarkers(small)
-    corners = np.array([*named, *others], np.float64).reshape(-1, 4, 2)
-    return _distinct(to_full_scale(corners, scale))
+    found = (*named, *others)
+    if not found:
+        return np.zeros((0, 4, 2))
+    return _distinct(_around_dark(np.concatenate(found), scale))
+
+
+def _around_dark(corners: NDArray[np.float32], scale: float) -> Points:
+    """Return where outlines of a reduced picture lead around what is dark, in the full picture, the largest first."""
+    around_px = np.abs(corners.take(ROUND, axis=1) - corners).reshape(-1, 8).sum(axis=1, dtype=np.float64)
+    # Of a square, each edge is an eighth of the way around from the centre.
+    growth = (1 + 8 * INSET_PX / around_px) / scale
+    centre = corners.sum(axis=1, keepdims=True) / 4
+    grown = to_full_scale(centre, scale) + (corners - centre) * growth[:, None, None]
+    return np.asarray(grown if len(grown) == 1 else grown[np.argsort(-around_px, kind="stable")])
 
 
 def _reduced(grey: Plane, long_side_px: int) -> tuple[Plane, float]:
@@ -79,10 +97,10 @@ def _no_dictionary() -> cv2.aruco.Dictionary:
     return cv2.aruco.Dictionary(np.asarray(family.bytesList)[:1], family.markerSize, 0)
 
 
-def _distinct(outlines: Points) -> list[Points]:
-    """Leave out what was found twice, and put the largest first."""
-    around = np.abs(outlines[:, [1, 2, 3, 0]] - outlines).sum(axis=(1, 2))
-    ordered = outlines[np.argsort(-around, kind="stable")]
-    apart = np.abs(ordered[:, None] - ordered).max(axis=(2, 3))
-    repeated = (np.tril(apart < SAME_PX, -1)).any(axis=1)
-    return list(ordered[~repeated])
+def _distinct(outlines: Points) -> Points:
+    """Leave out what was found twice."""
+    if len(outlines) == 1:
+        return outlines
+    apart = np.abs(outlines[:, None] - outlines).reshape(len(outlines), len(outlines), 8).max(axis=2)
+    first_like_it = (apart < SAME_PX).argmax(axis=1)
+    return np.asarray(outlines[first_like_it == np.arange(len(outlines))])

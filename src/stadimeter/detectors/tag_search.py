@@ -8,7 +8,7 @@ on the tag's.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.core.detection import Points, Prediction
+from stadimeter.core.detection import Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Image
-from stadimeter.detectors.border import touches_border
 from stadimeter.detectors.linear_light import Light
-from stadimeter.detectors.tag_code import SeenTag, may_be_tag, read_tag
+from stadimeter.detectors.quad_shape import side_lengths
+from stadimeter.detectors.tag_code import SeenTag, Unread, read_tag
 from stadimeter.detectors.tag_families import TagFamily
 from stadimeter.detectors.tag_outlines import find_outlines
 from stadimeter.detectors.tag_sides import measure_sides
@@ -53,6 +53,12 @@ SMALL_CELL_PX = 5.0
 the code is given up."""
 
 
+def candidate(corners_px: Points, reason: str) -> RejectedCandidate:
+    """Return an outline of four corners, shape ``(4, 2)``, as a candidate that was rejected."""
+    x, y = corners_px.mean(axis=0).tolist()
+    return RejectedCandidate(centre_px=(x, y), size_px=max(side_lengths(corners_px)), reason=reason)
+
+
 class SmallTagFinder(Protocol):
     """Something that finds tags which are too small for the rest."""
 
@@ -70,12 +76,19 @@ class Sighting:
         left_top_px: Where its first pixel is in the picture.
         tags: The tags of the family, the largest first, with their corners in `grey`.
         outlines: How many outlines of four corners there were.
+        unread: Outlines that show no tag of the family, shape ``(4, 2)`` in `grey` each, and why.
     """
 
     grey: Plane
     left_top_px: Points
     tags: tuple[SeenTag, ...]
     outlines: int
+    unread: Sequence[tuple[Points, Unread]] = ()
+
+    def rejected(self, most: int) -> list[RejectedCandidate]:
+        """Return so many outlines that show no tag, the most like one first, the larger first where they are alike."""
+        likely = sorted(self.unread, key=lambda found: found[1].white_border)[:most]
+        return [candidate(corners + self.left_top_px, unread.reason) for corners, unread in likely]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,8 +134,9 @@ class TagSearch:
     def _whole(self, grey: Plane, left_top: Points, least_px: float, long_side_px: int) -> Sighting:
         outlines = find_outlines(grey, 4 * TURNED_SHARE * least_px, long_side_px, thorough=False)
         height, width = grey.shape
-        whole = [each for each in outlines if not touches_border(each, width, height, MARGIN_PX / 2)]
-        return Sighting(grey=grey, left_top_px=left_top, tags=self._read(grey, whole), outlines=len(outlines))
+        last = (width - 1 - MARGIN_PX / 2, height - 1 - MARGIN_PX / 2)
+        whole = outlines[((outlines > MARGIN_PX / 2) & (outlines < last)).reshape(-1, 8).all(axis=1)]
+        return self._sighting(grey, left_top, whole, len(outlines))
 
     def everywhere(self, image: Image) -> Iterator[Sighting]:
         """Look at the whole picture, each time harder.
@@ -152,25 +166,29 @@ class TagSearch:
         scale = long_side_px / max(grey.shape)
         least_px = max(self.min_side_px, LEAST_READ_PX / scale)
         outlines = find_outlines(grey, 4 * TURNED_SHARE * least_px, long_side_px, thorough=thorough)
-        return Sighting(grey=grey, left_top_px=np.zeros(2), tags=self._read(grey, outlines), outlines=len(outlines))
+        return self._sighting(grey, np.zeros(2), outlines, len(outlines))
 
-    def _read(self, grey: Plane, outlines: list[Points]) -> tuple[SeenTag, ...]:
-        """Return the tags among outlines, each tag of the picture once."""
+    def _sighting(self, grey: Plane, left_top: Points, outlines: Points, count: int) -> Sighting:
+        """Read the code in outlines; each tag of the picture counts once."""
         tags: list[SeenTag] = []
+        unread: list[tuple[Points, Unread]] = []
         for corners in outlines:
-            tag = read_tag(grey, corners, self.family, inverted=self.inverted) or self._read_carefully(grey, corners)
-            if tag is not None and not any(_same(tag, other) for other in tags):
+            tag = self._read(grey, corners)
+            if isinstance(tag, Unread):
+                unread.append((corners, tag))
+            elif not any(_same(tag, other) for other in tags):
                 tags.append(tag)
-        return tuple(tags)
+        return Sighting(grey=grey, left_top_px=left_top, tags=tuple(tags), outlines=count, unread=unread)
 
-    def _read_carefully(self, grey: Plane, corners: Points) -> SeenTag | None:
-        """Read the code once more between the measured sides, where a cell is hardly larger than an outline's error."""
-        longest_px = float(np.abs(corners[[1, 2, 3, 0]] - corners).max())
-        is_small = longest_px < SMALL_CELL_PX * self.family.cells
-        if not (is_small and may_be_tag(grey, corners, self.family, inverted=self.inverted)):
-            return None
+    def _read(self, grey: Plane, corners: Points) -> SeenTag | Unread:
+        """Read a code, and once more between measured sides where a cell is hardly larger than an outline's error."""
+        tag = read_tag(grey, corners, self.family, inverted=self.inverted)
+        if not isinstance(tag, Unread) or not tag.may_be_tag:
+            return tag
+        if not np.abs(corners[[1, 2, 3, 0]] - corners).max() < SMALL_CELL_PX * self.family.cells:
+            return tag
         sides = measure_sides(grey, corners, self.family.cells, self.light)
-        return None if sides is None else read_tag(grey, sides.corners_px, self.family, inverted=self.inverted)
+        return tag if sides is None else read_tag(grey, sides.corners_px, self.family, inverted=self.inverted)
 
 
 def _same(tag: SeenTag, other: SeenTag) -> bool:

@@ -5,12 +5,14 @@ nothing is interpolated but the last step: where, between two neighbouring pixel
 white. In light that is where the edge is, see `stadimeter.detectors.linear_light`. A line through these steps is fitted
 to each side, and the corners are where the lines meet.
 
-Arrays have the four sides first, then the steps along a side, then the pixels across.
+Arrays have the pixels across first, then the four sides, then the steps along a side.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,18 +20,15 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.detectors.linear_light import Light
-from stadimeter.detectors.quad_shape import polygon_area
-from stadimeter.detectors.tag_frame import START, BentSides, Look, SideFrame, side_frame
+from stadimeter.detectors.tag_frame import START, BentSides, Look, OfSides, SideFrame, quad_area, side_frame
 from stadimeter.detectors.tag_lines import fit_lines, intersections, median
 
 Plane = NDArray[np.uint8]
 Values = NDArray[np.float64]
 Profiles = NDArray[np.float32]
 
-SIDES = np.arange(4)[:, None]
-
 FIRST_LOOK = Look(reach_cells=1.1, most_steps=16, refit=False)
-LARGE_CELL_PX = 5.8
+LARGE_CELL_PX = 4.0
 """A wide and quick one first where cells are smaller than this, since the start may be off by two pixels."""
 
 NEXT_LOOK = Look(reach_cells=0.6, most_steps=48, refit=True)
@@ -37,16 +36,19 @@ NEXT_LOOK = Look(reach_cells=0.6, most_steps=48, refit=True)
 
 MOST_NEXT_LOOKS = 4
 
-LEVEL_PX = 1.0
 LEAST_MOVE_PX = 0.2
-"""A fit that moved a side further than by what the reach has left beside the edge, without the pixel for the level, has
-taken black or white from the edge itself, so it is repeated."""
+"""A fit that moved a side further than this, and further than by what the reach has left beside the edge, has taken
+black or white from the edge itself, so it is repeated."""
 
 MOST_MOVED_PX = 8.0
 """Lines that end further from the start belong to something else."""
 
 LEAST_LIGHT = 1e-4
 """A side whose two levels differ by less is no side: a third of a level of 8 bits in the dark."""
+
+MOST_RISING = 0.03
+"""Where the light at the end of the look differs by more than this share of the contrast from that of the last two
+pixels together, the edge goes on."""
 
 LEAST_RISE = 0.04
 """How much of the way from black to white two neighbouring pixels must differ by to be the step."""
@@ -59,27 +61,28 @@ class TagSides:
     Attributes:
         corners_px: Where the lines meet, shape ``(4, 2)``.
         contrast: How much more light comes from outside each side than from inside, as a share of the brightest that
-            a picture can hold, shape ``(4,)``; negative for a white border on black.
-        support: The share of the steps along each side that lie on its line, shape ``(4,)``.
-        scatter_px: Standard deviation of the steps about each line, shape ``(4,)``.
-        steps: How many steps each line was fitted to, shape ``(4,)``.
-        edge_px: How many pixels each side takes from black to white at its steepest, shape ``(4,)``.
+            a picture can hold; negative for a white border on black.
+        support: The share of the steps along each side that lie on its line.
+        scatter_px: Standard deviation of the steps about each line.
+        steps: How many steps each line was fitted to.
+        edge_px: How many pixels each side takes from black to white at its steepest.
     """
 
     corners_px: Points
-    contrast: Values
-    support: Values
-    scatter_px: Values
-    steps: NDArray[np.int64]
-    edge_px: Values
+    contrast: OfSides
+    support: OfSides
+    scatter_px: OfSides
+    steps: tuple[int, ...]
+    edge_px: OfSides
 
 
 class _Steps(NamedTuple):
-    """Where the steps are across, how high, and how much light lies between black and white on each side."""
+    """How far across from where they are expected the steps are, and how high; contrast and width of the edges."""
 
-    across: Values
-    rise: Values
-    contrast: Values
+    off: Values
+    height: Profiles
+    contrast: OfSides
+    edge_px: OfSides
 
 
 def measure_sides(
@@ -98,7 +101,7 @@ def measure_sides(
         The sides; None where they form no outline near the given corners.
     """
     looks = (NEXT_LOOK,) * MOST_NEXT_LOOKS
-    if polygon_area(corners_px) < (LARGE_CELL_PX * cells) ** 2:
+    if quad_area(corners_px.tolist()) < (LARGE_CELL_PX * cells) ** 2:
         looks = (FIRST_LOOK, *looks)
     sides, corners, edges_px = None, corners_px, START
     for look in looks:
@@ -107,16 +110,17 @@ def measure_sides(
         if frame is None or sides is None or not np.abs(sides.corners_px - corners_px).max() < MOST_MOVED_PX:
             return None
         moved_px = float(np.abs(sides.corners_px - corners).max())
-        left_px = float((frame.reach - sides.edge_px / 2).min()) - LEVEL_PX
-        if look is NEXT_LOOK and moved_px < max(left_px, LEAST_MOVE_PX) and frame.sees_enough(sides.edge_px):
+        seen = frame.sees_enough(sides.edge_px)
+        if seen and look is NEXT_LOOK and moved_px < max(frame.left_px(sides.edge_px), LEAST_MOVE_PX):
             break
-        corners, edges_px = sides.corners_px, sides.edge_px
+        # An edge that fills what is looked at goes on beyond it, nobody knows how far.
+        corners, edges_px = sides.corners_px, sides.edge_px if seen else tuple([2 * each for each in sides.edge_px])
     return sides
 
 
 def _fit(grey: Plane, frame: SideFrame, look: Look, light: Light) -> TagSides | None:
     steps = _steps(_profiles(grey, frame, light), frame)
-    lines = fit_lines(frame, steps.across, steps.rise > LEAST_RISE, refit=look.refit)
+    lines = fit_lines(frame, steps.off, steps.height > LEAST_RISE, refit=look.refit)
     met = intersections(frame, lines)
     if met is None:
         return None
@@ -126,39 +130,74 @@ def _fit(grey: Plane, frame: SideFrame, look: Look, light: Light) -> TagSides | 
         support=lines.support,
         scatter_px=lines.scatter_px,
         steps=lines.steps,
-        edge_px=1 / median(steps.rise)[:, 0],
+        edge_px=steps.edge_px,
     )
 
 
 def _profiles(grey: Plane, frame: SideFrame, light: Light) -> Profiles:
-    """Return the light across each side, from the inside to the outside, shape ``(4, n, 2 * reach + 1)``."""
-    reach = int(frame.reach.max())
-    width = grey.shape[1]
-    apart = np.where(frame.flat[:, None], width, 1)
-    middle = (frame.pixel * apart + frame.along * (width + 1 - apart)).astype(np.int64)
-    places = middle[:, :, None] + (apart * frame.outward)[:, :, None] * np.arange(-reach, reach + 1)
-    return np.asarray(light[grey.reshape(-1)[places]])
+    """Return the light across each side, from the inside to the outside, shape ``(2 * reach + 1, 4, n)``."""
+    places = frame.place + frame.stride * _beside(max(frame.reach))
+    return light.take(grey.reshape(-1).take(places))
 
 
 def _steps(profiles: Profiles, frame: SideFrame) -> _Steps:
-    """Find where each profile passes half way from black to white; where it does not, the rise is `LEAST_RISE`."""
-    reach = int(frame.reach.max())
-    pixels = np.arange(2) if reach >= 3 else np.zeros(1, np.int64)
-    inside = _levels(profiles, (reach - frame.reach)[:, None] + pixels)
-    outside = _levels(profiles, (reach + frame.reach)[:, None] - pixels)
-    contrast = outside - inside
-    safe = np.where(np.abs(contrast) > LEAST_LIGHT, contrast, np.inf)
-    share = (profiles - ((inside + outside) / 2)[:, :, None]) / safe[:, :, None]
-    before, after = share[:, :, :-1], share[:, :, 1:]
-    rise = (after - before) * ((before <= 0) & (after > 0))
-    best = np.argmax(rise, axis=2)
-    place = (SIDES, np.arange(best.shape[1]), best)
-    height = np.maximum(rise[place], LEAST_RISE).astype(np.float64)
-    beyond = best - reach - before[place] / height
-    across = frame.pixel + frame.outward * beyond
-    return _Steps(across=across, rise=height, contrast=contrast[:, 0].astype(np.float64))
+    """Find where each profile passes half way from black to white; where it does not, the height is `LEAST_RISE`."""
+    inside, outside, cut_off = _levels(profiles, frame)
+    contrast = tuple([white - black for black, white in zip(inside, outside, strict=True)])
+    half_way = [(black + white) / 2 for black, white in zip(inside, outside, strict=True)]
+    no_side = [rise if abs(rise) > LEAST_LIGHT else math.inf for rise in contrast]
+    middle, whole = np.array((half_way, no_side), np.float32)[:, :, None]
+    share = (profiles - middle) / whole
+    is_outside = share > 0
+    rises = share[1:] - share[:-1]
+    rises *= is_outside[1:] > is_outside[:-1]
+    best = rises.argmax(axis=0)
+    place = best * best.size + np.arange(best.size).reshape(best.shape)
+    height = np.maximum(rises.take(place), LEAST_RISE)
+    beyond = best - max(frame.reach) - share.take(place) / height
+    edge_px = [1 / each for each in median(height)[:, 0].tolist()]
+    return _Steps(
+        off=frame.outward * beyond - frame.off_pixel,
+        height=height,
+        contrast=contrast,
+        edge_px=tuple([max(e, 2 * r) if cut else e for e, r, cut in zip(edge_px, frame.reach, cut_off, strict=True)]),
+    )
 
 
-def _levels(profiles: Profiles, ends: NDArray[np.int64]) -> Profiles:
-    """Return how bright it is at one end of the profiles of each side, shape ``(4, 1)``."""
-    return median(profiles[SIDES, :, ends].reshape(4, -1))
+def _levels(profiles: Profiles, frame: SideFrame) -> tuple[list[float], list[float], list[bool]]:
+    """Return how bright it is inside and outside each side, and whether its edge goes on beyond what is looked at.
+
+    The edge does where it still rises at either end, and where cells allow to look further.
+    """
+    ends = profiles[_ends(frame.reach)]
+    level = median(ends.reshape(8, -1))[:, 0].tolist()
+    inside, outside = level[:4], level[4:]
+    if frame.reach == frame.most_reach:
+        return inside, outside, [False] * 4
+    at_end = median(ends[:, 0])[:, 0].tolist()
+    cut_off = []
+    for i, (reach, most) in enumerate(zip(frame.reach, frame.most_reach, strict=True)):
+        rising = max(abs(at_end[i] - inside[i]), abs(at_end[i + 4] - outside[i]))
+        cut_off.append(reach < most and rising > MOST_RISING * abs(outside[i] - inside[i]))
+    return inside, outside, cut_off
+
+
+@cache
+def _beside(reach: int) -> NDArray[np.intp]:
+    """Return how many pixels outwards each row of the profiles is, shape ``(2 * reach + 1, 1, 1)``."""
+    return np.arange(-reach, reach + 1)[:, None, None]
+
+
+@lru_cache(maxsize=256)
+def _ends(reach: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which rows of the profiles show black and white themselves, of each side inside, then outside.
+
+    That is where the look ends, and the pixel before, unless so little is looked at that this would be on the edge.
+
+    Returns:
+        The rows, shape ``(8, 2)`` or ``(8, 1)``, where the look ends first, and the sides.
+    """
+    widest = max(reach)
+    before = np.arange(2 if widest >= 3 else 1)
+    of_side = np.array(reach)[:, None]
+    return np.concatenate((widest - of_side + before, widest + of_side - before)), np.tile(np.arange(4), 2)[:, None]

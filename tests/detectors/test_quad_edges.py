@@ -1,0 +1,63 @@
+"""The sides of outlines, on drawn pictures whose truth is exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.quad_edges import measure_edges, settle_edges
+from stadimeter.detectors.quadrilaterals import find_quadrilaterals, quick_masks, thorough_masks
+from stadimeter.simulation.scenes.draw import sheet_scene
+from stadimeter.simulation.scenes.render import render
+
+pytestmark = pytest.mark.vision
+
+LIGHT = light_table("srgb")
+MADE = render(sheet_scene(4, 0.4, plain=True))
+CORNERS = MADE.truth.outline_px
+
+
+@given(st.lists(st.floats(-2.0, 2.0), min_size=8, max_size=8))
+def test_the_corners_do_not_depend_on_where_the_search_starts(moves: list[float]) -> None:
+    start = CORNERS + np.array(moves).reshape(4, 2)
+    edges = settle_edges(MADE.image, measure_edges(MADE.image, start[None], 6.0, LIGHT), LIGHT)
+    exact = settle_edges(MADE.image, measure_edges(MADE.image, CORNERS[None], 6.0, LIGHT), LIGHT)
+    assert np.abs(edges.corners_px - exact.corners_px).max() < 0.02
+    assert np.abs(edges.corners_px[0] - CORNERS).max() < 0.15
+
+
+def test_many_outlines_at_once_give_what_each_gives_alone() -> None:
+    starts = np.stack((CORNERS, CORNERS + 1.0, CORNERS * 0.9 + 20))
+    together = measure_edges(MADE.image, starts, 6.0, LIGHT)
+    for number, start in enumerate(starts):
+        alone = measure_edges(MADE.image, start[None], 6.0, LIGHT)
+        assert together.corners_px[number] == pytest.approx(alone.corners_px[0], nan_ok=True)
+        assert together.support[number] == pytest.approx(alone.support[0])
+
+
+def test_a_bright_sheet_stands_out_with_one_sign_on_all_sides_and_nothing_does_not() -> None:
+    edges = measure_edges(MADE.image, CORNERS[None], 6.0, LIGHT)
+    assert (edges.contrast > 50).all()
+    assert (edges.support > 0.9).all()
+    away = measure_edges(np.full_like(MADE.image, 90), CORNERS[None], 6.0, LIGHT)
+    assert (away.support == 0).all()
+
+
+@pytest.mark.parametrize("masks", [quick_masks, thorough_masks])
+def test_the_outline_of_the_sheet_is_among_those_found(masks) -> None:
+    outlines = find_quadrilaterals(masks(MADE.image), 10.0)
+    apart = np.abs(outlines[:, :, None] - CORNERS[None, None]).max(axis=3).min(axis=1).max(axis=1)
+    assert apart.min() < 3
+
+
+def test_something_that_touches_the_sheet_does_not_hide_its_outline() -> None:
+    mask = np.zeros((200, 300), np.uint8)
+    mask[50:150, 80:220] = 255
+    mask[100:110, 220:280] = 255
+    mask[20:50, 120:130] = 255
+    outlines = find_quadrilaterals([(mask, 0.0)], 10.0)
+    wanted = np.array(((80, 50), (219, 50), (219, 149), (80, 149)))
+    assert np.abs(outlines - wanted).max(axis=(1, 2)).min() < 2

@@ -1,0 +1,99 @@
+"""Poses of flat rectangles from exact and from shaken corners."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from stadimeter.ranging.plane_pose import ambiguity, distance_share, doubt_share, plane_poses, rectangle
+from stadimeter.ranging.rectangle_fit import rectangle_fit
+from stadimeter.simulation.scenes.plane import Pose
+
+pytestmark = pytest.mark.vision
+
+A4 = rectangle(0.297, 0.210)
+SIGMA = 0.05 / 600
+
+
+def directions_of(pose: Pose, corners_m: np.ndarray = A4) -> np.ndarray:
+    placed = pose.placed(corners_m[:, :2] * (1, -1))
+    return placed[:, :2] / placed[:, 2:]
+
+
+@given(
+    x=st.floats(-0.5, 0.5),
+    y=st.floats(-0.4, 0.4),
+    z=st.floats(0.3, 6.0),
+    tilt=st.floats(0, 1.2),
+    towards=st.floats(0, 2 * math.pi),
+    roll=st.floats(-math.pi, math.pi),
+)
+@example(x=0.0, y=0.0, z=1.0, tilt=0.0, towards=0.0, roll=0.0)
+@example(x=0.4, y=0.3, z=2.0, tilt=0.0, towards=0.0, roll=0.0)
+@example(x=0.4, y=-0.3, z=2.0, tilt=0.0, towards=0.0, roll=math.pi)
+def test_exact_corners_give_the_exact_place_and_tilt(x, y, z, tilt, towards, roll) -> None:
+    place = np.array((x * z, y * z, z))
+    pose = Pose(position_m=tuple(place.tolist()), tilt_rad=tilt, tilt_towards_rad=towards, roll_rad=roll)
+    best = plane_poses(A4, directions_of(pose))[0]
+    assert np.linalg.norm(best.position_m - place) < 1e-4 * np.linalg.norm(place)
+    normal = pose.rotation()[:, 2]
+    true_tilt = math.acos(min(abs(float(normal @ place)) / float(np.linalg.norm(place)), 1.0))
+    assert best.tilt_rad == pytest.approx(true_tilt, abs=0.02)
+
+
+def test_corners_that_are_no_rectangle_in_front_give_no_pose_or_a_bad_one() -> None:
+    on_a_line = np.array(((0.0, 0.0), (0.1, 0.0), (0.2, 0.0), (0.3, 0.0)))
+    assert all(not pose.misfit < 1e-3 for pose in plane_poses(A4, on_a_line))
+
+
+@pytest.mark.parametrize("pose", [Pose(position_m=(0.2, 0.1, 1.5)), Pose(position_m=(0, 0, 2), tilt_rad=0.9)])
+def test_shaken_corners_miss_the_distance_by_as_much_as_is_stated(pose: Pose) -> None:
+    rng = np.random.default_rng(1)
+    exact = directions_of(pose)
+    true_m = math.hypot(*pose.position_m)
+    poses = [plane_poses(A4, exact + rng.normal(0, SIGMA, (4, 2)))[0] for _ in range(400)]
+    off = np.array([each.distance_m / true_m - 1 for each in poses])
+    stated = distance_share(poses[0], A4, SIGMA)
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(stated, rel=0.2)
+
+
+def test_seen_from_far_two_poses_are_possible_and_doubted() -> None:
+    near, far = (plane_poses(A4, directions_of(Pose(position_m=(0, 0, z), tilt_rad=0.5)) + 1e-6) for z in (0.6, 60.0))
+    assert ambiguity(near) < 0.1
+    assert ambiguity(near[:1]) == 0
+    assert doubt_share(near, SIGMA) < 1e-9
+    assert doubt_share(far, SIGMA) > 0
+
+
+@given(
+    z=st.floats(0.4, 3.0),
+    tilt=st.floats(0, 1.1),
+    towards=st.floats(0, 2 * math.pi),
+    roll=st.floats(-math.pi, math.pi),
+)
+def test_a_picture_of_the_rectangle_fits_it_and_one_of_another_does_not(z, tilt, towards, roll) -> None:
+    pose = Pose(position_m=(0.1 * z, -0.1 * z, z), tilt_rad=tilt, tilt_towards_rad=towards, roll_rad=roll)
+    seen = directions_of(pose)
+    for turned in range(4):
+        assert rectangle_fit(np.roll(seen, turned, axis=0)[None], 0.297 / 0.210).misfit[0] < 1e-6
+    square = directions_of(pose, rectangle(0.297, 0.297))
+    assert rectangle_fit(square[None], 0.297 / 0.210).misfit[0] > 0.1 / 600
+
+
+def test_the_misfit_is_how_far_corners_were_moved_off_the_rectangle() -> None:
+    rng = np.random.default_rng(2)
+    seen = directions_of(Pose(position_m=(0.1, 0.0, 1.0), tilt_rad=0.5, tilt_towards_rad=0.7))
+    moves = rng.normal(0, SIGMA, (2000, 4, 2))
+    fit = rectangle_fit(seen + moves, 0.297 / 0.210)
+    assert np.mean((fit.misfit / SIGMA) ** 2 * 8) == pytest.approx(2, rel=0.1), "two of eight coordinates are told"
+
+
+def test_a_small_outline_fits_anything_and_says_so() -> None:
+    near, far = (directions_of(Pose(position_m=(0, 0, z), tilt_rad=0.5)) for z in (1.0, 6.0))
+    chances = rectangle_fit(np.stack((near, far)), 0.297 / 0.210).chance_per_square * SIGMA**2
+    assert chances[0] < 1e-3
+    assert chances[1] > 0.02
