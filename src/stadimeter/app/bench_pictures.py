@@ -1,4 +1,4 @@
-"""Pictures to measure a computer's speed on: a simulated room with a ball, a sheet or a tag in it."""
+"""Pictures to measure a computer's speed on: a simulated room with a ball, a sheet, a tag or a disc in it."""
 
 from __future__ import annotations
 
@@ -50,6 +50,7 @@ def exercises() -> dict[str, Exercise]:
         "ball": Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"}),
         "sheet": Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=_sheet()),
         "tag": Exercise(options={"side": "8 cm", "family": "apriltag-36h11"}, patch=_tag()),
+        "disc": Exercise(options={"diameter": "8 cm"}, patch=_disc()),
     }
 
 
@@ -138,3 +139,11 @@ def _tag() -> Image:
     patch = np.full((100, 100), 225, np.uint8)
     patch[15:85, 15:85] = np.maximum(cv2.aruco.generateImageMarker(dictionary, 0, 70), 20)
     return np.repeat(patch[:, :, np.newaxis], 3, axis=2)
+
+
+def _disc() -> Image:
+    """A bright disc of 80 px on something dark."""
+    finer = 8
+    patch = np.full((110 * finer, 110 * finer, 3), 60, np.uint8)
+    cv2.circle(patch, (55 * finer, 55 * finer), 40 * finer, (225, 225, 225), cv2.FILLED)
+    return np.asarray(cv2.resize(patch, (110, 110), interpolation=cv2.INTER_AREA), np.uint8)

@@ -54,6 +54,10 @@ TagIdOption = Annotated[
     int | None,
     typer.Option("--id", metavar="N", help="Which tag of the family; without it, the largest one in the picture."),
 ]
+DiscOption = Annotated[
+    str | None,
+    typer.Option("--disc", metavar="DIAMETER", help="Look for a flat disc of this size, such as 12cm."),
+]
 ConfigOption = Annotated[
     Path | None,
     typer.Option("--config", metavar="FILE", help="Look for the targets of this configuration, through its camera."),
@@ -91,6 +95,7 @@ def wanted_targets(
     tag: str | None = None,
     family: str | None = None,
     tag_id: int | None = None,
+    disc: str | None = None,
 ) -> WantedTargets:
     """Make sense of the options.
 
@@ -103,6 +108,7 @@ def wanted_targets(
         tag: ``--tag``.
         family: ``--family``.
         tag_id: ``--id``.
+        disc: ``--disc``.
 
     Returns:
         What to look for.
@@ -110,13 +116,13 @@ def wanted_targets(
     Raises:
         ConfigError: They contradict each other, or one of them is wrong.
     """
-    kinds = (("--sheet", sheet), ("--ball", ball), ("--tag", tag), ("--config", config))
+    kinds = (("--sheet", sheet), ("--ball", ball), ("--tag", tag), ("--disc", disc), ("--config", config))
     given = [name for name, value in kinds if value is not None]
     if len(given) != 1:
         said = f"{' and '.join(given)} exclude each other" if given else "nothing says what to look for"
         raise ConfigError(
             f'{said}; give one of --sheet 11in,8.5in, --ball 6.4cm --hsv "…", --tag 8cm --family 36h11, '
-            "or --config FILE"
+            "--disc 12cm, or --config FILE"
         )
     _check_companions(sheet, known_side, ball, hsv)
     _check_tag_companions(tag, family, tag_id)
@@ -126,7 +132,9 @@ def wanted_targets(
         return _ball(ball, hsv)
     if tag is not None:
         return _tag(tag, family, tag_id)
-    assert config is not None  # noqa: S101 - one of the four is given
+    if disc is not None:
+        return _disc(disc)
+    assert config is not None  # noqa: S101 - one of them is given
     from stadimeter.config.loader import load_configuration  # noqa: PLC0415 - most of a start, and rarely asked for
 
     loaded = load_configuration(config)
@@ -169,6 +177,10 @@ def _tag(text: str, family: str | None, tag_id: int | None) -> WantedTargets:
     table = {"side": text, "family": family, "id": tag_id}
     choice = _choice("tag", table, {"side": "--tag", "family": "--family", "id": "--id"})
     return WantedTargets(choices=(choice,), unit=_unit_of(text))
+
+
+def _disc(text: str) -> WantedTargets:
+    return WantedTargets(choices=(_choice("disc", {"diameter": text}, {"diameter": "--disc"}),), unit=_unit_of(text))
 
 
 def _choice(driver: str, table: dict[str, Any], keys: dict[str, str]) -> DriverChoice:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stadimeter.core.detection import Detection
-from stadimeter.core.target import BallSize, SheetSize, TagSize, TargetSize
+from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, TargetSize
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,11 +31,11 @@ class ApparentSize:
 def apparent_size(detection: Detection, size: TargetSize, fx_px: float = 1.0, fy_px: float = 1.0) -> ApparentSize:
     """Choose the length that tells the distance.
 
-    Of a ball it is the diameter. Of a tag it is the longer side, which is turned away the least. Of a sheet it is the
-    side that is named, or with ``auto`` the one that gives the nearer distance: turning a sheet away from the camera
-    can only shorten a side. With ``auto`` the longer side in the picture is taken to be the longer side of the sheet,
-    however it hangs. Once a sheet is turned so far that its longer side appears as the shorter one (40 degrees for
-    letter paper), that is wrong; naming the side then helps.
+    Of a ball it is the diameter. Of a tag it is the longer side and of a disc the larger diameter, which are turned
+    away the least. Of a sheet it is the side that is named, or with ``auto`` the one that gives the nearer distance:
+    turning a sheet away from the camera can only shorten a side. With ``auto`` the longer side in the picture is taken
+    to be the longer side of the sheet, however it hangs. Once a sheet is turned so far that its longer side appears as
+    the shorter one (40 degrees for letter paper), that is wrong; naming the side then helps.
 
     Args:
         detection: A target that was found.
@@ -51,6 +51,8 @@ def apparent_size(detection: Detection, size: TargetSize, fx_px: float = 1.0, fy
         return ApparentSize(size_m=size.diameter_m, apparent=(width + height) / 2, name="diameter")
     if isinstance(size, TagSize):
         return ApparentSize(size_m=size.side_m, apparent=max(width, height), name="side")
+    if isinstance(size, DiscSize):
+        return ApparentSize(size_m=size.diameter_m, apparent=max(width, height), name="diameter")
     if size.known_side == "width":
         return ApparentSize(size_m=size.width_m, apparent=width, name="width")
     if size.known_side == "height":

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.target import BallSize, SheetSize, TagSize, TargetSize
+from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, TargetSize
 
 RELIABLE_PX = 12.0
 """Smaller targets are hardly told from clutter, whatever kind they are."""
@@ -90,7 +90,7 @@ def _tangent_size(size: TargetSize, distance_m: float) -> float:
 
 def _shortest_m(size: TargetSize) -> float:
     match size:
-        case BallSize():
+        case BallSize() | DiscSize():
             return size.diameter_m
         case SheetSize():
             return min(size.width_m, size.height_m)
@@ -102,5 +102,5 @@ def _size_sigma_px(size: TargetSize, size_px: float) -> float:
     match size:
         case BallSize():
             return math.hypot(_BALL_FLOOR_PX, _SMALL_BALL_PX / (size_px / 2))
-        case SheetSize() | TagSize():
+        case SheetSize() | TagSize() | DiscSize():
             return _FLAT_FLOOR_PX

@@ -8,8 +8,9 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.target import BallSize, SheetSize, TagSize, TargetSize
+from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, TargetSize
 from stadimeter.ranging.ball import read_ball
+from stadimeter.ranging.disc import read_disc
 from stadimeter.ranging.reading import Reading
 from stadimeter.ranging.sheet import read_sheet
 from stadimeter.ranging.tag import read_tag
@@ -45,8 +46,8 @@ def measure(detection: Detection, size: TargetSize, camera: CameraModel, capture
     its length is the distance.
 
     The standard deviation has two causes: what differs from frame to frame, such as the noise of edges, which makes the
-    distance uncertain in proportion to its square; and what stays, such as the error of the focal length, which is the
-    same share of every distance.
+    distance uncertain in proportion to its square; and what stays, such as the error of the focal length or of the
+    target's size, which is the same share of every distance.
 
     Args:
         detection: Where the target is in the picture, or why it is not.
@@ -62,7 +63,8 @@ def measure(detection: Detection, size: TargetSize, camera: CameraModel, capture
     if not (0 < detection.width_px < math.inf and 0 < detection.height_px < math.inf):
         reason = f"the detector reports an apparent size of {detection.width_px:g}x{detection.height_px:g} px"
         return _without_figures(detection, MeasurementStatus.ERROR, reason, captured_at_s)
-    return _with_figures(detection, camera, captured_at_s, _reading(detection, size, camera))
+    lasting_share = math.hypot(camera.focal_relative_sigma, size.relative_sigma)
+    return _with_figures(detection, captured_at_s, _reading(detection, size, camera), lasting_share)
 
 
 def _reading(detection: Detection, size: TargetSize, camera: CameraModel) -> Reading:
@@ -73,9 +75,11 @@ def _reading(detection: Detection, size: TargetSize, camera: CameraModel) -> Rea
             return read_sheet(detection, size, camera)
         case TagSize():
             return read_tag(detection, size, camera)
+        case DiscSize():
+            return read_disc(detection, size, camera)
 
 
-def _with_figures(detection: Detection, camera: CameraModel, captured_at_s: float, reading: Reading) -> Measurement:
+def _with_figures(detection: Detection, captured_at_s: float, reading: Reading, lasting_share: float) -> Measurement:
     x_m, y_m, depth_m = reading.position_m
     straight_m = math.sqrt(x_m * x_m + y_m * y_m + depth_m * depth_m)
     return Measurement(
@@ -84,10 +88,12 @@ def _with_figures(detection: Detection, camera: CameraModel, captured_at_s: floa
         captured_at_s=captured_at_s,
         distance_m=straight_m,
         depth_m=depth_m,
-        sigma_m=straight_m * math.hypot(reading.noise_share, reading.systematic_share, camera.focal_relative_sigma),
+        sigma_m=straight_m * math.hypot(reading.noise_share, reading.systematic_share, lasting_share),
         noise_m=straight_m * reading.noise_share,
         bearing_rad=math.atan2(x_m, depth_m),
         elevation_rad=-math.atan2(y_m, math.hypot(depth_m, x_m)),
+        tilt_rad=reading.tilt_rad,
+        ambiguity=reading.ambiguity,
     )
 
 

@@ -1,0 +1,131 @@
+"""Where a circle of known size is, from the ellipse that it is seen as.
+
+The rays to the rim of a circle form an elliptical cone ``d' Q d = 0``. A circle of that size cuts out of the cone in
+two ways, mirrored about the cone's axis (R. Safaee-Rad et al., "Three-dimensional location estimation of circular
+features for machine vision", IEEE Transactions on Robotics and Automation 8, 1992; Q. Chen, H. Wu and T. Wada, "Camera
+calibration with two arbitrary coplanar circles", ECCV 2004).
+
+With λ₁ ≥ λ₂ > 0 > λ₃ the eigenvalues of Q, and x and z along the eigenvectors of λ₁ and λ₃, the plane's normal is
+``(± sqrt((λ₁ - λ₂) / (λ₁ - λ₃)), 0, sqrt((λ₂ - λ₃) / (λ₁ - λ₃)))``, and the centre of a circle of radius r is at
+``Q⁻¹ n`` times ``-r sqrt(-λ₁ λ₃)``: the centre of the ellipse is not the picture of the circle's centre. Being mirrored
+about the cone's axis, both poses have the same distance and are turned away from their line of sight by the same angle.
+Written with the tangents a ≥ b of the cone's half angles, the distance is ``r sqrt(1 + (1 - b²) / a²)``: from far away
+the larger one alone tells it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.detection import Points
+
+Matrix = NDArray[np.float64]
+
+LEAST_POINTS = 5
+"""An ellipse has five unknowns."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CirclePose:
+    """A pose of a circle, in the camera frame: x right, y down, z forward.
+
+    Attributes:
+        position_m: Its centre, shape ``(3,)``.
+        normal: The unit vector at right angles to its plane, towards the camera, shape ``(3,)``.
+    """
+
+    position_m: Points
+    normal: Points
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the straight line from the camera to the centre."""
+        return float(np.linalg.norm(self.position_m))
+
+    @property
+    def tilt_rad(self) -> float:
+        """Angle between the normal and the line of sight: 0 for face on."""
+        return math.acos(min(1.0, -float(self.normal @ self.position_m) / self.distance_m))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CirclePoses:
+    """Both poses that an outline allows.
+
+    Attributes:
+        poses: They explain the outline equally well.
+        axis: The axis of the cone, half way between their lines of sight, as a unit vector of shape ``(3,)``.
+    """
+
+    poses: tuple[CirclePose, CirclePose]
+    axis: Points
+
+    @property
+    def distance_m(self) -> float:
+        """The distance of the centre, the same in both poses."""
+        return self.poses[0].distance_m
+
+    @property
+    def tilt_rad(self) -> float:
+        """The angle between normal and line of sight, the same in both poses."""
+        return self.poses[0].tilt_rad
+
+
+def cone_through(directions: Points) -> Matrix | None:
+    """Return the elliptical cone through rays, by linear least squares.
+
+    Args:
+        directions: The rays as x and y per unit of depth, shape ``(n, 2)``. They should lie all around the cone.
+
+    Returns:
+        Q of ``d' Q d = 0``, symmetric, shape ``(3, 3)``, positive outside; None if they are on no elliptical cone.
+    """
+    if len(directions) < LEAST_POINTS or not np.isfinite(directions).all():
+        return None
+    middle = directions.mean(axis=0)
+    size = math.sqrt(float(np.mean((directions - middle) ** 2)))
+    if not size > 0:
+        return None
+    x, y = ((directions - middle) / size).T
+    rows = np.column_stack((x * x, x * y, y * y, x, y))
+    try:
+        a, b, c, d, e = np.linalg.solve(rows.T @ rows, rows.sum(axis=0))
+    except np.linalg.LinAlgError:
+        return None
+    if not (a > 0 and 4 * a * c > b * b):
+        return None
+    conic = np.array(((a, b / 2, d / 2), (b / 2, c, e / 2), (d / 2, e / 2, -1.0)))
+    to_unit = np.array(((1 / size, 0.0, -middle[0] / size), (0.0, 1 / size, -middle[1] / size), (0.0, 0.0, 1.0)))
+    return np.asarray(to_unit.T @ conic @ to_unit)
+
+
+def circle_poses(cone: Matrix, diameter_m: float) -> CirclePoses | None:
+    """Return the two poses of a circle in front of the camera that is seen on a cone.
+
+    Args:
+        cone: As `cone_through` returns it.
+        diameter_m: The circle's diameter.
+
+    Returns:
+        The poses; None if the cone is not elliptical.
+    """
+    (third, second, first), axes = np.linalg.eigh(cone)
+    if not third < 0 < second:
+        return None
+    forward = axes[:, 0] if axes[2, 0] > 0 else -axes[:, 0]
+    sideways = axes[:, 2]
+    along, across = math.sqrt((second - third) / (first - third)), math.sqrt((first - second) / (first - third))
+    radius_m, steep = diameter_m / 2, math.sqrt(-first / third)
+    poses = (
+        CirclePose(
+            position_m=radius_m * (steep * along * forward + sign / steep * across * sideways),
+            normal=sign * across * sideways - along * forward,
+        )
+        for sign in (1, -1)
+    )
+    one, other = poses
+    return CirclePoses(poses=(one, other), axis=forward)

@@ -1,0 +1,81 @@
+"""``--disc`` of the commands that look for a target."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from stadimeter.cli.formatting import CENTIMETRE
+from stadimeter.cli.main import app
+from stadimeter.cli.target_options import wanted_targets
+from stadimeter.config.camera_file import load_camera_model, save_camera_model
+from stadimeter.errors import ConfigError
+from stadimeter.simulation.scenes.backdrop import PlainBackdrop
+from stadimeter.simulation.scenes.draw import CAMERA
+from stadimeter.simulation.scenes.plane import DiscTarget, Pose
+from stadimeter.simulation.scenes.render import render
+from stadimeter.simulation.scenes.scene import Scene
+
+
+def run(*arguments: object) -> Result:
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+@pytest.fixture
+def picture(tmp_path: Path):
+    def make(distance_m: float, tilt_deg: float = 0.0) -> Path:
+        pose = Pose(position_m=(0.0, 0.0, distance_m), tilt_rad=math.radians(tilt_deg))
+        target = DiscTarget(pose=pose, diameter_m=0.12)
+        made = render(Scene(camera=CAMERA, target=target, seed=3, backdrop=PlainBackdrop()))
+        path = tmp_path / f"{distance_m}_{tilt_deg}.png"
+        cv2.imwrite(str(path), np.asarray(made.image))
+        return path
+
+    return make
+
+
+def test_the_option_makes_a_target() -> None:
+    wanted = wanted_targets(sheet=None, known_side="auto", ball=None, hsv=None, disc="12 cm")
+    (choice,) = wanted.choices
+    assert (choice.name, choice.driver) == ("disc", "disc")
+    assert choice.options.diameter == pytest.approx(0.12)
+    assert wanted.unit is CENTIMETRE
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"disc": "12"}, "--disc: '12' has no unit"),
+        ({"disc": "0 cm"}, "--disc: '0 cm' is not a length above zero"),
+        ({"disc": "12 cm", "sheet": "11in,8.5in"}, "--sheet and --disc exclude each other"),
+        ({}, "--disc 12cm"),
+    ],
+)
+def test_what_is_wrong_is_said(given: dict[str, str], said: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        wanted_targets(**{"sheet": None, "known_side": "auto", "ball": None, "hsv": None, **given})
+
+
+def test_a_disc_is_measured_though_it_is_tilted(picture, tmp_path: Path) -> None:
+    save_camera_model(tmp_path / "camera.toml", CAMERA)
+    result = run("measure", picture(0.8, 40.0), "--camera", tmp_path / "camera.toml", "--disc", "12cm")
+    assert result.exit_code == 0
+    assert "80.0 cm" in result.stdout
+
+
+def test_a_camera_is_calibrated_and_checked_with_a_disc(picture, tmp_path: Path) -> None:
+    file = tmp_path / "camera.toml"
+    made = run("calibrate", "distance", f"{picture(0.5)}@50cm", f"{picture(1.5)}@150cm", "--disc", "12cm", "-o", file)
+    assert made.exit_code == 0, made.stderr
+    assert load_camera_model(file).fx_px == pytest.approx(600.0, rel=2e-3)
+    checked = run("calibrate", "check", f"{picture(1.0)}@1m", "--camera", file, "--disc", "12cm")
+    assert checked.exit_code == 0, checked.stdout

@@ -1,0 +1,369 @@
+"""The disc detector on rendered scenes, whose truth is exact, and on drawn shapes that are no discs."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction
+from stadimeter.core.frame import Frame, Image
+from stadimeter.core.target import DiscSize
+from stadimeter.detectors.disc import PLUGIN, DiscDetector, DiscOptions
+from stadimeter.detectors.ellipse_shape import Ellipse, ellipse_through
+from stadimeter.simulation.scenes.draw import CAMERA, disc_scene, empty_scene
+from stadimeter.simulation.scenes.nuisances import distorted, motion, noise, tone
+from stadimeter.simulation.scenes.render import render
+from stadimeter.simulation.scenes.tone import Tone, encode
+
+pytestmark = pytest.mark.vision
+
+FINER = 4
+ROWS, COLUMNS = np.indices((480 * FINER, 640 * FINER), dtype=np.float32)
+X, Y = (COLUMNS + 0.5) / FINER - 0.5, (ROWS + 0.5) / FINER - 0.5
+CENTRE = (320.0, 240.0)
+
+
+def detector(camera: CameraModel | None = None, **options: object) -> DiscDetector:
+    return DiscDetector("disc", DiscOptions.model_validate({"diameter": "12 cm", **options}), camera)
+
+
+def seen(image: Image, prediction: Prediction | None = None, **options: object) -> Detection:
+    return detector(**options).detect(Frame(image, 0.0, 0), prediction)
+
+
+def picture(cover: np.ndarray, inside: float = 0.6, outside: float = 0.05, blur_px: float = 0.8) -> Image:
+    """Draw what covers a share of each sample, in light, as a camera would write it."""
+    share = cv2.resize(cover.astype(np.float32), (640, 480), interpolation=cv2.INTER_AREA)
+    light = outside + (inside - outside) * cv2.GaussianBlur(share, (0, 0), blur_px)
+    grain = np.random.default_rng(1).normal(0, 2, light.shape)
+    code = np.clip(np.rint(encode(light, Tone.SRGB) + grain), 0, 255).astype(np.uint8)
+    return cv2.cvtColor(code, cv2.COLOR_GRAY2BGR)
+
+
+def ellipse(a: float, b: float, turned_rad: float = 0.4, centre: tuple[float, float] = CENTRE) -> np.ndarray:
+    return _superellipse(a, b, 2.0, turned_rad, centre)
+
+
+def _superellipse(a, b, power, turned_rad=0.4, centre=CENTRE) -> np.ndarray:
+    u, v = _turned(turned_rad, centre)
+    return np.abs(u / a) ** power + np.abs(v / b) ** power < 1
+
+
+def _turned(turned_rad, centre=CENTRE):
+    cosine, sine = math.cos(turned_rad), math.sin(turned_rad)
+    return (X - centre[0]) * cosine + (Y - centre[1]) * sine, (Y - centre[1]) * cosine - (X - centre[0]) * sine
+
+
+def polygon(corners: int, radius: float, height: float = 1.0) -> np.ndarray:
+    angles = np.arange(corners) * 2 * math.pi / corners + 0.2
+    points = np.column_stack((CENTRE[0] + radius * np.cos(angles), CENTRE[1] + height * radius * np.sin(angles)))
+    fixed = np.rint(((points + 0.5) * FINER - 0.5) * 16).astype(np.int32)
+    return cv2.fillPoly(np.zeros(X.shape, np.uint8), [fixed], 1, shift=4)
+
+
+def rounded(a: float, b: float, radius: float) -> np.ndarray:
+    u, v = _turned(0.3)
+    return np.hypot(np.maximum(np.abs(u) - a + radius, 0), np.maximum(np.abs(v) - b + radius, 0)) < radius
+
+
+def bumpy(radius: float, bumps: int, height: float) -> np.ndarray:
+    u, v = _turned(0.0)
+    return np.hypot(u, v) < radius * (1 + height * np.cos(bumps * np.arctan2(v, u)))
+
+
+def ball(radius: float, towards: tuple[float, float, float]) -> np.ndarray:
+    u, v = (each / radius for each in _turned(0.0))
+    depth = np.sqrt(np.clip(1 - u * u - v * v, 0, 1))
+    return (u * u + v * v < 1) * (0.2 + 0.8 * np.clip(towards[0] * u + towards[1] * v + towards[2] * depth, 0, 1))
+
+
+def around(found: Detection, sigma_px: float = 3.0) -> Prediction:
+    x, y = found.centre_px
+    return Prediction(centre_px=(x + 2.0, y - 1.5), size_px=1.02 * found.width_px, sigma_px=sigma_px)
+
+
+def off_px(found: Detection, outline: np.ndarray) -> float:
+    """Return how far the measured outline is from the true one, at worst."""
+    return float(np.abs(ellipse_through(outline).distances_px(found.outline_px)).max())
+
+
+@pytest.mark.parametrize("tilt_deg", [0, 30, 60])
+@pytest.mark.parametrize("seed", [901, 903, 904])
+def test_the_outline_is_found_to_a_few_hundredths_of_a_pixel(seed: int, tilt_deg: int) -> None:
+    made = render(disc_scene(seed, math.radians(tilt_deg), plain=True))
+    found = seen(made.image)
+    assert found.status is DetectionStatus.FOUND
+    assert (found.target, found.reason) == ("disc", "")
+    assert off_px(found, made.truth.outline_px) < 0.08
+    assert found.width_px >= found.height_px > 0
+    assert 0 < found.size_sigma_px < 0.06
+    assert 0.5 < found.quality <= 1
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    a=st.floats(20, 90),
+    aspect=st.floats(0.35, 1.0),
+    turned=st.floats(0, math.pi),
+    x=st.floats(200, 440),
+    y=st.floats(180, 300),
+    is_bright=st.booleans(),
+)
+def test_any_ellipse_is_found_where_it_is_bright_or_dark(a, aspect, turned, x, y, is_bright) -> None:
+    levels = (0.6, 0.05) if is_bright else (0.05, 0.6)
+    found = seen(picture(ellipse(a, a * aspect, turned, (x, y)), *levels))
+    assert found.status is DetectionStatus.FOUND, found.reason
+    assert found.centre_px == pytest.approx((x, y), abs=0.05)
+    assert (found.width_px, found.height_px) == pytest.approx((2 * a, 2 * a * aspect), abs=0.1)
+
+
+SHAPES = {
+    "square": rounded(40, 40, 0.1),
+    "square of 24 px": rounded(12, 12, 0.1),
+    "rectangle": rounded(60, 35, 0.1),
+    "rounded square": rounded(40, 40, 20),
+    "very rounded square": rounded(40, 40, 30),
+    "rounded rectangle": rounded(60, 40, 25),
+    "stadium": rounded(60, 30, 30),
+    "triangle": polygon(3, 50),
+    "hexagon": polygon(6, 40),
+    "hexagon of 50 px": polygon(6, 25),
+    "flat hexagon": polygon(6, 60, 0.6),
+    "octagon": polygon(8, 40),
+    "decagon": polygon(10, 60),
+    "superellipse": _superellipse(60, 45, 2.6),
+    "three bumps": bumpy(40, 3, 0.05),
+    "five bumps": bumpy(40, 5, 0.04),
+    "half a disc": ellipse(50, 50) & (CENTRE[1] > Y),
+    "egg": np.hypot((X - CENTRE[0]) * (1 + 0.15 * (Y - CENTRE[1]) / 60), 0.8 * (Y - CENTRE[1])) < 60,
+    "ball lit from the side": ball(50, (-0.6, -0.4, 0.69)),
+    "ball lit from above": ball(50, (0.0, -0.5, 0.86)),
+    "glow": np.exp(-2 * ((X - CENTRE[0]) ** 2 + (Y - CENTRE[1]) ** 2) / 50**2),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+@pytest.mark.parametrize("is_bright", [True, False])
+def test_what_is_no_ellipse_is_not_taken_for_a_disc(shape: np.ndarray, is_bright: bool) -> None:
+    found = seen(picture(shape, *((0.6, 0.05) if is_bright else (0.05, 0.6))))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert re.search(r"\d", found.reason), "the reason has figures"
+    assert found.rejected, "it was looked at"
+    assert all(re.search(r"\d", each.reason) for each in found.rejected[:1])
+
+
+HIDDEN = {
+    "a bite": ellipse(50, 50) & (CENTRE[0] + 25 > X),
+    "a bite out of an ellipse": ellipse(70, 45) & (CENTRE[1] + 25 > Y),
+    "an arm of its brightness": ellipse(60, 60) | ((np.abs(Y - CENTRE[1]) < 9) & (CENTRE[0] < X)),
+}
+
+
+@pytest.mark.parametrize("shape", HIDDEN.values(), ids=HIDDEN)
+def test_a_disc_that_is_partly_hidden_is_measured_by_the_rest(shape: np.ndarray) -> None:
+    found = seen(picture(shape))
+    assert found.status is DetectionStatus.FOUND, found.reason
+    assert found.centre_px == pytest.approx(CENTRE, abs=0.15)
+    sizes = {"a bite": 100, "a bite out of an ellipse": 140, "an arm of its brightness": 120}
+    (larger,) = (sizes[name] for name, each in HIDDEN.items() if each is shape)
+    assert found.width_px == pytest.approx(larger, abs=0.25)
+
+
+@pytest.mark.parametrize(("shade", "is_found"), [("bright", True), ("dark", False), ("any", True)])
+def test_the_shade_that_is_asked_for_is_taken(shade: str, is_found: bool) -> None:
+    image = picture(ellipse(40, 30))
+    assert (seen(image, shade=shade).status is DetectionStatus.FOUND) is is_found
+    assert (seen(255 - image, shade=shade).status is DetectionStatus.FOUND) is (shade != "bright")
+
+
+def test_the_disc_that_stands_out_more_is_taken_and_the_other_one_named() -> None:
+    both = 1.0 * ellipse(40, 40, centre=(200, 240)) + 0.3 * ellipse(40, 40, centre=(440, 240))
+    found = seen(picture(both))
+    assert found.centre_px == pytest.approx((200, 240), abs=0.05)
+    assert found.rejected[0].centre_px == pytest.approx((440, 240), abs=0.5)
+    assert found.rejected[0].size_px == pytest.approx(80, abs=1)
+    assert re.fullmatch(r"stands out less than the disc that was taken: \d+, limit \d+", found.rejected[0].reason)
+
+
+def test_the_disc_at_the_prediction_is_kept_though_another_one_stands_out_more() -> None:
+    both = 1.0 * ellipse(40, 40, centre=(200, 240)) + 0.3 * ellipse(40, 40, centre=(440, 240))
+    image = picture(both)
+    found = seen(image, Prediction(centre_px=(442.0, 238.0), size_px=82, sigma_px=3))
+    assert found.centre_px == pytest.approx((440, 240), abs=0.1)
+
+
+def test_around_a_prediction_the_same_outline_is_found() -> None:
+    made = render(disc_scene(904, 0.5))
+    whole = seen(made.image)
+    part = seen(made.image, around(whole))
+    assert part.status is whole.status is DetectionStatus.FOUND
+    assert (part.width_px, part.height_px) == pytest.approx((whole.width_px, whole.height_px), abs=0.01)
+    assert part.centre_px == pytest.approx(whole.centre_px, abs=0.01)
+
+
+@pytest.mark.parametrize("centre", [(40.0, 40.0), (-500.0, 9e5), (640.0, 480.0)])
+def test_a_wrong_prediction_does_not_hide_the_disc(centre: tuple[float, float]) -> None:
+    found = seen(picture(ellipse(40, 30)), Prediction(centre_px=centre, size_px=60, sigma_px=5))
+    assert found.centre_px == pytest.approx(CENTRE, abs=0.05)
+
+
+@pytest.mark.parametrize("x", [5.0, 20.0, 48.0])
+def test_a_disc_at_the_border_of_the_picture_gives_no_size(x: float) -> None:
+    found = seen(picture(ellipse(50, 50, centre=(x, 240.0))))
+    assert found.status is not DetectionStatus.FOUND
+
+
+def test_a_disc_of_which_a_little_is_outside_is_called_cut_off() -> None:
+    found = seen(picture(ellipse(50, 50, centre=(45.0, 240.0))))
+    assert found.status is DetectionStatus.TRUNCATED
+    assert re.fullmatch(r"the disc, (99|100|101)x(99|100|101) px, is cut off by the border", found.reason)
+
+
+def test_a_whole_disc_comes_before_a_larger_one_that_is_cut_off() -> None:
+    found = seen(picture(ellipse(70, 70, centre=(60.0, 240.0)) | ellipse(30, 30, centre=(400.0, 240.0))))
+    assert found.status is DetectionStatus.FOUND
+    assert found.width_px == pytest.approx(60, abs=0.1)
+
+
+def test_the_size_and_how_well_it_is_known_come_from_the_options() -> None:
+    assert detector(tolerance="1.2 mm").target_size == DiscSize(diameter_m=0.12, relative_sigma=pytest.approx(0.01))
+    assert detector().target_size.relative_sigma == 0
+
+
+@pytest.mark.parametrize(
+    "options", [{"shade": "grey"}, {"min_diameter_px": 3}, {"diameter": "12"}, {"tolerance": "0 m"}]
+)
+def test_wrong_options_are_refused(options: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        detector(**options)
+
+
+def test_a_disc_smaller_than_the_limit_is_not_taken() -> None:
+    image = picture(ellipse(14, 14))
+    assert seen(image).status is DetectionStatus.FOUND
+    refused = seen(image, min_diameter_px=32)
+    assert refused.status is DetectionStatus.NOT_FOUND
+    assert re.search(r"is too small: 2[78]\.\d px, limit 32 px", refused.reason)
+
+
+@pytest.mark.parametrize("is_bright", [True, False])
+def test_an_edge_bias_makes_a_bright_disc_smaller_and_a_dark_one_larger(is_bright: bool) -> None:
+    image = picture(ellipse(50, 40), *((0.6, 0.05) if is_bright else (0.05, 0.6)))
+    plain = detector(CAMERA).detect(Frame(image, 0.0, 0))
+    biased = detector(replace(CAMERA, edge_bias_px=0.25)).detect(Frame(image, 0.0, 0))
+    change = -0.5 if is_bright else 0.5
+    assert biased.width_px - plain.width_px == pytest.approx(change, abs=0.02)
+    assert biased.height_px - plain.height_px == pytest.approx(change, abs=0.02)
+
+
+def test_a_bent_picture_of_a_disc_has_its_outline_where_the_lens_puts_it() -> None:
+    scene = distorted(disc_scene(907, 0.4, plain=True))
+    made = render(scene)
+    found = detector(scene.camera).detect(Frame(made.image, 0.0, 0))
+    assert found.status is DetectionStatus.FOUND
+    nearest = np.linalg.norm(found.outline_px[:, None] - made.truth.outline_px[None], axis=2).min(axis=1)
+    spacing = np.linalg.norm(np.diff(made.truth.outline_px, axis=0), axis=1).max()
+    assert nearest.max() < 0.1 + spacing / 2
+    straight, true = (
+        ellipse_through(scene.camera.directions(each)) for each in (found.outline_px, made.truth.outline_px)
+    )
+    assert straight is None is true or isinstance(straight, Ellipse)
+
+
+def test_a_linear_camera_is_believed_to_be_one() -> None:
+    scene = tone(Tone.LINEAR)(disc_scene(904, 0.2, plain=True))
+    made = render(scene)
+    found = detector(replace(scene.camera, tone_curve="linear")).detect(Frame(made.image, 0.0, 0))
+    assert off_px(found, made.truth.outline_px) < 0.08
+    assert off_px(seen(made.image), made.truth.outline_px) > 0.2, "the tone curve matters in this picture"
+
+
+@pytest.mark.parametrize("trouble", [noise(8), motion(4), motion(8)])
+def test_noise_and_motion_move_the_outline_by_less_than_a_fifth_of_a_pixel(trouble) -> None:
+    made = render(trouble(disc_scene(903, 0.5, plain=True)))
+    found = seen(made.image)
+    assert found.status is DetectionStatus.FOUND, found.reason
+    assert off_px(found, made.truth.outline_px) < 0.2
+
+
+def test_the_outline_does_not_depend_on_where_it_was_looked_for_first() -> None:
+    """Another OpenCV finds other contours; the measured outline must not notice."""
+    made = render(disc_scene(903, 0.5, plain=True))
+    frame, finder = Frame(made.image, 0.0, 0), detector()
+    whole = finder.detect(frame)
+    shifted = Frame(np.roll(made.image, (1, 1), axis=(0, 1)), 0.0, 0)
+    moved = finder.detect(shifted)
+    assert moved.width_px == pytest.approx(whole.width_px, abs=0.01)
+    assert np.array(moved.centre_px) - whole.centre_px == pytest.approx((1, 1), abs=0.01)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 500), (500, 1), (2, 2), (8, 8), (17, 9), (3, 2000)])
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_empty_and_tiny_pictures_hold_no_disc(shape: tuple[int, int], level: int) -> None:
+    found = seen(np.full((*shape, 3), level, np.uint8), Prediction(centre_px=(0, 0), size_px=40, sigma_px=4))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.reason == "the picture is even: its levels differ by 0, limit 6"
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 700), (2, 3), (40, 5), (480, 640)])
+def test_noise_holds_no_disc(shape: tuple[int, int]) -> None:
+    found = seen(np.random.default_rng(5).integers(0, 256, (*shape, 3), np.uint8))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.reason
+
+
+def test_a_large_picture_is_searched_reduced_and_measured_in_full() -> None:
+    image = cv2.resize(picture(ellipse(60, 45)), (4000, 3000), interpolation=cv2.INTER_CUBIC)
+    found = seen(image)
+    assert found.status is DetectionStatus.FOUND, found.reason
+    assert (found.width_px, found.height_px) == pytest.approx((750, 562.5), abs=1.0)
+
+
+@pytest.mark.long
+def test_a_picture_of_fifty_megapixels_is_searched() -> None:
+    image = cv2.resize(picture(ellipse(60, 45)), (8160, 6120), interpolation=cv2.INTER_LINEAR)
+    assert seen(image).width_px == pytest.approx(120 * 12.75, abs=2.5)
+
+
+def test_clutter_holds_nothing_round_that_is_no_ellipse() -> None:
+    for seed in range(40, 46):
+        found = seen(render(empty_scene(seed)).image)
+        assert found.status is not DetectionStatus.FOUND or found.height_px < 0.85 * found.width_px
+
+
+def test_most_discs_are_found_before_clutter() -> None:
+    made = [render(disc_scene(seed, 0.4)) for seed in range(60, 68)]
+    true = [
+        each
+        for each in made
+        if abs(seen(each.image).width_px / ellipse_through(each.truth.outline_px).axes()[0] - 2) < 0.02
+    ]
+    assert len(true) >= 6
+
+
+def test_the_picture_is_not_changed_and_the_same_picture_gives_the_same_answer() -> None:
+    image = picture(ellipse(40, 30))
+    image.setflags(write=False)
+    first, second = seen(image), seen(image)
+    assert np.array_equal(first.outline_px, second.outline_px)
+    assert first.size_sigma_px == second.size_sigma_px
+
+
+def test_a_picture_of_another_aspect_than_the_camera_file_is_searched_all_the_same() -> None:
+    camera = CameraModel.with_focal_length(600.0, 1000, 480)
+    found = detector(replace(camera, edge_bias_px=0.5)).detect(Frame(picture(ellipse(40, 30)), 0.0, 0))
+    assert found.width_px == pytest.approx(80, abs=0.1)
+
+
+def test_the_detector_is_an_entry_point() -> None:
+    assert load_plugin(DETECTORS, "disc") is PLUGIN
