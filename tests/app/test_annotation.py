@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from stadimeter.app.annotation import GREEN, ORANGE, RED, Mark, annotate, write_picture
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.app.annotation import GREEN, GREY, ORANGE, RED, Mark, annotate, write_picture
+from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.errors import PictureError
 
 pytestmark = pytest.mark.vision
@@ -90,6 +91,30 @@ def test_any_size_of_picture_is_drawn_into(size: tuple[int, int]) -> None:
     copy = annotate(_blank(width, height), [mark])
     assert max(copy.shape[:2]) >= 600
     assert copy.shape[0] * width == copy.shape[1] * height
+
+
+def test_what_was_rejected_is_drawn_as_a_thin_ring_with_its_number() -> None:
+    candidate = RejectedCandidate(centre_px=(700.0, 450.0), size_px=120.0, reason="support 0.31, limit 0.60")
+    plain = annotate(_blank(), [_mark()])
+    copy = annotate(_blank(), [_mark(rejected=((7, candidate),))])
+    away = np.argwhere((copy != plain).any(axis=2))[:, ::-1] - (700, 450)
+    far = np.hypot(*away.T)
+    assert 55 < far.min() < 60, "inside the ring the picture stays as it is"
+    on_ring = away[np.abs(far - 60) < 2]
+    assert len(np.unique(np.round(np.degrees(np.arctan2(on_ring[:, 1], on_ring[:, 0])) / 5))) >= 72, "all around"
+    assert ((far > 70) & (away[:, 0] > 0) & (away[:, 1] < 0)).sum() > 100, "the number, at the upper right"
+    assert len(_pixels_of(copy, GREY)) > 50
+
+
+@pytest.mark.parametrize(
+    "candidate",
+    [((math.nan, 5.0), 10.0), ((5.0, 5.0), math.inf), ((1e12, 5.0), 10.0), ((5.0, 5.0), 0.0), ((-30.0, 900.0), 4000.0)],
+    ids=str,
+)
+def test_whatever_was_rejected_the_copy_is_drawn(candidate: tuple[tuple[float, float], float]) -> None:
+    centre_px, size_px = candidate
+    rejected = RejectedCandidate(centre_px=centre_px, size_px=size_px, reason="x")
+    assert annotate(_blank(), [_mark(rejected=((1, rejected),))]).shape == (600, 900, 3)
 
 
 def test_the_plus_minus_sign_is_drawn_with_every_font() -> None:

@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,10 +14,11 @@ from hypothesis import strategies as st
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.journal import JournalWriter, read_journal
 from stadimeter.app.replay import replay
-from stadimeter.core.observation import Observation
+from stadimeter.core.detection import RejectedCandidate
+from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import AlarmRule, BaseOutput, DistanceCondition, FollowRule, LevelOutput, Plan, RampRule
 from stadimeter.errors import JournalError
-from stadimeter.testing.observing import Rehearsal
+from stadimeter.testing.observing import Rehearsal, measured
 
 PLAN = Plan(
     targets=("ball",),
@@ -174,6 +176,33 @@ def test_a_file_that_is_no_journal_is_not_overwritten(tmp_path):
     assert path.read_text() == "[camera]\n"
 
 
+def test_what_was_rejected_is_in_no_journal(tmp_path):
+    looked_at = RejectedCandidate(centre_px=(1.0, 2.0), size_px=3.0, reason="support 0.31, limit 0.60")
+    writer = JournalWriter(tmp_path / "run.jsonl", "")
+    writer.write(replace(a_record(), rejected={"ball": (looked_at,)}))
+    writer.close()
+    assert "support" not in (tmp_path / "run.jsonl").read_text()
+    (record,) = read_journal(tmp_path / "run.jsonl").records()
+    assert record.rejected == {}
+
+
+def test_a_tilt_is_recorded_and_a_journal_from_before_tilts_were_measured_is_read(tmp_path):
+    path = tmp_path / "run.jsonl"
+    tilted = replace(measured("ball", 1.0, 2.0), tilt_rad=1 / 3, ambiguity=0.25)
+    observation = Observation(now_s=1.0, frame=FrameStamp(sequence=0, captured_at_s=1.0), measurements=(tilted,))
+    writer = JournalWriter(path, "")
+    writer.write(replace(a_record(), observation=observation))
+    writer.close()
+    (record,) = read_journal(path).records()
+    assert record.observation.measurements == (tilted,)
+    header, cycle = path.read_text().splitlines()
+    older = cycle.replace(',"tilt_rad":0.3333333333333333,"ambiguity":0.25', "")
+    assert older != cycle
+    path.write_text(f"{header}\n{older}\n")
+    (record,) = read_journal(path).records()
+    assert record.observation.measurements == (replace(tilted, tilt_rad=None, ambiguity=None),)
+
+
 def test_broken_figures_are_recorded_as_they_were(tmp_path):
     recorded(tmp_path / "run.jsonl", 2.0, float("nan"), float("inf"))
     distances = [
@@ -192,10 +221,11 @@ from pathlib import Path
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.journal import JournalWriter
-from stadimeter.core.observation import Observation
+from stadimeter.core.detection import RejectedCandidate
+from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
 from stadimeter.errors import JournalError
-from stadimeter.testing.observing import Rehearsal
+from stadimeter.testing.observing import Rehearsal, measured
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (5000, resource.RLIM_INFINITY))

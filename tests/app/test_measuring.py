@@ -47,8 +47,19 @@ def test_each_target_has_a_result_for_each_picture(ball_picture: Path, targets) 
 
 def test_a_record_has_exactly_the_keys_that_programs_read(ball_picture: Path, targets) -> None:
     record = measure_picture(ball_picture, targets, CAMERA).targets[0].record()
-    keys = ["file", "target", "status", "distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad", "reason"]
-    assert list(record) == keys
+    assert list(record) == [
+        "file",
+        "target",
+        "status",
+        "distance_m",
+        "depth_m",
+        "sigma_m",
+        "bearing_rad",
+        "elevation_rad",
+        "tilt_rad",
+        "ambiguity",
+        "reason",
+    ]
     assert record["status"] == "measured"
     assert record["reason"] == ""
 

@@ -11,6 +11,7 @@ import pytest
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode
+from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.track import Track, TrackStatus
 
@@ -62,6 +63,7 @@ def cycle_record(
     safety: SafetyMode = SafetyMode.ACTIVE,
     safety_reason: str = "",
     reasons: Mapping[str, str] | None = None,
+    rejected: Mapping[str, tuple[RejectedCandidate, ...]] | None = None,
     **observed: object,
 ) -> CycleRecord:
     commands = (
@@ -87,6 +89,7 @@ def cycle_record(
             reasons=REASONS if reasons is None else reasons,
         ),
         applied=commands if applied is None else applied,
+        rejected=rejected or {},
         timings_s={"capture": 0.02, "measure": 0.008, "decide": 0.0003, "apply": 0.0002},
     )
 

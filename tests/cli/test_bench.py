@@ -16,7 +16,7 @@ def shown():
 def test_it_prints_a_line_for_each_detector_and_size(shown):
     assert shown.exit_code == 0
     for size in ("640x480", "1280x720", "1920x1080"):
-        for detector in ("ball", "sheet", "tag"):
+        for detector in ("ball", "sheet", "tag", "disc"):
             assert any(detector in line and size in line for line in shown.output.splitlines()), (detector, size)
 
 
@@ -32,7 +32,7 @@ def test_json_is_one_object_with_the_same_figures():
     assert result.exit_code == 0
     figures = json.loads(result.output)
     assert list(figures) == ["computer", "detectors", "latency", "peak_memory_mb"]
-    assert len(figures["detectors"]) == 9
+    assert len(figures["detectors"]) == 12
     assert figures["latency"]["p50_ms"] <= figures["latency"]["p99_ms"]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -84,6 +85,73 @@ def test_a_picture_whose_distance_is_mistyped_is_named(near: Path, output: Path,
     far = _picture(tmp_path / "far.png", 110, 85)
     result = _run("calibrate", "distance", f"{near}@30in", f"{near}@30in", f"{far}@4.5ft", *SHEET, "-o", output)
     assert f"{far} fits the others far worse than --distance-error allows" in result.stderr
+
+
+TAG = ("--tag", "10cm", "--family", "36h11")
+
+
+def _tag_in_proportion_to_light(path: Path, side_px: float) -> Path:
+    """Draw a tag as a camera gives it that writes light itself: pixels on its edges are true means of what they see."""
+    large, rim = 16, 20
+    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 7, 8 * 40)
+    side, paper_px = round(side_px * large), round(side_px) + 2 * rim
+    paper = np.full((paper_px * large, paper_px * large), 200, np.uint8)
+    tag = np.where(cv2.resize(marker, (side, side), interpolation=cv2.INTER_NEAREST), 200, 20)
+    paper[rim * large : rim * large + side, rim * large : rim * large + side] = tag
+    middle = (paper_px * large / 2, paper_px * large / 2)
+    turned = cv2.warpAffine(paper, cv2.getRotationMatrix2D(middle, 7, 1), paper.shape, borderValue=200)
+    seen = cv2.resize(cv2.blur(turned, (large, large)), (paper_px, paper_px), interpolation=cv2.INTER_AREA)
+    image = np.full((480, 640), 90, np.uint8)
+    left, top = 320 - paper_px // 2, 240 - paper_px // 2
+    image[top : top + paper_px, left : left + paper_px] = seen
+    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    return path
+
+
+def test_pictures_in_proportion_to_light_are_calibrated_through_the_linear_tone_curve(
+    output: Path, tmp_path: Path
+) -> None:
+    picture = _tag_in_proportion_to_light(tmp_path / "raw.png", 60.5)
+    errors = {}
+    for curve in ("srgb", "linear"):
+        result = _run("calibrate", "distance", f"{picture}@1m", *TAG, "-o", output, "--tone-curve", curve)
+        assert result.exit_code == 0, result.output
+        model = load_camera_model(output)
+        assert model.tone_curve == curve
+        errors[curve] = abs(model.fx_px / 605 - 1)
+    assert errors["linear"] < 5e-4
+    assert errors["srgb"] > 5 * errors["linear"]
+
+
+def test_several_pictures_in_proportion_to_light_have_no_edge_bias(output: Path, tmp_path: Path) -> None:
+    pictures = [
+        f"{_tag_in_proportion_to_light(tmp_path / f'{side_px}.png', side_px)}@{60.5 / side_px:.6f} m"
+        for side_px in (121.0, 60.5, 30.25)
+    ]
+    options = ("--distance-error", "0.02", "--tone-curve", "linear")
+    result = _run("calibrate", "distance", *pictures, *TAG, "-o", output, *options)
+    assert result.exit_code == 0, result.output
+    model = load_camera_model(output)
+    assert model.tone_curve == "linear"
+    assert model.fx_px == pytest.approx(605, rel=1e-3)
+    assert model.edge_bias_px == pytest.approx(0, abs=0.03)
+
+
+def test_a_camera_file_that_was_made_for_light_is_checked_through_the_same_curve(output: Path, tmp_path: Path) -> None:
+    picture = _tag_in_proportion_to_light(tmp_path / "raw.png", 60.5)
+    _run("calibrate", "distance", f"{picture}@1m", *TAG, "-o", output, "--tone-curve", "linear")
+    small = _tag_in_proportion_to_light(tmp_path / "small.png", 24.2)
+    result = _run("calibrate", "check", f"{small}@2.5m", "--camera", output, *TAG, "--distance-error", "0.01")
+    assert result.exit_code == 0
+    error = float(re.search(r"mean error ([+-][\d.]+)%", result.stdout)[1])
+    assert abs(error) < 0.15
+
+
+def test_an_unknown_tone_curve_is_refused_with_those_that_there_are(near: Path, output: Path) -> None:
+    result = _run("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output, "--tone-curve", "log")
+    assert result.exit_code == 2
+    assert "'srgb', 'linear'" in " ".join(result.stderr.replace("│", " ").split())
+    assert not output.exists()
 
 
 def test_a_file_that_is_there_is_replaced_and_that_is_said(near: Path, output: Path) -> None:

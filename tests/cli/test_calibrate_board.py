@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -9,8 +11,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+from stadimeter.app.board_session import Source
+from stadimeter.cli import calibrate_board_live
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import load_camera_model
+from stadimeter.core.frame import Frame
+from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
 
 BOARD = ("--board", "9x6", "--square", "25mm")
 MATRIX = np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]])
@@ -59,6 +65,12 @@ def test_the_camera_file_is_written_and_told(pictures: list[Path], output: Path)
     assert model.fx_px == pytest.approx(600, rel=0.01)
     assert len(model.distortion) == 5
     assert 0 < model.focal_relative_sigma < 0.02
+
+
+def test_the_tone_curve_goes_into_the_camera_file(pictures: list[Path], output: Path) -> None:
+    for options, curve in (((), "srgb"), (("--tone-curve", "linear"), "linear")):
+        assert _run(*pictures, *BOARD, "-o", output, *options).exit_code == 0
+        assert load_camera_model(output).tone_curve == curve
 
 
 def test_a_picture_without_the_board_is_left_out_and_exits_1(
@@ -119,3 +131,138 @@ def test_a_wrong_option_is_one_line_and_exit_2(
     (line,) = result.stderr.splitlines()
     assert said in line
     assert not output.exists()
+
+
+class Held:
+    """A live camera before which somebody holds a board: each picture for a few frames, then another."""
+
+    def __init__(self, pictures: list[Path], ending: BaseException, frames_each: int = 3) -> None:
+        images = [cv2.imread(str(picture)) for picture in pictures]
+        self._images = [image for image in images for _ in range(frames_each)]
+        self._ending = ending
+        self._count = 0
+        self.is_open = False
+
+    def open(self) -> None:
+        self.is_open = True
+
+    def latest(self, timeout_s: float) -> Frame:
+        assert self.is_open
+        if self._count == 2:
+            self._count += 1
+            raise CaptureTimeoutError("no new frame in 0.50 s")
+        if not self._images:
+            raise self._ending
+        self._count += 1
+        return Frame(self._images.pop(0), self._count / 30, self._count)
+
+    def remarks(self) -> tuple[str, ...]:
+        return ("the camera did not take the focus",)
+
+    def trouble(self) -> str:
+        return ""
+
+    def close(self) -> None:
+        self.is_open = False
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Held]:
+    """Return a function that puts a live camera in place of the one that is named."""
+
+    def make(pictures: list[Path], ending: BaseException) -> Held:
+        camera = Held(pictures, ending)
+        monkeypatch.setattr(calibrate_board_live, "open_source", lambda _: Source(capture=camera, is_live=True))
+        return camera
+
+    return make
+
+
+def test_a_live_camera_is_calibrated_from_what_it_saw_until_ctrl_c(
+    pictures: list[Path], output: Path, held: Callable[..., Held]
+) -> None:
+    camera = held(pictures, KeyboardInterrupt())
+    result = _run("--live", "opencv,device=0", *BOARD, "-o", output)
+    assert result.exit_code == 0, result.output
+    lines = result.stdout.splitlines()
+    assert lines[0].startswith("move the board about")
+    told = [line for line in lines if line.startswith("view ")]
+    assert told[0] == "view 1  54 corners"
+    assert re.match(r"view 7  54 corners, error 0\.\d\d px; focal length 6\d\d px ± \d\.\d%, corners in \d\d%", told[6])
+    assert any("still missing: the board in the " in line for line in lines)
+    assert "note: the camera did not take the focus" in result.stderr
+    assert "stopped with 7 views" in result.stderr
+    assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.01)
+    assert not camera.is_open
+
+
+def test_a_board_that_never_comes_in_sight_writes_nothing_and_exits_1(
+    output: Path, tmp_path: Path, held: Callable[..., Held]
+) -> None:
+    wall = tmp_path / "wall.png"
+    cv2.imwrite(str(wall), np.full((480, 640, 3), 90, np.uint8))
+    camera = held([wall], KeyboardInterrupt())
+    result = _run("--live", "opencv,device=0", *BOARD, "-o", output)
+    assert result.exit_code == 1
+    assert "the camera saw no view of the board, so nothing was written" in result.stderr
+    assert result.stdout.count("no chessboard of 9x6 inner corners") == 1, "said once, not for every frame"
+    assert not output.exists()
+    assert not camera.is_open
+
+
+def test_too_few_views_of_a_live_camera_exit_2(pictures: list[Path], output: Path, held: Callable[..., Held]) -> None:
+    held(pictures[:2], KeyboardInterrupt())
+    result = _run("--live", "opencv,device=0", *BOARD, "-o", output)
+    assert result.exit_code == 2
+    assert "found in 2 different views; a calibration needs 3 at least" in result.stderr
+
+
+def test_a_camera_that_is_lost_is_closed_and_told(
+    pictures: list[Path], output: Path, held: Callable[..., Held]
+) -> None:
+    camera = held(pictures[:1], DeviceClosedError("the camera is gone"))
+    result = _run("--live", "opencv,device=0", *BOARD, "-o", output)
+    assert result.exit_code == 2
+    assert "error: the camera is gone" in result.stderr
+    assert not camera.is_open
+
+
+def test_the_camera_of_a_configuration_is_taken_though_its_camera_file_is_not_there_yet(
+    pictures: list[Path], output: Path, tmp_path: Path
+) -> None:
+    wall = tmp_path / "board9.png"
+    cv2.imwrite(str(wall), np.full((480, 640, 3), 90, np.uint8))
+    config = tmp_path / "run.toml"
+    config.write_text(
+        '[camera]\ndriver = "images"\npaths = "board*.png"\nmodel = "camera.toml"\n[targets.nonsense]\n',
+        encoding="utf-8",
+    )
+    result = _run("--live", config, *BOARD, "-o", output)
+    assert result.exit_code == 0, result.output
+    assert f"left out: {wall}: no chessboard" in result.stderr
+    assert result.stdout.count(" 54 corners, error ") >= 7
+    assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("live", "said"),
+    [
+        ("images", "--live: images: 'paths' is missing"),
+        ("opencv,device=-3", "--live: opencv: "),
+        ("images,paths=a,rate=often", "--live: images: "),
+        ("webcam", "no camera driver is called 'webcam'"),
+        ("missing.toml", "missing.toml: there is no such file"),
+    ],
+)
+def test_a_camera_that_cannot_be_meant_is_one_line_and_exit_2(output: Path, live: str, said: str) -> None:
+    result = _run("--live", live, *BOARD, "-o", output)
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert said in line
+
+
+def test_pictures_and_a_camera_exclude_each_other(pictures: list[Path], output: Path) -> None:
+    for arguments in ((), (*pictures, "--live", "opencv")):
+        result = _run(*arguments, *BOARD, "-o", output)
+        assert result.exit_code == 2
+        assert "give pictures of the board, or --live for a camera" in result.stderr

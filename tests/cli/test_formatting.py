@@ -6,7 +6,7 @@ import math
 import re
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from stadimeter.cli.formatting import (
@@ -73,6 +73,8 @@ def test_no_digit_is_shown_beyond_the_first_one_of_sigma(distance_m: float, sigm
 
 
 @given(st.floats() | st.none(), st.floats() | st.none(), units)
+@example(0.0, 1.5e308, METRE)
+@example(1.7e308, 9.6e307, METRE)
 def test_whatever_the_figures_no_nan_and_no_infinity_is_shown(
     value: float | None, sigma: float | None, unit: LengthUnit
 ) -> None:

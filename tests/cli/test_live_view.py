@@ -6,6 +6,7 @@ import io
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -16,9 +17,11 @@ from stadimeter.cli.live_screen import grant_rows
 from stadimeter.cli.live_view import LiveView
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.decision import Event, EventKind, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.errors import ConfigError
+from stadimeter.testing.observing import measured, missed
 
 SIZES = [(80, 24), (120, 35), (200, 50)]
 
@@ -66,6 +69,17 @@ def test_the_distance_is_shown_with_its_standard_deviation(make_record: Callable
     row = row_with("2.43 m ± 0.04", screen(shown(make_record())))
     assert "closing 0.21 m/s" in row
     assert "3° left   ├──────●┼───────┤" in row
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_something_flat_that_is_measured_is_shown_with_its_tilt(
+    make_record: Callable[..., CycleRecord], width: int, height: int
+) -> None:
+    flat = replace(measured("ball", 10.0, 2.43), tilt_rad=math.radians(14))
+    view = shown(make_record(10.0, measurements=(flat,)), make_record(10.05, frame=None))
+    assert re.search(r"3° left +├──────●┼───────┤  tilted 14°", "\n".join(screen(view, width, height)))
+    view.update(make_record(10.1, measurements=(measured("ball", 10.1, 2.43),)))
+    assert not any("tilted" in row for row in screen(view, width, height))
 
 
 def test_a_large_terminal_shows_the_distance_in_large_digits(make_record: Callable[..., CycleRecord]) -> None:
@@ -120,7 +134,58 @@ def test_a_lost_target_says_since_when_and_why(
 
 def test_a_target_that_was_never_seen_has_no_distance(make_record: Callable[..., CycleRecord]) -> None:
     rows = screen(shown(make_record(tracks=(Track(target="ball", reason="no round blob"),))))
-    assert "—" in row_with("no round blob", rows)
+    assert row_with("no round blob", rows)
+    assert any(row.strip() == "—" for row in rows)
+
+
+DOOR = RejectedCandidate(centre_px=(310.0, 120.0), size_px=24.0, reason="edge scatters by 2.1 px, limit 1.0 px")
+LAMP = RejectedCandidate(centre_px=(9.0, 8.0), size_px=7.0, reason="7.0 px wide, limit 12 px")
+
+
+def unseen(
+    make_record: Callable[..., CycleRecord], now_s: float = 10.0, reason: str = "no ball among 2 outlines"
+) -> CycleRecord:
+    return make_record(
+        now_s,
+        tracks=(Track(target="ball", reason=reason),),
+        measurements=(missed("ball", now_s, reason),),
+        rejected={"ball": (DOOR, LAMP)},
+    )
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_what_looked_most_like_a_target_that_is_not_found_is_shown_with_the_test_that_it_failed(
+    make_record: Callable[..., CycleRecord], width: int, height: int
+) -> None:
+    rows = screen(shown(unseen(make_record)), width, height)
+    assert row_with("no ball among 2 outlines", rows)
+    assert row_with("looked at 24 px at 310, 120: edge scatters by 2.1 px, limit 1.0", rows)
+    assert not any("7.0 px wide" in row for row in rows), "the best of them only"
+
+
+def test_a_test_that_the_reason_tells_already_is_not_told_twice(make_record: Callable[..., CycleRecord]) -> None:
+    rows = screen(shown(unseen(make_record, reason=f"no ball: {DOOR.reason}")))
+    assert row_with("edge scatters by 2.1 px", rows)
+    assert row_with("looked at 24 px at 310, 120", rows)
+
+
+def test_a_long_reason_is_told_on_two_lines_and_no_more(make_record: Callable[..., CycleRecord]) -> None:
+    reason = "no ball: " + ", ".join(f"colour {number} was found nowhere" for number in range(12))
+    rows = screen(shown(unseen(make_record, reason=reason)))
+    first, second = (number for number, row in enumerate(rows) if "found nowhere" in row)
+    assert second == first + 1
+    assert "looked at 24 px" in rows[second + 1]
+
+
+def test_between_two_frames_what_was_looked_at_stays(make_record: Callable[..., CycleRecord]) -> None:
+    between = make_record(10.05, tracks=(Track(target="ball", reason="no ball"),), frame=None)
+    assert row_with("looked at 24 px", screen(shown(unseen(make_record), between)))
+
+
+def test_a_target_that_is_tracked_has_nothing_more(make_record: Callable[..., CycleRecord]) -> None:
+    seen = make_record(10.1, measurements=(measured("ball", 10.1, 2.43),), rejected={"ball": (DOOR,)})
+    for record in (seen, make_record(10.1, measurements=(missed("ball", 10.1),), rejected={"ball": (DOOR,)})):
+        assert not any("looked at" in row for row in screen(shown(unseen(make_record), record)))
 
 
 def test_the_chart_has_a_gap_where_the_target_was_lost(

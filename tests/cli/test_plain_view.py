@@ -11,8 +11,10 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.cli.plain_view import PlainView
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Event, EventKind, SafetyMode, Severity
+from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
+from stadimeter.testing.observing import measured, missed
 
 
 def raised(at_s: float) -> Event:
@@ -65,6 +67,24 @@ def test_a_target_that_is_not_seen_has_a_reason_in_place_of_a_distance(
     PlainView(lines.append).update(make_record(tracks=(track,)))
     assert "ball lost (largest blob 6 px, limit 12 px)  " in lines[0]
     assert "±" not in lines[0]
+
+
+def test_what_looked_most_like_a_target_that_is_not_seen_is_told_too(make_record: Callable[..., CycleRecord]) -> None:
+    lines: list[str] = []
+    view = PlainView(lines.append)
+    looked_at = RejectedCandidate(centre_px=(310.0, 120.0), size_px=24.0, reason="support 0.31, limit 0.60")
+    track = Track(target="ball", reason="no ball")
+    view.update(
+        make_record(
+            tracks=(track,), measurements=(missed("ball", 0.0, "no ball"),), rejected={"ball": (looked_at, looked_at)}
+        )
+    )
+    view.update(make_record(1.0, tracks=(track,), frame=None))
+    assert all(
+        "ball searching (no ball; looked at 24 px at 310, 120: support 0.31, limit 0.60)" in line for line in lines
+    )
+    view.update(make_record(2.0, measurements=(measured("ball", 2.0, 2.43),), rejected={"ball": (looked_at,)}))
+    assert "looked at" not in lines[-1]
 
 
 def test_faults_and_safety_are_told(make_record: Callable[..., CycleRecord]) -> None:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from stadimeter.config.atomic_file import write_atomically
-from stadimeter.core.detection import Detection, DetectionStatus, Points
+from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
 
@@ -21,6 +21,7 @@ GREEN: Colour = (110, 230, 60)
 ORANGE: Colour = (40, 160, 255)
 RED: Colour = (90, 90, 255)
 WHITE: Colour = (245, 245, 245)
+GREY: Colour = (215, 190, 170)
 DARK: Colour = (28, 24, 20)
 BACKING = 0.72
 """How much of what is behind a text is darkened."""
@@ -35,6 +36,9 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 JPEG_QUALITY = 93
 SUBPIXEL_BITS = 4
 
+REACH_MAX_PX = 1e5
+"""Beyond this nothing is drawn: OpenCV's drawing counts in whole numbers of 32 bits."""
+
 _COLOURS = {DetectionStatus.FOUND: GREEN, DetectionStatus.TRUNCATED: ORANGE, DetectionStatus.NOT_FOUND: RED}
 
 
@@ -46,11 +50,13 @@ class Mark:
         detection: Where it is.
         headline: What stands beside it, such as ``35.0 in ± 0.4``; for a target that was not found, the legend only.
         lines: What the legend says about it.
+        rejected: What was looked at and is not the target, each with its number.
     """
 
     detection: Detection
     headline: str
     lines: tuple[str, ...] = ()
+    rejected: tuple[tuple[int, RejectedCandidate], ...] = ()
 
 
 def annotate(image: Image, marks: Sequence[Mark]) -> Image:
@@ -66,6 +72,9 @@ def annotate(image: Image, marks: Sequence[Mark]) -> Image:
     factor = math.ceil(SMALLEST_LONG_SIDE_PX / max(image.shape[:2]))
     canvas = image.copy() if factor == 1 else _enlarged(image, factor)
     scale = max(canvas.shape[:2]) / REFERENCE_PX
+    for mark in marks:
+        for number, candidate in mark.rejected:
+            _draw_rejected(canvas, number, candidate, factor, scale)
     for mark in marks:
         _draw_target(canvas, mark.detection, factor, scale)
     for mark in marks:
@@ -119,6 +128,22 @@ def _draw_target(canvas: Image, detection: Detection, factor: int, scale: float)
         else:
             _draw_limb(canvas, outline, detection, (shade, width), factor)
     _draw_cross(canvas, _on_canvas(np.array(detection.centre_px), factor), colour, scale)
+
+
+def _draw_rejected(canvas: Image, number: int, candidate: RejectedCandidate, factor: int, scale: float) -> None:
+    """Draw a thin ring of the candidate's size around its centre, with its number at the upper right."""
+    centre = _on_canvas(np.array(candidate.centre_px), factor)
+    radius = candidate.size_px * factor / 2
+    if not (np.isfinite(centre).all() and 0 < radius < REACH_MAX_PX and np.abs(centre).max() < REACH_MAX_PX):
+        return
+    x, y = (round(float(each) * 2**SUBPIXEL_BITS) for each in centre)
+    fixed_radius = round(radius * 2**SUBPIXEL_BITS)
+    thickness = max(1, round(scale))
+    for width, shade in ((thickness + max(1, round(scale)), DARK), (thickness, GREY)):
+        cv2.circle(canvas, (x, y), fixed_radius, shade, width, cv2.LINE_AA, SUBPIXEL_BITS)
+    aside = radius * math.sqrt(0.5) + 2 * scale
+    panel = _Panel((str(number),), GREY, 0.5, scale, canvas)
+    panel.draw(round(float(centre[0]) + aside), round(float(centre[1]) - aside) - panel.height)
 
 
 def _draw_polygon(canvas: Image, corners: Points, colour: Colour, thickness: int) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from pydantic import ConfigDict
 
 from stadimeter.core.command import Command
 from stadimeter.core.decision import Decision
+from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import Observation
 
 
@@ -21,6 +22,8 @@ class CycleRecord:
         observation: All that the core knew.
         applied: What the drivers applied, in the order of ``decision.commands``.
         timings_s: How long each part of the cycle took, in seconds: ``capture``, ``measure``, ``decide``, ``apply``.
+        rejected: By target, what was looked at in the new frame and is not the target, the most like it first; only
+            targets for which there is something. It explains, and decides nothing: it is in no journal.
         decision: What it decided.
     """
 
@@ -30,4 +33,5 @@ class CycleRecord:
     observation: Observation
     applied: tuple[Command, ...]
     timings_s: Mapping[str, float]
+    rejected: Mapping[str, tuple[RejectedCandidate, ...]] = field(default_factory=dict)
     decision: Decision

@@ -1,10 +1,11 @@
 """The journal: what was known, decided and done in each cycle, one line of JSON a cycle.
 
 The first line says what wrote the journal and holds the configuration. Every further line is one `CycleRecord`, without
-the reasons of the rules: they follow from the rest. Its rules are ``"as before"`` while none of them changed: with many
-rules they would be most of each line, and a run of weeks wears out a memory card. Numbers are written so that reading
-them gives the same bits again; a recording replayed through the same rules gives the same decisions. Times are on the
-run's monotonic clock; the first line says which wall-clock time the journal began at.
+the reasons of the rules, which follow from the rest, and without the candidates that were rejected, which decide
+nothing. Its rules are ``"as before"`` while none of them changed: with many rules they would be most of each line, and
+a run of weeks wears out a memory card. Numbers are written so that reading them gives the same bits again; a recording
+replayed through the same rules gives the same decisions. Times are on the run's monotonic clock; the first line says
+which wall-clock time the journal began at.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -31,7 +32,7 @@ FORMAT = 1
 
 _RECORD = TypeAdapter(CycleRecord)
 _RULES = TypeAdapter(tuple[RuleTrace, ...])
-_LEFT_OUT = {"decision": {"rules", "reasons"}}
+_LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "rejected": True}
 """What `_RECORD` does not write. The decision comes last in a record, so the rules can be put at the line's end."""
 _FIRST_BYTES = b'{"stadimeter_journal":'
 _AS_BEFORE = b'"as before"'

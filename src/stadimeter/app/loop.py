@@ -8,19 +8,21 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.guard import Guard, retire_all
 from stadimeter.app.health import Health
-from stadimeter.app.journal import JournalWriter
 from stadimeter.app.reporting import Reporter
 from stadimeter.app.stall_watch import StallWatch
 from stadimeter.core.decide import State, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.errors import DriverError, EndOfFramesError
+
+if TYPE_CHECKING:  # few runs have a journal, and what it writes takes long to prepare
+    from stadimeter.app.journal import JournalWriter
 
 
 class _EndedWhileOpening(BaseException):

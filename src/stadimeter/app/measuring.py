@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stadimeter.app.clock import SteppedClock
@@ -11,12 +11,13 @@ from stadimeter.cameras.protocol import Camera
 from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection
+from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import PictureError, StadimeterError
 from stadimeter.ranging.measure import measure_frame
+from stadimeter.ranging.sigma_parts import SigmaParts, sigma_parts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,11 +41,22 @@ class TargetResult:
         file: The picture's path as it was given.
         measurement: The measurement, with the reason where there is no distance.
         detection: Where the target is; None if the picture could not be read.
+        parts: What the standard deviation is made up of; None without a distance.
+        rejected_from: The number of the first of the candidates that were rejected. They are counted through all
+            targets of a picture, so that a number means one place in it.
     """
 
     file: str
     measurement: Measurement
     detection: Detection | None = None
+    parts: SigmaParts | None = None
+    rejected_from: int = 1
+
+    @property
+    def rejected(self) -> tuple[tuple[int, RejectedCandidate], ...]:
+        """What was looked at and is not the target, each with its number."""
+        candidates = self.detection.rejected if self.detection else ()
+        return tuple(enumerate(candidates, start=self.rejected_from))
 
     def record(self) -> dict[str, str | float | None]:
         """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""
@@ -58,6 +70,8 @@ class TargetResult:
             "sigma_m": measured.sigma_m,
             "bearing_rad": measured.bearing_rad,
             "elevation_rad": measured.elevation_rad,
+            "tilt_rad": measured.tilt_rad,
+            "ambiguity": measured.ambiguity,
             "reason": measured.reason,
         }
 
@@ -150,14 +164,24 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
     except StadimeterError as error:
         return PictureResult(file=str(path), frame=frame, targets=_failed(path, targets, error))
     return PictureResult(
-        file=str(path), frame=frame, targets=tuple(_measured(path, frame, target, camera_model) for target in targets)
+        file=str(path), frame=frame, targets=_counted(_measured(path, frame, each, camera_model) for each in targets)
     )
 
 
 def _measured(path: Path, frame: Frame, target: NamedDetector, camera_model: CameraModel) -> TargetResult:
-    detection = target.detector.detect(frame)
-    measurement = measure_frame(frame, detection, target.detector.target_size, camera_model)
-    return TargetResult(file=str(path), measurement=measurement, detection=detection)
+    detection, size = target.detector.detect(frame), target.detector.target_size
+    measurement = measure_frame(frame, detection, size, camera_model)
+    parts = sigma_parts(measurement, size, camera_model)
+    return TargetResult(file=str(path), measurement=measurement, detection=detection, parts=parts)
+
+
+def _counted(results: Iterable[TargetResult]) -> tuple[TargetResult, ...]:
+    """Number what was rejected through all targets."""
+    counted, number = [], 1
+    for result in results:
+        counted.append(replace(result, rejected_from=number))
+        number += len(result.rejected)
+    return tuple(counted)
 
 
 def _failed(path: Path, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:

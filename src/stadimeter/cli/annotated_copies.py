@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from stadimeter.app.annotation import Mark
 from stadimeter.app.measuring import PictureResult, TargetResult
-from stadimeter.cli.formatting import METRE, LengthUnit, format_distance
+from stadimeter.cli.formatting import METRE, LengthUnit, format_distance, format_tilt
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import ConfigError, Problem
@@ -56,17 +57,21 @@ def copy_paths(images: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
     return paths
 
 
-def marks_of(result: PictureResult, unit: LengthUnit) -> tuple[Mark, ...]:
+def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) -> tuple[Mark, ...]:
     """Say what to draw into the copy of a picture.
 
     Args:
         result: What was found in it.
         unit: The unit of the headlines.
+        explain: Whether to draw what was looked at and rejected as well.
 
     Returns:
         One mark for each target.
     """
-    return tuple(_mark(each, unit) for each in result.targets)
+    marks = (_mark(each, unit) for each in result.targets)
+    if not explain:
+        return tuple(marks)
+    return tuple(replace(mark, rejected=each.rejected) for mark, each in zip(marks, result.targets, strict=True))
 
 
 def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
@@ -87,10 +92,11 @@ def _legend(measured: Measurement, detection: Detection, unit: LengthUnit) -> tu
     in_metres = "" if unit is METRE else f"  =  {format_distance(measured.distance_m, measured.sigma_m, METRE)}"
     depth = format_distance(measured.depth_m, measured.sigma_m, unit)
     direction = f"{_angle(measured.bearing_rad, 'right', 'left')}, {_angle(measured.elevation_rad, 'up', 'down')}"
+    tilt = "" if measured.tilt_rad is None else f", {format_tilt(measured.tilt_rad).replace('°', ' deg')}"
     return (
         f"{measured.target}: {distance}{in_metres}",
-        f"depth {depth}, {direction}",
-        f"{detection.width_px:.1f} x {detection.height_px:.1f} px ± {detection.size_sigma_px:.1f}",
+        f"depth {depth}, {direction}{tilt}",
+        f"{detection.width_px:.1f} x {detection.height_px:.1f} px ± {detection.size_sigma_px:.2f}",
     )
 
 

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
 from stadimeter.app.board_corners import Board, CharucoBoard, Chessboard
+from stadimeter.app.board_session import GOOD_COVERAGE, GOOD_FOCAL_SHARE
 from stadimeter.app.calibrating import check_lens_settings, find_boards
+from stadimeter.cli.calibrate_board_live import views_from_camera
 from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
-from stadimeter.cli.known_pictures import today
+from stadimeter.cli.known_pictures import ToneCurveOption, today
 from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.board_calibration import BoardCalibration, calibrate_board
-
-GOOD_FOCAL_SHARE = 0.01
-GOOD_COVERAGE = 0.5
 
 _SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")
 
@@ -34,7 +35,10 @@ def register(app: typer.Typer) -> None:
 
 
 def board(
-    pictures: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Pictures of the board, 10 to 20.")],
+    *,
+    pictures: Annotated[
+        list[Path] | None, typer.Argument(metavar="[PATH...]", help="Pictures of the board, 10 to 20.")
+    ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
     square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square, such as 25mm.")],
     chessboard: Annotated[
@@ -51,6 +55,15 @@ def board(
     dictionary: Annotated[
         str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
     ] = None,
+    tone_curve: ToneCurveOption = "srgb",
+    live: Annotated[
+        str | None,
+        typer.Option(
+            "--live",
+            metavar="CONFIG|DRIVER",
+            help="Take the pictures from a camera: that of a configuration, or a driver such as opencv,device=0.",
+        ),
+    ] = None,
 ) -> None:
     """Calibrate a camera, distortion included, from pictures of a chessboard or a ChArUco board.
 
@@ -61,36 +74,64 @@ def board(
     A low reprojection error alone says little. What counts is the standard deviation of the focal length, which is
     written to the camera file and into every distance.
 
+    With --live nobody needs to take pictures: move the board about before the camera, and hold it still for a moment
+    each time. Each view that is taken is told with its error, and with what is still missing. It ends when the views
+    are enough, or with Ctrl-C, and calibrates from what it has.
+
     **Examples**
+
+    - `stadimeter calibrate board --live opencv,device=0 --board 9x6 --square 25mm -o camera.toml`
 
     - `stadimeter calibrate board *.jpg --board 9x6 --square 25mm -o camera.toml`
 
     - `stadimeter calibrate board *.jpg --charuco 5x7 --square 40mm --marker 20mm --dictionary 6X6_250 -o camera.toml`
 
-    **Exit code**: 0 the camera file was written from all pictures; 1 some were left out, since the board was not found,
-    they fit far worse than the others or show the same view, or nothing was written, since it was found in none; 2 an
-    option, a file or a picture is wrong, or the pictures do not fix the camera, and nothing was written.
+    **Exit code**: 0 the camera file was written from all pictures, or from a camera; 1 some pictures were left out,
+    since the board was not found, they fit far worse than the others or show the same view, or nothing was written,
+    since it was found in none; 2 an option, a file or a picture is wrong, or the pictures do not fix the camera, and
+    nothing was written.
     """
     with told_plainly():
         wanted = _wanted(chessboard, charuco, square, marker, dictionary)
-        for note in check_lens_settings(pictures):
-            typer.echo(f"note: {note}", err=True)
-        found = find_boards(pictures, wanted)
-        for picture, reason in found.missed:
-            typer.echo(f"left out: {picture}: {reason}", err=True)
-        if not found.views:
-            typer.echo(
-                "error: the board was found in no picture, so nothing was written; count its inner corners again, and "
-                "see that all of it, with a white rim, is in the picture, sharp and evenly lit",
-                err=True,
-            )
-            raise typer.Exit(NOT_FOUND)
-        made = calibrate_board(found.views, found.width_px, found.height_px, date=today())
+        if bool(pictures) == bool(live):
+            raise ConfigError("give pictures of the board, or --live for a camera, one of the two")
+        made, all_used = _from_camera(live, wanted) if live else _from_pictures(pictures or [], wanted)
         replaced = output.exists()
-        save_camera_model(output, made.camera_model)
+        save_camera_model(output, replace(made.camera_model, tone_curve=tone_curve))
         _tell(made)
         typer.echo(f"{'replaced' if replaced else 'wrote'} {output}")
-    raise typer.Exit(NOT_FOUND if found.missed or any(view.was_left_out for view in made.views) else DONE)
+    raise typer.Exit(DONE if all_used else NOT_FOUND)
+
+
+def _from_pictures(pictures: Sequence[Path], wanted: Board) -> tuple[BoardCalibration, bool]:
+    """Return what pictures give, and whether all of them were used."""
+    for note in check_lens_settings(pictures):
+        typer.echo(f"note: {note}", err=True)
+    found = find_boards(pictures, wanted)
+    for picture, reason in found.missed:
+        typer.echo(f"left out: {picture}: {reason}", err=True)
+    if not found.views:
+        _never_found("the board was found in no picture")
+    made = calibrate_board(found.views, found.width_px, found.height_px, date=today())
+    return made, not found.missed and not any(view.was_left_out for view in made.views)
+
+
+def _from_camera(live: str, wanted: Board) -> tuple[BoardCalibration, bool]:
+    """Return what the views of a camera give; views that fit badly are part of the game."""
+    session = views_from_camera(live, wanted)
+    if not session.views:
+        _never_found("the camera saw no view of the board")
+    made = session.calibration or calibrate_board(session.views, session.width_px, session.height_px, date=today())
+    return made, True
+
+
+def _never_found(what: str) -> NoReturn:
+    typer.echo(
+        f"error: {what}, so nothing was written; count its inner corners again, and see that all of it, with a white "
+        "rim, is in the picture, sharp and evenly lit",
+        err=True,
+    )
+    raise typer.Exit(NOT_FOUND)
 
 
 def _wanted(

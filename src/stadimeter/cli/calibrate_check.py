@@ -12,6 +12,7 @@ from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import DistanceErrorOption, PicturesAtDistances, look_at
 from stadimeter.cli.target_options import (
     BallOption,
+    DiscOption,
     FamilyOption,
     HsvOption,
     KnownSideOption,
@@ -43,6 +44,7 @@ def check(
     tag: TagOption = None,
     family: FamilyOption = None,
     tag_id: TagIdOption = None,
+    disc: DiscOption = None,
     distance_error: DistanceErrorOption = 1.0,
 ) -> None:
     """Say how wrong a camera file is, from new pictures of a target at known distances.
@@ -59,7 +61,7 @@ def check(
     """
     with told_plainly():
         wanted = wanted_targets(
-            sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, tag=tag, family=family, tag_id=tag_id
+            sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, tag=tag, family=family, tag_id=tag_id, disc=disc
         )
         model = load_camera_model(camera)
         known = look_at(pictures, wanted, model)

@@ -12,9 +12,16 @@ import typer
 from stadimeter.app.calibrating import with_bias_undone
 from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
 from stadimeter.cli.formatting import LengthUnit, format_distance
-from stadimeter.cli.known_pictures import DistanceErrorOption, PicturesAtDistances, look_at, today
+from stadimeter.cli.known_pictures import (
+    DistanceErrorOption,
+    PicturesAtDistances,
+    ToneCurveOption,
+    look_at,
+    today,
+)
 from stadimeter.cli.target_options import (
     BallOption,
+    DiscOption,
     FamilyOption,
     HsvOption,
     KnownSideOption,
@@ -25,6 +32,7 @@ from stadimeter.cli.target_options import (
     wanted_targets,
 )
 from stadimeter.config.camera_file import save_camera_model
+from stadimeter.core.camera_model import ToneCurve
 from stadimeter.ranging.calibration import Calibration, FocalLength, KnownDistance, calibrate
 
 FAR_OFF_AXIS_RAD = math.radians(10)
@@ -52,7 +60,9 @@ def distance(
     tag: TagOption = None,
     family: FamilyOption = None,
     tag_id: TagIdOption = None,
+    disc: DiscOption = None,
     distance_error: DistanceErrorOption = 1.0,
+    tone_curve: ToneCurveOption = "srgb",
 ) -> None:
     """Calibrate a camera from pictures of a target at known distances.
 
@@ -61,6 +71,9 @@ def distance(
     camera looks; in the middle of the picture that is the straight line. One picture is enough; several, at different
     distances, are better: how far they differ shows how sure the focal length is, and from near and far ones the edge
     bias is found as well, by how much every edge is seen too far out.
+
+    Pictures of a raw or scientific camera, whose values are in proportion to light, need --tone-curve linear, which the
+    camera file then holds. Through the wrong curve each edge is off by some tenths of a pixel.
 
     Then `stadimeter measure` and `stadimeter run` need the camera file, and pictures from the same camera at any
     resolution of the same aspect, with the same zoom. An existing file is replaced.
@@ -77,13 +90,13 @@ def distance(
     """
     with told_plainly():
         wanted = wanted_targets(
-            sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, tag=tag, family=family, tag_id=tag_id
+            sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, tag=tag, family=family, tag_id=tag_id, disc=disc
         )
         known = look_at(pictures, wanted, None)
         if not known.usable:
             typer.echo("error: no picture can be used, so nothing was written", err=True)
             raise typer.Exit(NOT_FOUND)
-        made = _calibrated(known.usable, wanted, distance_error / 100)
+        made = _calibrated(known.usable, wanted, distance_error / 100, tone_curve)
         replaced = output.exists()
         save_camera_model(output, made.camera_model)
         _tell(made, wanted.unit)
@@ -91,14 +104,22 @@ def distance(
     raise typer.Exit(DONE if known.all_usable else NOT_FOUND)
 
 
-def _calibrated(known: tuple[KnownDistance, ...], wanted: WantedTargets, distance_relative_sigma: float) -> Calibration:
-    """Calibrate; several pictures are then looked at again, to tell the edge bias too."""
+def _calibrated(
+    known: tuple[KnownDistance, ...], wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
+) -> Calibration:
+    """Calibrate; the pictures are then looked at again, through the tone curve and, if several, to tell the edge bias.
+
+    The first look has no camera model yet, and takes the tone curve for that of sRGB.
+    """
     made = calibrate(known, date=today(), distance_relative_sigma=distance_relative_sigma)
-    if len(known) == 1:
+    if len(known) == 1 and tone_curve == made.camera_model.tone_curve:
         return made
-    rough = replace(made.camera_model, edge_bias_px=0.0)
+    rough = replace(made.camera_model, edge_bias_px=0.0, tone_curve=tone_curve)
     again = with_bias_undone(known, wanted.choices, rough)
-    return calibrate(again, date=today(), distance_relative_sigma=distance_relative_sigma)
+    if len(again) == 1:
+        again = (replace(again[0], less_bias=None),)  # one picture cannot tell it
+    made = calibrate(again, date=today(), distance_relative_sigma=distance_relative_sigma)
+    return replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve))
 
 
 def _tell(made: Calibration, unit: LengthUnit) -> None:

@@ -12,6 +12,9 @@ from stadimeter.errors import ConfigError
 UNKNOWN = "—"
 """Stands where there is no figure."""
 
+NO_FIGURE = 1e300
+"""Nothing is as much as this, whatever the unit; a little more cannot even be rounded."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LengthUnit:
@@ -88,7 +91,7 @@ def distance_figures(distance_m: float | None, sigma_m: float | None, unit: Leng
     if distance_m is None:
         return UNKNOWN, ""
     value, sigma = distance_m / unit.size_m, (sigma_m or 0.0) / unit.size_m
-    if not (math.isfinite(value) and math.isfinite(sigma) and sigma >= 0):
+    if not (abs(value) < NO_FIGURE and 0 <= sigma < NO_FIGURE):
         return UNKNOWN, ""
     decimals = _decimals_of(sigma, unit.decimals_max)
     shown_sigma = max(sigma, 10.0**-unit.decimals_max)  # a tiny one is rounded up: nothing is shown as ± 0
@@ -130,7 +133,7 @@ def format_speed(speed_mps: float | None, sigma_mps: float | None = None, unit: 
     if speed_mps is None:
         return UNKNOWN
     value, sigma = speed_mps / unit.size_m, (sigma_mps or 0.0) / unit.size_m
-    if not (math.isfinite(value) and math.isfinite(sigma) and sigma >= 0):
+    if not (abs(value) < NO_FIGURE and 0 <= sigma < NO_FIGURE):
         return UNKNOWN
     return f"{_fixed(value, _decimals_of(sigma, min(2, unit.decimals_max)))} {unit.symbol}/s"
 
@@ -169,6 +172,21 @@ def format_bearing(bearing_rad: float | None) -> str:
     if degrees == 0:
         return "ahead"
     return f"{abs(degrees)}° {'right' if degrees > 0 else 'left'}"
+
+
+def format_tilt(tilt_rad: float | None) -> str:
+    """Write how far something flat is turned away, in whole degrees.
+
+    Args:
+        tilt_rad: The angle between its normal and the line of sight; None for what has none, such as a ball.
+
+    Returns:
+        Such as ``tilted 14°`` or ``face on``; empty if unknown, or if it is no angle at all.
+    """
+    if tilt_rad is None or not abs(tilt_rad) <= math.tau:
+        return ""
+    degrees = round(math.degrees(abs(tilt_rad)))
+    return f"tilted {degrees}°" if degrees else "face on"
 
 
 def format_level(level: float) -> str:

@@ -13,7 +13,7 @@ import typer
 from stadimeter.app.calibrating import check_lens_settings, known_distance
 from stadimeter.app.measuring import build_detectors
 from stadimeter.cli.target_options import WantedTargets, parse_known_length
-from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.calibration import KnownDistance
@@ -30,6 +30,14 @@ DistanceErrorOption = Annotated[
         min=0.0,
         max=50.0,
         help="How well you know the distances: one standard deviation, in per cent of each.",
+    ),
+]
+ToneCurveOption = Annotated[
+    ToneCurve,
+    typer.Option(
+        "--tone-curve",
+        help="How the camera's values follow from light: srgb for nearly every camera, linear for raw pictures, whose "
+        "values are in proportion to it.",
     ),
 ]
 

@@ -11,6 +11,7 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.cli.candidates import LookedAt
 from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.live_screen import LiveScreen
 from stadimeter.cli.run_history import RunHistory
@@ -63,6 +64,7 @@ class LiveView:
         self._console = console or Console()
         self._real_time_s = real_time_s
         self._history = RunHistory()
+        self._looked_at = LookedAt()
         self._record: CycleRecord | None = None
         self._live: Live | None = None
         self._draw_at_s = 0.0
@@ -90,6 +92,7 @@ class LiveView:
         """
         self._record = record
         self._history.add(record)
+        self._looked_at.add(record)
         started_s = self._real_time_s()
         if self._live is None or started_s < self._draw_at_s:
             return
@@ -108,6 +111,8 @@ class LiveView:
                 started_s=history.started_s,
                 frame_rate_hz=history.frame_rate_hz,
                 frame_age_s=history.frame_age_s,
+                tilts_rad=history.tilts_rad,
+                looked_at=self._looked_at.by_target,
                 samples={target: tuple(samples) for target, samples in history.samples.items()},
                 events=tuple(history.events),
                 messages=self._messages(),

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,10 +16,12 @@ from stadimeter.app.annotation import annotate, write_picture
 from stadimeter.app.measuring import NamedDetector, PictureResult, TargetResult, build_detectors, measure_picture
 from stadimeter.cli.annotated_copies import copy_paths, marks_of
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, told_plainly
-from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_distance
+from stadimeter.cli.explanation import explanation, explanation_record
+from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_distance, format_tilt
 from stadimeter.cli.target_options import (
     BallOption,
     ConfigOption,
+    DiscOption,
     FamilyOption,
     HsvOption,
     KnownSideOption,
@@ -69,12 +72,17 @@ def measure(
     tag: TagOption = None,
     family: FamilyOption = None,
     tag_id: TagIdOption = None,
+    disc: DiscOption = None,
     config: ConfigOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.")] = False,
     copies: Annotated[
         Path | None,
         typer.Option("--annotate", metavar="DIR", help="Write a copy of each picture there, with what was measured."),
     ] = None,
+    explain: Annotated[
+        bool,
+        typer.Option("--explain", help="Say how each result came about, and what was rejected and why."),
+    ] = False,
 ) -> None:
     """Measure how far away a target is in pictures.
 
@@ -86,7 +94,13 @@ def measure(
     it has no distance.
 
     With --json, each line is an object with file, target, status (measured, not_found, truncated or error),
-    distance_m, depth_m, sigma_m, bearing_rad (positive to the right), elevation_rad (positive upwards) and reason.
+    distance_m, depth_m, sigma_m, bearing_rad (positive to the right), elevation_rad (positive upwards), tilt_rad (of
+    something flat, 0 for face on), ambiguity (0 if the tilt is certain, 1 if it may as well be the other way) and
+    reason.
+
+    With --explain, each line is followed by what was seen and how sharply, what the standard deviation is made up of,
+    and what was looked at but rejected: where it is, how large, and the test that it failed. With --json as further
+    fields, among them rejected, a list of objects; with --annotate drawn into the copies under the same numbers.
 
     **Examples**
 
@@ -96,19 +110,30 @@ def measure(
 
     - `stadimeter measure shots/*.jpg --config config/follow-ball.toml --annotate annotated`
 
+    - `stadimeter measure dark.jpg --camera camera.toml --tag 8cm --family 36h11 --explain`
+
     **Exit code**: 0 everything was measured; 1 a target was not found, or cut off; 2 an option, a file or a
     picture is wrong. A bad picture does not stop the others.
     """
     with told_plainly():
         wanted = wanted_targets(
-            sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, config=config, tag=tag, family=family, tag_id=tag_id
+            sheet=sheet,
+            known_side=known_side,
+            ball=ball,
+            hsv=hsv,
+            config=config,
+            tag=tag,
+            family=family,
+            tag_id=tag_id,
+            disc=disc,
         )
         camera_model = _camera_model(camera, wanted)
         targets = build_detectors(wanted.choices, camera_model)
-        printer = _json_printer() if as_json else _line_printer(images, wanted)
+        printer = _json_printer(explain=explain) if as_json else _line_printer(images, wanted, explain=explain)
         paths = copy_paths(images, copies)
         codes = [
-            _one(image, targets, camera_model, printer, paths.get(image), wanted.unit) for image in _counted(images)
+            _one(image, targets, camera_model, printer, _Copy.of(paths.get(image), wanted.unit, explain=explain))
+            for image in _counted(images)
         ]
     raise typer.Exit(max(codes))
 
@@ -132,37 +157,50 @@ def _one(
     targets: Sequence[NamedDetector],
     camera_model: CameraModel,
     printer: Printer,
-    copy: Path | None,
-    unit: LengthUnit,
+    copy: _Copy | None,
 ) -> int:
     """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
     result = measure_picture(image, targets, camera_model)
     for each in result.targets:
         printer(each)
     code = max(EXIT_CODES[each.measurement.status] for each in result.targets)
-    return max(code, _write_copy(result, copy, unit)) if copy else code
+    return max(code, _write_copy(result, copy)) if copy else code
 
 
-def _write_copy(result: PictureResult, copy: Path, unit: LengthUnit) -> int:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Copy:
+    """A copy of a picture to be written: where to, and what it says."""
+
+    path: Path
+    unit: LengthUnit
+    explain: bool
+
+    @classmethod
+    def of(cls, path: Path | None, unit: LengthUnit, *, explain: bool) -> _Copy | None:
+        return None if path is None else cls(path=path, unit=unit, explain=explain)
+
+
+def _write_copy(result: PictureResult, copy: _Copy) -> int:
     if result.frame is None:
         return DONE
     try:
-        write_picture(copy, annotate(result.frame.image, marks_of(result, unit)))
+        write_picture(copy.path, annotate(result.frame.image, marks_of(result, copy.unit, explain=copy.explain)))
     except PictureError as error:
         typer.echo(f"error: {error}", err=True)
         return WRONG
     return DONE
 
 
-def _json_printer() -> Printer:
+def _json_printer(*, explain: bool) -> Printer:
     def print_record(result: TargetResult) -> None:
-        typer.echo(json.dumps(result.record()))
+        further = explanation_record(result) if explain else {}
+        typer.echo(json.dumps({**result.record(), **further}))
         _tell_error(result)
 
     return print_record
 
 
-def _line_printer(images: Sequence[Path], wanted: WantedTargets) -> Printer:
+def _line_printer(images: Sequence[Path], wanted: WantedTargets, *, explain: bool) -> Printer:
     file_width = max(len(str(image)) for image in images)
     target_width = max(len(choice.name) for choice in wanted.choices)
 
@@ -170,6 +208,8 @@ def _line_printer(images: Sequence[Path], wanted: WantedTargets) -> Printer:
         if not _tell_error(result):
             head = f"{result.file:<{file_width}}  {result.measurement.target:<{target_width}}"
             typer.echo(f"{head}  {_in_words(result, wanted.unit)}")
+            for line in explanation(result) if explain else ():
+                typer.echo(line)
 
     return print_line
 
@@ -190,7 +230,8 @@ def _in_words(result: TargetResult, unit: LengthUnit) -> str:
     in_metres = format_distance(measured.distance_m, measured.sigma_m, METRE)
     first = "" if unit is METRE else f"{format_distance(measured.distance_m, measured.sigma_m, unit):<16}"
     depth = format_distance(measured.depth_m, measured.sigma_m, unit)
-    return f"{first}{in_metres:<18}depth {depth:<16}{format_bearing(measured.bearing_rad)}"
+    whereabouts = f"{format_bearing(measured.bearing_rad):<11}{format_tilt(measured.tilt_rad)}".rstrip()
+    return f"{first}{in_metres:<18}depth {depth:<16}{whereabouts}"
 
 
 def _counted(images: Sequence[Path]) -> Iterator[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.cli.candidates import LookedAt, format_best
 from stadimeter.cli.formatting import (
     format_distance,
     format_level,
@@ -53,6 +54,7 @@ class PlainView:
         self._started_s: float | None = None
         self._due_s = 0.0
         self._said = ""
+        self._looked_at = LookedAt()
 
     def update(self, record: CycleRecord) -> None:
         """Write what there is to say about a cycle.
@@ -61,6 +63,7 @@ class PlainView:
             record: The cycle.
         """
         now_s = record.observation.now_s
+        self._looked_at.add(record)
         if self._started_s is None:
             self._started_s = self._due_s = now_s
         for event in record.decision.events:
@@ -97,7 +100,9 @@ class PlainView:
         if track.is_valid:
             distance = format_distance(track.distance_m, track.sigma_m, self._unit)
             return f"{track.target} {distance} {track.status.value}"
-        return f"{track.target} {track.status.value}" + (f" ({track.reason})" if track.reason else "")
+        best = format_best(track.reason, self._looked_at.by_target.get(track.target, ()))
+        why = "; ".join(words for words in (track.reason, best) if words)
+        return f"{track.target} {track.status.value}" + (f" ({why})" if why else "")
 
     def _output(self, command: Command) -> str:
         if isinstance(command, LevelCommand):

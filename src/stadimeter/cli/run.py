@@ -11,7 +11,6 @@ import typer
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.demonstration import demo_configuration
-from stadimeter.app.journal import JournalWriter
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.signals import stopping_on_signals
 from stadimeter.cli.exits import told_plainly
@@ -97,6 +96,8 @@ def _run(loop: Loop, limits: Limits, journal: Path | None, view: View, title: st
     with ExitStack() as closing:
         closing.enter_context(stopping_on_signals(loop.stop))
         if journal is not None:
+            from stadimeter.app.journal import JournalWriter  # noqa: PLC0415 - it takes long, and few runs have one
+
             loop.journal = JournalWriter(journal, loop.parts.configuration.text)
             closing.callback(loop.journal.close)
         closing.enter_context(show(loop, view, title, unit))

@@ -45,6 +45,7 @@ class RunHistory:
         self._samples: dict[str, deque[Sample]] = {}
         self._captured_s: deque[float] = deque()
         self._newest_frame_s: float | None = None
+        self._tilts_rad: Mapping[str, float] = {}
         self._events: deque[Event] = deque(maxlen=EVENTS_MAX)
         self._started_s: float | None = None
         self._now_s = 0.0
@@ -60,6 +61,8 @@ class RunHistory:
             self._started_s = self._now_s
         if record.observation.frame is not None:
             self._add_frame(record.observation.frame.captured_at_s)
+            seen = record.observation.measurements
+            self._tilts_rad = {each.target: each.tilt_rad for each in seen if each.tilt_rad is not None}
         while self._captured_s and self._captured_s[0] < self._now_s - RATE_WINDOW_S:
             self._captured_s.popleft()
         for track in record.decision.tracks:
@@ -87,6 +90,11 @@ class RunHistory:
     def samples(self) -> Mapping[str, Sequence[Sample]]:
         """The distances of each target, oldest first."""
         return self._samples
+
+    @property
+    def tilts_rad(self) -> Mapping[str, float]:
+        """How far each target that is flat, and was measured in the newest frame, is turned away."""
+        return self._tilts_rad
 
     @property
     def events(self) -> Sequence[Event]:

@@ -12,6 +12,7 @@ from stadimeter.cli.formatting import METRE, LengthUnit
 from stadimeter.cli.glyphs import Glyphs
 from stadimeter.cli.run_history import Sample
 from stadimeter.core.decision import Event
+from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.message import Message
 
 
@@ -26,6 +27,9 @@ class Snapshot:
         started_s: The time of the first cycle, on the run's monotonic clock.
         frame_rate_hz: How many frames a second come.
         frame_age_s: How old the newest frame is; None before the first.
+        looked_at: For each target that was not measured in the newest frame, what was looked at in vain, the most like
+            it first.
+        tilts_rad: How far each target that is flat, and was measured in the newest frame, is turned away.
         samples: The recent distances of each target, oldest first.
         events: The recent events, newest first.
         messages: What was sent to other programs and when, newest first.
@@ -39,6 +43,8 @@ class Snapshot:
     started_s: float = 0.0
     frame_rate_hz: float = 0.0
     frame_age_s: float | None = None
+    looked_at: Mapping[str, Sequence[RejectedCandidate]] = field(default_factory=dict)
+    tilts_rad: Mapping[str, float] = field(default_factory=dict)
     samples: Mapping[str, Sequence[Sample]] = field(default_factory=dict)
     events: Sequence[Event] = ()
     messages: Sequence[tuple[float, Message]] = ()

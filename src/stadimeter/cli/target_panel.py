@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import textwrap
 
 from rich.text import Text
 
 from stadimeter.cli.big_digits import big_digits
+from stadimeter.cli.candidates import format_best
 from stadimeter.cli.formatting import (
     FOOT,
     UNKNOWN,
@@ -16,6 +18,7 @@ from stadimeter.cli.formatting import (
     format_closing,
     format_distance,
     format_feet_and_inches,
+    format_tilt,
     format_time,
 )
 from stadimeter.cli.glyphs import Glyphs
@@ -36,6 +39,9 @@ BEARING_END_RAD = math.radians(30)
 BIG_WIDTH, BIG_ROWS = 48, 14
 """From this size on there is room for large digits."""
 
+WHY_FROM_ROWS, WHY_ROWS = 7, 4
+"""From so many rows on, why a target is not measured has lines of its own; at most so many."""
+
 
 def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
     """Show one target in the room that there is.
@@ -54,9 +60,11 @@ def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs
     if rows < 2:
         return [glyphs.fit(figures.one_line(), width)][:rows]
     is_big = rows >= BIG_ROWS and width >= BIG_WIDTH and not glyphs.ascii_only
+    why = figures.why_not(width, WHY_ROWS) if rows >= WHY_FROM_ROWS else []
     top = [
         heading(track.target, width, glyphs, (track.status.value, f"bold {STATUS_STYLES[track.status]}")),
-        *(figures.large() if is_big else [figures.normal()]),
+        *(figures.large(with_reason=not why) if is_big else [figures.normal(with_reason=not why)]),
+        *why,
     ]
     chart = StripChart(
         width=width,
@@ -85,15 +93,24 @@ class _Figures:
         line = Text.assemble(" ", (self._words(self._track.target), "bold"), " ", self._distance(), status)
         return line.append_text(Text("  ").join(self._whereabouts()))
 
-    def normal(self) -> Text:
-        return Text("  ").join((Text.assemble(" ", self._distance(), " "), *self._whereabouts()))
+    def normal(self, *, with_reason: bool = True) -> Text:
+        return Text("  ").join((Text.assemble(" ", self._distance(), " "), *self._whereabouts(with_reason=with_reason)))
 
-    def large(self) -> list[Text]:
+    def large(self, *, with_reason: bool = True) -> list[Text]:
         number, plus_minus = distance_figures(self._track.distance_m, self._track.sigma_m, self._unit)
         unit = "" if number == UNKNOWN else self._unit.symbol
         beside = Text.assemble((f"{unit} ± {plus_minus}" if plus_minus else unit, self._style), self._also())
-        rows = zip(big_digits(number), (beside, *self._whereabouts()), strict=True)
+        rows = zip(big_digits(number), (beside, *self._whereabouts(with_reason=with_reason)), strict=True)
         return [Text.assemble(" ", (digits, self._style), "  ", words) for digits, words in rows]
+
+    def why_not(self, width: int, rows: int) -> list[Text]:
+        """Return why it is not measured, and what looked most like it: nothing if it is, or nothing is known."""
+        if self._track.status is TrackStatus.TRACKING:
+            return []
+        best = format_best(self._track.reason, self._snapshot.looked_at.get(self._track.target, ()))
+        told = ((self._track.reason, "italic yellow"), (best, "dim"))
+        lines = [Text(f" {line}", style) for words, style in told for line in _wrapped(self._words(words), width - 2)]
+        return lines[:rows]
 
     def _distance(self) -> Text:
         words = format_distance(self._track.distance_m, self._track.sigma_m, self._unit)
@@ -105,15 +122,16 @@ class _Figures:
             return Text()
         return Text(f" ({format_feet_and_inches(self._track.distance_m, self._track.sigma_m)})", "dim")
 
-    def _whereabouts(self) -> tuple[Text, Text]:
+    def _whereabouts(self, *, with_reason: bool = True) -> tuple[Text, Text]:
         """Return how it moves and where it is, or since when and why that is not known."""
-        reason = Text(self._words(self._track.reason), "italic yellow")
+        reason = Text(self._words(self._track.reason) if with_reason else "", "italic yellow")
         if not self._track.is_valid:
             return Text(self._last_seen(), "italic"), reason
         speed = format_closing(self._track.closing_mps, self._track.closing_sigma_mps, self._unit)
         bearing = self._words(format_bearing(self._track.bearing_rad))
         scale = bearing_scale(self._track.bearing_rad, self._glyphs)
-        return Text(f"{speed:<16}"), Text.assemble(f"{bearing:<9} ", scale, "  ", reason)
+        tilt = self._words(format_tilt(self._snapshot.tilts_rad.get(self._track.target)))
+        return Text(f"{speed:<16}"), Text.assemble(f"{bearing:<9} ", scale, f"  {tilt}  " if tilt else "  ", reason)
 
     def _last_seen(self) -> str:
         if self._track.measured_at_s is None or self._snapshot.record is None:
@@ -122,6 +140,12 @@ class _Figures:
 
     def _words(self, text: str) -> str:
         return self._glyphs.words(text)
+
+
+def _wrapped(words: str, width: int) -> list[str]:
+    """Return words on two lines at most."""
+    lines = textwrap.wrap(words, max(1, width)) if words else []
+    return [*lines[:1], " ".join(lines[1:])] if len(lines) > 1 else lines
 
 
 def bearing_scale(bearing_rad: float | None, glyphs: Glyphs, width: int = 17) -> Text:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Literal, TextIO
+from typing import TYPE_CHECKING, Literal, TextIO
 
 import typer
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Loop
-from stadimeter.cli.live_view import LiveView
 from stadimeter.cli.plain_view import PlainView
 from stadimeter.cli.view_thread import ViewThread
 from stadimeter.core.plan import AlarmRule, AnyRule, DistanceCondition, FollowRule, Plan, RampRule
+
+if TYPE_CHECKING:
+    from stadimeter.cli.live_view import LiveView
 
 View = Literal["live", "plain", "json"]
 
@@ -33,13 +35,7 @@ def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
         Nothing; the view ends with the context.
     """
     if view == "live":
-        limits_m = chart_limits_m(loop.parts.configuration.plan)
-        with (
-            LiveView(
-                title, unit=unit, trouble=loop.trouble, messages=lambda: tuple(loop.published), limits_m=limits_m
-            ) as live,
-            _fed(loop, live.update),
-        ):
+        with live_view_of(loop, title, unit) as live, _fed(loop, live.update):
             yield
         return
     if view == "plain":
@@ -80,6 +76,8 @@ def live_view_of(loop: Loop, title: str, unit: str) -> LiveView:
     Returns:
         The view, not shown yet.
     """
+    from stadimeter.cli.live_view import LiveView  # noqa: PLC0415 - it takes long, and few runs show it
+
     return LiveView(
         title,
         unit=unit,

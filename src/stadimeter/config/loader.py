@@ -11,13 +11,15 @@ from typing import Any
 from stadimeter.config.cross_checks import error_findings, warning_findings
 from stadimeter.config.draft import BASE_NAME, Draft, read_draft
 from stadimeter.config.driver_choice import DriverChoice
+from stadimeter.config.driver_tables import CAMERA, read_driver_table
 from stadimeter.config.findings import problems
+from stadimeter.config.paths import validation_context
 from stadimeter.config.toml_lines import key_places, syntax_error
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.plan import Output, Plan
 from stadimeter.errors import ConfigError, Problem
 
-__all__ = ["Configuration", "DriverChoice", "load_configuration"]
+__all__ = ["Configuration", "DriverChoice", "load_camera_choice", "load_configuration"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +88,28 @@ def load_configuration(path: Path) -> Configuration:
         leases_s=_leases(draft),
         warnings=problems(warning_findings(draft), str(path), places),
     )
+
+
+def load_camera_choice(path: Path) -> DriverChoice:
+    """Load the camera of a configuration, and nothing else: not its camera file, which may not be there yet.
+
+    Args:
+        path: The TOML file.
+
+    Returns:
+        The camera's driver.
+
+    Raises:
+        ConfigError: It lists every problem of the section ``[camera]``.
+    """
+    text = _read(path)
+    table = _parse(path, text).get("camera")
+    if not isinstance(table, Mapping):
+        raise ConfigError([Problem("the section [camera] is missing", str(path), hint='add one: driver = "opencv"')])
+    read = read_driver_table(CAMERA, ("camera",), table, validation_context(path))
+    if read.choice is None or read.findings:
+        raise ConfigError(problems(read.findings, str(path), key_places(text)))
+    return read.choice
 
 
 def _read(path: Path) -> str:

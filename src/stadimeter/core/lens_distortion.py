@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from stadimeter.errors import CalibrationError
 
 Coefficients = tuple[float, ...]
 Points = NDArray[np.float64]
+Numbers = TypeVar("Numbers", float, Points)
 
 _STEPS = 20
 """Newton's method needs three to six steps on real lenses; what needs more does not arrive."""
@@ -67,6 +69,20 @@ def distorted(directions: Points, coefficients: Coefficients) -> Points:
     return np.column_stack((bent_x * within, bent_y * within))
 
 
+def distorted_direction(x: float, y: float, coefficients: Coefficients) -> tuple[float, float]:
+    """Return where one direction appears, without the cost of arrays.
+
+    Args:
+        x: To the right, per unit of depth.
+        y: Down, per unit of depth.
+        coefficients: k1, k2, p1, p2 and perhaps k3.
+
+    Returns:
+        The bent direction; NaN where it is out of the lens's reach.
+    """
+    return _bent(x, y, coefficients) if x * x + y * y < _reach(coefficients) else (math.nan, math.nan)
+
+
 def undistorted(appearing: Points, coefficients: Coefficients) -> Points:
     """Return which directions appear at some places: the inverse of `distorted`.
 
@@ -98,7 +114,7 @@ def _off(x: Points, y: Points, wanted_x: Points, wanted_y: Points, coefficients:
     return wanted_x - bent_x, wanted_y - bent_y
 
 
-def _bent(x: Points, y: Points, coefficients: Coefficients) -> tuple[Points, Points]:
+def _bent(x: Numbers, y: Numbers, coefficients: Coefficients) -> tuple[Numbers, Numbers]:
     k1, k2, p1, p2, k3 = _all_five(coefficients)
     s = x * x + y * y
     radial = 1 + s * (k1 + s * (k2 + s * k3))

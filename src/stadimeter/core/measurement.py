@@ -33,6 +33,9 @@ class Measurement:
             and no other.
         bearing_rad: Angle from the optical axis, positive to the right.
         elevation_rad: Angle from the optical axis, positive upwards.
+        tilt_rad: Of something flat, the angle between its normal and the line of sight, 0 for face on; None for a ball.
+        ambiguity: Of something flat, how far it is from certain which of two mirrored poses it has: 0 for certain, 1
+            for no idea; None for a ball.
         reason: Why there is no distance; empty if there is one.
     """
 
@@ -45,6 +48,8 @@ class Measurement:
     noise_m: float | None = None
     bearing_rad: float | None = None
     elevation_rad: float | None = None
+    tilt_rad: float | None = None
+    ambiguity: float | None = None
     reason: str = ""
 
     @property

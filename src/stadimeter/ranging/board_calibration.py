@@ -37,6 +37,7 @@ _JACKKNIFE_GROUPS = 15
 _OUTLIER_MADS = 5.0
 _OUTLIER_MEDIANS = 2.5
 _COVERAGE_CELLS = (8, 6)
+_CORNERS_IN_COMMON = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -133,6 +134,7 @@ def calibrate_board(views: Sequence[BoardView], width_px: int, height_px: int, *
         )
     fit, used, bad = _without_outliers(used, shape)
     errors = dict(zip(map(id, used), fit.view_rms_px, strict=True))
+    share, uncovered = coverage(used, width_px, height_px)
     return BoardCalibration(
         camera_model=_model(fit, used, shape, date),
         views=tuple(
@@ -142,8 +144,8 @@ def calibrate_board(views: Sequence[BoardView], width_px: int, height_px: int, *
             for view in views
         ),
         rms_px=fit.rms_px,
-        coverage=float(_covered(used, shape, _COVERAGE_CELLS).mean()),
-        uncovered=_uncovered(used, shape),
+        coverage=share,
+        uncovered=uncovered,
     )
 
 
@@ -151,7 +153,7 @@ def _different(views: Sequence[BoardView], same_px: float) -> tuple[list[BoardVi
     different: list[BoardView] = []
     same: dict[int, ViewError] = {}
     for view in views:
-        other = next((each for each in different if _apart_px(view, each) < same_px), None)
+        other = next((each for each in different if apart_px(view, each) < same_px), None)
         if other is None:
             different.append(view)
         else:
@@ -162,11 +164,54 @@ def _different(views: Sequence[BoardView], same_px: float) -> tuple[list[BoardVi
     return different, same
 
 
-def _apart_px(view: BoardView, other: BoardView) -> float:
-    """Return the mean distance between the corners of two views; infinite if they do not show the same ones."""
-    if not np.array_equal(view.board_m, other.board_m):
+def apart_px(view: BoardView, other: BoardView) -> float:
+    """Return how far two views are apart.
+
+    Args:
+        view: A view.
+        other: Another view of the same board.
+
+    Returns:
+        The mean distance between the corners that both show; infinite if there are fewer than four.
+    """
+    here, there = in_common(view, other)
+    if len(here) < _CORNERS_IN_COMMON:
         return math.inf
-    return float(np.linalg.norm(view.corners_px - other.corners_px, axis=1).mean())
+    return float(np.linalg.norm(here - there, axis=1).mean())
+
+
+def in_common(view: BoardView, other: BoardView) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where two views have the corners that both of them show.
+
+    Args:
+        view: A view.
+        other: Another view of the same board.
+
+    Returns:
+        The corners in the one and in the other picture, each of shape (n, 2), in the same order.
+    """
+    if np.array_equal(view.board_m, other.board_m):
+        return view.corners_px, other.corners_px
+    places = {tuple(corner): index for index, corner in enumerate(other.board_m)}
+    pairs = [(index, places.get(tuple(corner))) for index, corner in enumerate(view.board_m)]
+    both = np.array([pair for pair in pairs if pair[1] is not None], dtype=np.intp).reshape(-1, 2)
+    return view.corners_px[both[:, 0]], other.corners_px[both[:, 1]]
+
+
+def coverage(views: Sequence[BoardView], width_px: int, height_px: int) -> tuple[float, tuple[str, ...]]:
+    """Return where in the picture corners were seen.
+
+    Args:
+        views: One at least.
+        width_px: The pictures' width.
+        height_px: The pictures' height.
+
+    Returns:
+        The share of the picture's area, in cells of a grid, that has a corner; and the ninths of the picture without
+        any, in words such as ``upper left``.
+    """
+    shape = (width_px, height_px)
+    return float(_covered(views, shape, _COVERAGE_CELLS).mean()), _uncovered(views, shape)
 
 
 def _without_outliers(

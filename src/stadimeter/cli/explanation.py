@@ -1,0 +1,130 @@
+"""What ``measure --explain`` says below each line: what was seen, how sure that is, and what else was looked at."""
+
+from __future__ import annotations
+
+import math
+
+from stadimeter.app.measuring import TargetResult
+from stadimeter.cli.candidates import format_place
+from stadimeter.cli.formatting import format_tilt
+from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
+from stadimeter.core.measurement import Measurement
+from stadimeter.ranging.sigma_parts import SigmaParts
+
+INDENT = 4
+LABEL_WIDTH = 11
+
+UNSURE = 0.5
+"""From this ambiguity on it is said that another tilt explains the picture nearly as well."""
+
+_NO_SHARE = 5e-6
+"""A smaller share of the distance is written as no uncertainty."""
+
+
+def explanation(result: TargetResult) -> list[str]:
+    """Explain what became of a target in a picture.
+
+    Args:
+        result: What became of it.
+
+    Returns:
+        Lines of text, to stand below the one with the result; none for a picture that could not be read.
+    """
+    found = result.detection
+    if found is None:
+        return []
+    is_there = found.status is not DetectionStatus.NOT_FOUND
+    told = _found(found, result.measurement, result.parts) if is_there else []
+    return [f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}" for label, words in (*told, *_rejected(result, found))]
+
+
+def explanation_record(result: TargetResult) -> dict[str, object]:
+    """Return the same as `explanation` as further fields of the object that ``--json`` prints.
+
+    Args:
+        result: What became of the target.
+
+    Returns:
+        Lengths in metres and in pixels; null where the target was not found.
+    """
+    found, parts = result.detection, result.parts
+    seen = found if found is not None and found.status is not DetectionStatus.NOT_FOUND else None
+    return {
+        "remark": found.reason if found is not None and parts is not None else "",
+        "centre_px": [_number(each) for each in seen.centre_px] if seen else None,
+        "width_px": _number(seen.width_px) if seen else None,
+        "height_px": _number(seen.height_px) if seen else None,
+        "size_sigma_px": _number(seen.size_sigma_px) if seen else None,
+        "quality": _number(seen.quality) if seen else None,
+        "sigma_edges_m": _number(parts.edges_m) if parts else None,
+        "sigma_focal_length_m": _number(parts.focal_length_m) if parts else None,
+        "sigma_size_m": _number(parts.size_m) if parts else None,
+        "sigma_pose_m": _number(parts.pose_m) if parts else None,
+        "rejected": [_rejected_record(number, each) for number, each in result.rejected],
+    }
+
+
+def _rejected_record(number: int, candidate: RejectedCandidate) -> dict[str, object]:
+    return {
+        "number": number,
+        "centre_px": [_number(each) for each in candidate.centre_px],
+        "size_px": _number(candidate.size_px),
+        "reason": candidate.reason,
+    }
+
+
+def _number(value: float) -> float | None:
+    """Return a number that JSON can hold; None for what is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _found(found: Detection, measured: Measurement, parts: SigmaParts | None) -> list[tuple[str, str]]:
+    lines = []
+    if found.width_px > 0:
+        size = f"{found.width_px:.2f} x {found.height_px:.2f} px ± {found.size_sigma_px:.2f}"
+        x, y = found.centre_px
+        lines.append(("seen", f"{size} at {x:.1f}, {y:.1f}, quality {found.quality:.2f}"))
+    if measured.tilt_rad is not None:
+        lines.append(("tilt", f"{format_tilt(measured.tilt_rad)}{_mirrored(measured)}"))
+    if parts is not None:
+        lines.append(("sigma", _sigma_in_words(measured, parts)))
+        if found.reason:
+            lines.append(("remark", found.reason))
+    return lines
+
+
+def _mirrored(measured: Measurement) -> str:
+    if measured.ambiguity is None:
+        return ""
+    figure = f"{measured.ambiguity:.2f}"
+    if measured.ambiguity >= UNSURE:
+        return f", or mirrored: both explain the picture nearly alike (ambiguity {figure}, 1 is no idea)"
+    return f", ambiguity {figure}"
+
+
+def _sigma_in_words(measured: Measurement, parts: SigmaParts) -> str:
+    distance_m = measured.distance_m or math.inf
+    is_flat = measured.tilt_rad is not None
+    named = [("edges", parts.edges_m), ("focal length", parts.focal_length_m), ("size", parts.size_m)]
+    if parts.pose_m >= _NO_SHARE * distance_m:
+        named.append(("which way it is tilted" if is_flat else "other causes", parts.pose_m))
+    causes = ", ".join(f"{name} {_share(sigma_m / distance_m)}" for name, sigma_m in named)
+    return f"{_share((measured.sigma_m or 0.0) / distance_m)} of the distance: {causes}"
+
+
+def _share(share: float) -> str:
+    if share < _NO_SHARE:
+        return "taken as exact"
+    return f"{100 * share:.3f} %" if share < 0.001 else f"{100 * share:.2f} %"
+
+
+def _rejected(result: TargetResult, found: Detection) -> list[tuple[str, str]]:
+    if not found.rejected:
+        return [("rejected", "nothing else was looked at" if len(found.outline_px) else "nothing was looked at")]
+    number_width = len(str(result.rejected[-1][0]))
+    places = [format_place(candidate) for candidate in found.rejected]
+    place_width = max(map(len, places))
+    return [
+        ("" if index else "rejected", f"{number:>{number_width}}  {place:<{place_width}}  {candidate.reason}")
+        for index, ((number, candidate), place) in enumerate(zip(result.rejected, places, strict=True))
+    ]
