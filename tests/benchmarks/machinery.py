@@ -2,7 +2,8 @@
 
 The whole loop runs in a simulated world whose camera draws nothing and whose detector is told where the ball is. The
 time between two turns of the loop is taken, less what the camera and the measurement took of it: what is left is
-deciding, applying, the journal, composing and sending messages, and the loop itself.
+deciding, applying, the journal, composing and sending messages, and the loop itself. Messages go to a simulated broker,
+and in one more row through a real client to a mosquitto of our own, if this machine has one.
 
 Machines differ, and this one may be busy. Every row is the quietest of some rounds, which take turns, and stands as a
 multiple of a yardstick too that was measured in the same run: one `json.dumps` of a fixed object.
@@ -16,7 +17,7 @@ import math
 import statistics
 import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,7 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
+from stadimeter.testing.broker import HOST, make_broker, mosquitto_program
 from stadimeter.testing.observing import measured
 
 COUNTS = (1, 10, 100)
@@ -40,6 +42,8 @@ FRAMES = 1200
 ROUNDS = 5
 FRAME_S = 1 / 30
 OUTPUTS = 4
+WHOLE = "all but vision"
+WITH_BROKER = "all but vision, MQTT to mosquitto"
 YARDSTICK = {f"figure_{number}_m": number / 7 for number in range(40)}
 
 WORLD = """
@@ -178,7 +182,7 @@ def measure_all(counts: Sequence[int] = COUNTS, frames: int = FRAMES, rounds: in
         The rows.
     """
     seen = observations(frames)
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as name, ExitStack() as closing_broker:
         folder = Path(name)
         work: dict[tuple[str, int], Callable[[], list[float]]] = {("yardstick", 0): yardstick_times_s}
         for count in counts:
@@ -186,7 +190,10 @@ def measure_all(counts: Sequence[int] = COUNTS, frames: int = FRAMES, rounds: in
             plan = load_configuration(path).plan
             work["decide", count] = partial(decide_times_s, plan, seen)
             work["all but vision, no journal", count] = partial(turn_times_s, path, frames, None)
-            work["all but vision", count] = partial(turn_times_s, path, frames, folder / "run.jsonl")
+            work[WHOLE, count] = partial(turn_times_s, path, frames, folder / "run.jsonl")
+        if mosquitto_program():
+            path = _with_broker(max(counts), folder, closing_broker)
+            work[WITH_BROKER, max(counts)] = partial(turn_times_s, path, frames, folder / "run.jsonl")
         times_s: dict[tuple[str, int], list[list[float]]] = {key: [] for key in work}
         for _ in range(rounds):
             for key, measure in work.items():
@@ -194,6 +201,16 @@ def measure_all(counts: Sequence[int] = COUNTS, frames: int = FRAMES, rounds: in
     quietest_s = {key: min(rounds_s, key=statistics.median) for key, rounds_s in times_s.items()}
     yardstick_s = statistics.median(quietest_s.pop(("yardstick", 0)))
     return [_row(what, count, row_s, yardstick_s) for (what, count), row_s in quietest_s.items()]
+
+
+def _with_broker(count: int, folder: Path, closing_broker: ExitStack) -> Path:
+    """Start a broker, and return a configuration that sends its messages there."""
+    own = folder / "mqtt"
+    own.mkdir()
+    broker = make_broker(own)
+    broker.start()
+    closing_broker.callback(broker.stop)
+    return configuration(count, own, f'driver = "mqtt"\nhost = "{HOST}"\nport = {broker.port}')
 
 
 def _row(what: str, rules: int, times_s: Sequence[float], yardstick_s: float) -> Row:
@@ -211,6 +228,8 @@ def markdown(rows: Sequence[Row]) -> str:
     """Return the rows as a Markdown table."""
     lines = ["| what | rules | median µs | p95 µs | × json.dumps |", "| --- | ---: | ---: | ---: | ---: |"]
     lines += [f"| {r.what} | {r.rules} | {r.median_us:.1f} | {r.p95_us:.1f} | {r.yardsticks:.2f} |" for r in rows]
+    if not mosquitto_program():
+        lines.append(f"\nNot measured: {WITH_BROKER}; mosquitto is not installed here.")
     return "\n".join(lines)
 
 

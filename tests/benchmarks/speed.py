@@ -21,6 +21,9 @@ from workload import one_thread
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
+from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.tag_families import tag_family
+from stadimeter.detectors.tag_search import TagSearch
 from stadimeter.simulation.scenes import draw
 from stadimeter.simulation.scenes.render import render
 from stadimeter.simulation.scenes.scene import RenderedScene, Scene
@@ -28,8 +31,18 @@ from stadimeter.simulation.scenes.scene import RenderedScene, Scene
 SIZES = ((640, 480), (1280, 720), (1920, 1080))
 FOCAL_OF_WIDTH = 600 / 640
 SCENES = 8
-ROUNDS = 12
+ROUNDS = 8
 TAG_SIDES_PX = (48.0, 64.0, 100.0)
+
+TITLES = {
+    "ball": "Ball on clutter; in brackets against the tutorial",
+    "sheet": "Sheet on clutter; in brackets against the tutorial",
+    "disc": "Disc on clutter; in brackets against one pass of HSV + `inRange`",
+    "tag": "Tag of 48–100 px on clutter; in brackets against `cv2.aruco`'s defaults",
+}
+AGAINST = {"ball": "tutorial", "sheet": "tutorial", "disc": "HSV + inRange", "tag": "aruco"}
+
+Size = tuple[int, int]
 
 Work = Callable[[int], object]
 """Takes the number of a scene."""
@@ -61,28 +74,33 @@ def run(rounds: int = ROUNDS, scenes: int = SCENES, first_seed: int = draw.REPOR
     """
     one_thread()
     seeds = range(first_seed, first_seed + scenes)
-    balls = {size: _timed(_ball_contenders(size, seeds), rounds, scenes) for size in SIZES}
-    sheets = {size: _timed(_sheet_contenders(size, seeds), rounds, scenes) for size in SIZES}
-    tags = _timed(_tag_contenders(seeds), rounds, scenes)
+    made: dict[str, Callable[[Size, range], list[Contender]]] = {
+        "ball": _ball_contenders,
+        "sheet": _sheet_contenders,
+        "disc": _disc_contenders,
+        "tag": _tag_contenders,
+    }
+    times = {
+        what: {size: _timed(contenders(size, seeds), rounds, scenes) for size in SIZES}
+        for what, contenders in made.items()
+        if ours.exists(what)
+    }
     text = (
         f"Medians of {rounds} rounds over {scenes} scenes, one OpenCV thread ({cv2.__version__}), all in turns. "
-        "Ours is detection and measurement together; in brackets how many times faster than the tutorial. Tracking is "
-        f"told where the target is, to {ours.PREDICTION_SIGMA_PX:g} px.\n\n### Ball on clutter, µs\n\n"
-        + _table(balls, "tutorial")
-        + "\n### Sheet on clutter, µs\n\n"
-        + _table(sheets, "tutorial")
-        + "\n### Tag of 48–100 px on clutter, 640×480, µs; in brackets against `cv2.aruco`'s defaults\n\n"
-        + _table({SIZES[0]: tags}, "aruco")
+        "Ours is detection and measurement together, unless a row says what it is; in brackets how many times faster "
+        f"than what is named there. Tracking is told where the target is, to {ours.PREDICTION_SIGMA_PX:g} px.\n"
     )
-    charts = [_chart("ball", balls), _chart("sheet", sheets)]
-    return Part(title="Speed", text=text, charts=charts, facts=_facts(balls, sheets, tags))
+    for what, by_size in times.items():
+        text += f"\n### {TITLES[what]}, µs\n\n{_table(by_size, AGAINST[what])}"
+    charts = [_chart(what, by_size) for what, by_size in times.items()]
+    return Part(title="Speed", text=text, charts=charts, facts=_facts(times))
 
 
-def _camera(size: tuple[int, int]) -> CameraModel:
+def _camera(size: Size) -> CameraModel:
     return CameraModel.with_focal_length(FOCAL_OF_WIDTH * size[0], *size)
 
 
-def _ball_contenders(size: tuple[int, int], seeds: range) -> list[Contender]:
+def _ball_contenders(size: Size, seeds: range) -> list[Contender]:
     camera = _camera(size)
     # Even seeds are tennis balls, so that one detector serves all.
     made = [render(draw.ball_scene(seeds.start + 2 * number, camera)) for number in range(len(seeds))]
@@ -93,7 +111,7 @@ def _ball_contenders(size: tuple[int, int], seeds: range) -> list[Contender]:
     ]
 
 
-def _sheet_contenders(size: tuple[int, int], seeds: range) -> list[Contender]:
+def _sheet_contenders(size: Size, seeds: range) -> list[Contender]:
     camera = _camera(size)
     made = [render(draw.sheet_scene(seed, 0.5, camera=camera)) for seed in seeds]
     return [
@@ -103,11 +121,18 @@ def _sheet_contenders(size: tuple[int, int], seeds: range) -> list[Contender]:
     ]
 
 
-def _tag_contenders(seeds: range) -> list[Contender]:
-    scenes = [draw.tag_scene(seed, TAG_SIDES_PX[seed % len(TAG_SIDES_PX)], 0.4) for seed in seeds]
+def _disc_contenders(size: Size, seeds: range) -> list[Contender]:
+    camera = _camera(size)
+    made = [render(draw.disc_scene(seed, 0.5, camera=camera)) for seed in seeds]
+    return [*_floors(made), *_ours("disc", made, camera)]
+
+
+def _tag_contenders(size: Size, seeds: range) -> list[Contender]:
+    camera = _camera(size)
+    scenes = [draw.tag_scene(seed, TAG_SIDES_PX[seed % len(TAG_SIDES_PX)], 0.4, camera) for seed in seeds]
     made = [render(scene) for scene in scenes]
     libraries = [Contender(name=name, work=_library(finder, made)) for name, finder in fiducials.finders().items()]
-    return [*_floors(made)[:1], *libraries, *_our_tags(scenes, made)]
+    return [*_floors(made), *libraries, *_our_tags(scenes, made)]
 
 
 def _library(finder: fiducials.Finder, made: Sequence[RenderedScene]) -> Work:
@@ -142,16 +167,19 @@ def _ours(target: str, made: Sequence[RenderedScene], camera: CameraModel) -> li
 
 
 def _our_tags(scenes: Sequence[Scene], made: Sequence[RenderedScene]) -> list[Contender]:
-    if not ours.exists("tag"):
-        return []
     camera = scenes[0].camera
     finders = [ours.detector("tag", camera, id=scene.target.number) for scene in scenes]
     predictions = [ours.prediction_of(each.truth) for each in made]
+    search = TagSearch(family=tag_family(draw.TAG_FAMILY), light=light_table(camera.tone_curve), min_side_px=16.0)
     return [
         Contender(name="stadimeter", work=lambda number: ours.measure(finders[number], made[number].image, camera)),
         Contender(
-            name="stadimeter, tracking",
+            name="stadimeter, tracking: search, sides and pose",
             work=lambda number: ours.measure(finders[number], made[number].image, camera, predictions[number]),
+        ),
+        Contender(
+            name="stadimeter, tracking: search alone",
+            work=lambda number: search.around(made[number].image, predictions[number]),
         ),
     ]
 
@@ -170,7 +198,7 @@ def _timed(contenders: Sequence[Contender], rounds: int, scenes: int) -> dict[st
     return {name: 1e6 * statistics.median(of_one) for name, of_one in times.items()}
 
 
-def _table(times: dict[tuple[int, int], dict[str, float]], against: str) -> str:
+def _table(times: dict[Size, dict[str, float]], against: str) -> str:
     names = list(next(iter(times.values())))
     rows = []
     for name in names:
@@ -179,25 +207,19 @@ def _table(times: dict[tuple[int, int], dict[str, float]], against: str) -> str:
     return table(["", *(f"{width}×{height}" for width, height in times)], rows)
 
 
-def _chart(what: str, times: dict[tuple[int, int], dict[str, float]]) -> Chart:
+def _chart(what: str, times: dict[Size, dict[str, float]]) -> Chart:
     rows = list(next(iter(times.values())))
     series = {f"{width}×{height}": [of_size[row] for row in rows] for (width, height), of_size in times.items()}
     return Chart(name=f"{what}-time", title=f"Time of a frame: {what}", axis="µs", rows=rows, series=series)
 
 
-def _facts(
-    balls: dict[tuple[int, int], dict[str, float]],
-    sheets: dict[tuple[int, int], dict[str, float]],
-    tags: dict[str, float],
-) -> dict[str, float]:
+def _facts(times: dict[str, dict[Size, dict[str, float]]]) -> dict[str, float]:
+    """Return how many times faster than the others ours is, by target, what is done, and the picture's height."""
     facts = {}
-    for what, by_size in (("ball", balls), ("sheet", sheets)):
-        for (_, height), times in by_size.items():
-            for name in ("stadimeter", "stadimeter, tracking"):
-                if name in times:
-                    facts[f"{what} {name} {height} speed-up"] = times["tutorial"] / times[name]
-                    facts[f"{what} {name} {height} of inRange"] = times[name] / times["HSV + inRange"]
-    for name in ("stadimeter", "stadimeter, tracking"):
-        if name in tags:
-            facts[f"tag {name} speed-up"] = tags["aruco"] / tags[name]
+    for what, by_size in times.items():
+        for (_, height), of_size in by_size.items():
+            for name in of_size:
+                if name.startswith("stadimeter"):
+                    facts[f"{what} {name} {height} speed-up"] = of_size[AGAINST[what]] / of_size[name]
+                    facts[f"{what} {name} {height} of inRange"] = of_size[name] / of_size["HSV + inRange"]
     return facts
