@@ -99,6 +99,17 @@ def test_too_few_pictures_exit_2(pictures: list[Path], output: Path) -> None:
     assert "found in 2 different views; a calibration needs 3 at least" in result.stderr
 
 
+def test_a_board_that_always_faces_the_camera_writes_nothing_and_says_to_tilt_it(output: Path, tmp_path: Path) -> None:
+    places = [(0, 0, 0.4), (0.05, 0.03, 0.4), (-0.05, 0.03, 0.45), (0.05, -0.04, 0.5), (-0.05, -0.04, 0.42)]
+    facing = [_picture(tmp_path / f"{i}.png", (0, 0, 0.02 * i), place) for i, place in enumerate(places)]
+    result = _run(*facing, *BOARD, "-o", output)
+    assert result.exit_code == 2
+    assert not output.exists()
+    (line,) = result.stderr.splitlines()
+    assert "do not tell the focal length" in line
+    assert "tilt the board by 30 to 45 degrees" in line
+
+
 def test_pictures_of_two_resolutions_are_refused(pictures: list[Path], output: Path, tmp_path: Path) -> None:
     large = tmp_path / "large.png"
     cv2.imwrite(str(large), cv2.resize(cv2.imread(str(pictures[0])), (1280, 960)))

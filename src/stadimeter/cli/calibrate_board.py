@@ -37,7 +37,7 @@ def register(app: typer.Typer) -> None:
 def board(
     *,
     pictures: Annotated[
-        list[Path] | None, typer.Argument(metavar="[PATH...]", help="Pictures of the board, 10 to 20.")
+        list[Path] | None, typer.Argument(metavar="PATH", help="Pictures of the board, 10 to 20.")
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
     square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square, such as 25mm.")],

@@ -20,7 +20,7 @@ from stadimeter.ranging.calibration import KnownDistance
 
 PicturesAtDistances = Annotated[
     list[str],
-    typer.Argument(metavar="PATH@DISTANCE...", help="Pictures of the target at known distances: 2ft.png@24in."),
+    typer.Argument(metavar="PATH@DISTANCE", help="Pictures of the target at known distances: 2ft.png@24in."),
 ]
 DistanceErrorOption = Annotated[
     float,
@@ -70,6 +70,7 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
         StadimeterError: A distance or a picture is wrong, or the pictures were taken with different zoom.
     """
     taken = [_split(each) for each in pictures]
+    _refuse_twice([path for path, _ in taken])
     for note in check_lens_settings([path for path, _ in taken]):
         typer.echo(f"note: {note}", err=True)
     (target,) = build_detectors(wanted.choices, camera_model)
@@ -84,6 +85,12 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
 def today() -> str:
     """Return the date of today, as ISO 8601 has it."""
     return dt.datetime.now().astimezone().date().isoformat()
+
+
+def _refuse_twice(paths: Sequence[Path]) -> None:
+    for number, path in enumerate(paths):
+        if path in paths[:number]:
+            raise ConfigError(f"{path} is given twice; a picture says the same each time, so give each of them once")
 
 
 def _split(text: str) -> tuple[Path, float]:

@@ -60,7 +60,7 @@ def register(app: typer.Typer) -> None:
 
 
 def measure(
-    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Picture files.")],
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="Picture files.")],
     camera: Annotated[
         Path | None,
         typer.Option("--camera", metavar="FILE", help="The camera file, made by `stadimeter calibrate distance`."),
@@ -218,7 +218,9 @@ def _tell_error(result: TargetResult) -> bool:
     """Tell a bad picture on standard error; return whether it is one."""
     is_error = result.measurement.status is MeasurementStatus.ERROR
     if is_error:
-        typer.echo(f"error: {result.file}: {result.measurement.reason}", err=True)
+        reason = result.measurement.reason
+        where = "" if result.file in reason else f"{result.file}: "
+        typer.echo(f"error: {where}{reason}", err=True)
     return is_error
 
 
@@ -231,7 +233,7 @@ def _in_words(result: TargetResult, unit: LengthUnit) -> str:
     first = "" if unit is METRE else f"{format_distance(measured.distance_m, measured.sigma_m, unit):<16}"
     depth = format_distance(measured.depth_m, measured.sigma_m, unit)
     whereabouts = f"{format_bearing(measured.bearing_rad):<11}{format_tilt(measured.tilt_rad)}".rstrip()
-    return f"{first}{in_metres:<18}depth {depth:<16}{whereabouts}"
+    return f"{first}{in_metres:<18}depth {depth:<18}{whereabouts}"
 
 
 def _counted(images: Sequence[Path]) -> Iterator[Path]:

@@ -18,6 +18,9 @@ from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_erro
 from stadimeter.core.camera_model import CameraModel, Provenance, ToneCurve
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 
+MOST_EDGE_BIAS_PX = 5.0
+"""Cameras have some tenths of a pixel; with more than this, small targets would have no size left."""
+
 
 def _date_text(value: object) -> object:
     return value.isoformat() if isinstance(value, dt.date) else value
@@ -58,7 +61,7 @@ class CameraTable(BaseModel):
     cy_px: CentrePixels | None = None
     distortion: tuple[Coefficient, ...] = ()
     tone_curve: ToneCurve = "srgb"
-    edge_bias_px: Annotated[float, Field(strict=True)] = 0.0
+    edge_bias_px: Annotated[float, Field(ge=-MOST_EDGE_BIAS_PX, le=MOST_EDGE_BIAS_PX, strict=True)] = 0.0
     focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
     method: str = ""
     date: Annotated[str, BeforeValidator(_date_text)] = ""

@@ -18,6 +18,10 @@ ToneCurve = Literal["srgb", "linear"]
 ASPECT_TOLERANCE = 0.01
 """Two resolutions have the same aspect if they differ by no more than this share: rounding to whole pixels, no crop."""
 
+SHORTEST_FOCAL, LONGEST_FOCAL = 0.02, 1e4
+"""Focal lengths as shares of the picture's long side: at the shortest it spans 175 degrees, at the longest 20 arc
+seconds. The focal length in millimetres, written by mistake, is shorter."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
@@ -73,8 +77,7 @@ class CameraModel:
         if self.width_px < 1 or self.height_px < 1:
             raise CalibrationError(f"a camera of {self.width_px}x{self.height_px} px has no pixels")
         for name, value in (("fx_px", self.fx_px), ("fy_px", self.fy_px)):
-            if not (math.isfinite(value) and value > 0):
-                raise CalibrationError(f"focal length {name} = {value} is not a positive number")
+            self._check_focal_length(name, value)
         if not (math.isfinite(self.cx_px) and math.isfinite(self.cy_px)):
             raise CalibrationError(f"optical centre {self.cx_px}, {self.cy_px} is not finite")
         if not (math.isfinite(self.focal_relative_sigma) and self.focal_relative_sigma >= 0):
@@ -85,6 +88,16 @@ class CameraModel:
             raise CalibrationError(f"edge_bias_px = {self.edge_bias_px} is not finite")
         check_coefficients(self.distortion)
         self._check_reach()
+
+    def _check_focal_length(self, name: str, value: float) -> None:
+        if not (math.isfinite(value) and value > 0):
+            raise CalibrationError(f"focal length {name} = {value} is not a positive number")
+        shortest, longest = (share * max(self.width_px, self.height_px) for share in (SHORTEST_FOCAL, LONGEST_FOCAL))
+        if not shortest <= value <= longest:
+            raise CalibrationError(
+                f"focal length {name} = {value:g} is not that of a lens: for {self.width_px}x{self.height_px} px it is "
+                f"between {shortest:g} and {longest:g} px; check its unit, or the distance and size that it came from"
+            )
 
     def _check_reach(self) -> None:
         if not self.distortion:

@@ -25,6 +25,10 @@ LEAST_PICTURE_PX = 8
 SAME_PX = 1.5
 """Outlines whose corners are all nearer to each other are one."""
 
+OBLIQUE = np.array((0.8, 0.6))
+NEAR_PX = SAME_PX * (0.8 + 0.6)
+"""A direction, and how far apart along it the centres of two outlines that are one may be."""
+
 INSET_PX = 0.85
 """How far inside the edge of a black tag OpenCV's outline runs: through the middles of the outermost dark pixels."""
 
@@ -56,7 +60,7 @@ def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, 
     found = (*named, *others)
     if not found:
         return np.zeros((0, 4, 2))
-    return _distinct(_around_dark(np.concatenate(found), scale))
+    return distinct(_around_dark(np.concatenate(found), scale))
 
 
 def _around_dark(corners: NDArray[np.float32], scale: float) -> Points:
@@ -97,10 +101,29 @@ def _no_dictionary() -> cv2.aruco.Dictionary:
     return cv2.aruco.Dictionary(np.asarray(family.bytesList)[:1], family.markerSize, 0)
 
 
-def _distinct(outlines: Points) -> Points:
-    """Leave out what was found twice."""
+def distinct(outlines: Points) -> Points:
+    """Leave out what was found twice: of two that are one, the later.
+
+    Only neighbours along an oblique line are compared: a table of all with all would fill the memory where a floor or a
+    grille shows thousands. The line is oblique since their rows and columns would meet in one place of an axis.
+
+    Args:
+        outlines: The corners of one or more, shape ``(k, 4, 2)``.
+
+    Returns:
+        Those that are left, in the same order.
+    """
     if len(outlines) == 1:
         return outlines
-    apart = np.abs(outlines[:, None] - outlines).reshape(len(outlines), len(outlines), 8).max(axis=2)
-    first_like_it = (apart < SAME_PX).argmax(axis=1)
-    return np.asarray(outlines[first_like_it == np.arange(len(outlines))])
+    along = outlines.mean(axis=1) @ OBLIQUE
+    order = np.argsort(along)
+    along = along[order]
+    is_left = np.ones(len(outlines), np.bool_)
+    for step in range(1, len(outlines)):
+        near = np.flatnonzero(along[step:] - along[:-step] < NEAR_PX)
+        if not len(near):
+            break
+        one, other = order[near], order[near + step]
+        is_same = np.abs(outlines[one] - outlines[other]).reshape(-1, 8).max(axis=1) < SAME_PX
+        is_left[np.maximum(one, other)[is_same]] = False
+    return outlines[is_left]

@@ -1,0 +1,199 @@
+"""Pictures that nobody would choose: each gives an ordinary result or one line that says what is wrong."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from stadimeter.app.measuring import build_detectors
+from stadimeter.cli.main import app
+from stadimeter.cli.target_options import wanted_targets
+from stadimeter.config.camera_file import save_camera_model
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.frame import Frame, Image
+
+TARGETS = {
+    "sheet": {"sheet": "11in,8.5in"},
+    "ball": {"ball": "10cm", "hsv": "29,86,6:64,255,255"},
+    "tag": {"tag": "53mm", "family": "36h11"},
+    "disc": {"disc": "12cm"},
+}
+SHAPES = [(1, 1), (1, 2), (2, 2), (40, 1), (1, 40), (3, 3), (7, 7), (1, 4000), (4000, 1)]
+FIFTY_MEGAPIXELS = (6250, 8000)
+
+
+def _noise(height: int, width: int) -> Image:
+    return np.random.default_rng(3).integers(0, 256, (height, width, 3), np.uint8)
+
+
+def _even(level: int) -> Callable[[int, int], Image]:
+    return lambda height, width: np.full((height, width, 3), level, np.uint8)
+
+
+def _chequered(square_px: int) -> Callable[[int, int], Image]:
+    def make(height: int, width: int) -> Image:
+        rows, columns = np.arange(height)[:, None] // square_px, np.arange(width) // square_px
+        grey = ((rows + columns) % 2 * 255).astype(np.uint8)
+        return np.repeat(grey[..., None], 3, axis=2)
+
+    return make
+
+
+def _scene() -> Image:
+    """Return a bright rectangle of letter paper's shape before something dark."""
+    image = np.full((480, 640, 3), 60, np.uint8)
+    image[155:325, 210:430] = 230
+    return image
+
+
+PICTURES = {
+    "black": _even(0),
+    "white": _even(255),
+    "noise": _noise,
+    "one pixel light, one dark": _chequered(1),
+    "two by two": _chequered(2),
+}
+
+
+def _seen(target: str, image: Image, *, with_camera: bool) -> Detection:
+    options = {"sheet": None, "known_side": "auto", "ball": None, "hsv": None, **TARGETS[target]}
+    height, width = image.shape[:2]
+    camera = CameraModel.with_focal_length(float(max(height, width)), width, height) if with_camera else None
+    (named,) = build_detectors(wanted_targets(**options).choices, camera)
+    before = image.copy()
+    detection = named.detector.detect(Frame(image=image, captured_at_s=0.0, sequence=0), None)
+    assert np.array_equal(image, before)
+    return detection
+
+
+def _is_ordinary(detection: Detection) -> bool:
+    figures = [each for rejected in detection.rejected for each in (*rejected.centre_px, rejected.size_px)]
+    return bool(detection.reason) and "\n" not in detection.reason and all(map(math.isfinite, figures))
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("with_camera", [False, True])
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("picture", PICTURES)
+def test_a_picture_with_nothing_in_it_has_a_reason(picture: str, target: str, with_camera: bool) -> None:
+    detection = _seen(target, PICTURES[picture](480, 640), with_camera=with_camera)
+    assert detection.status is DetectionStatus.NOT_FOUND
+    assert _is_ordinary(detection)
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_tiny_or_thin_picture_has_a_reason(shape: tuple[int, int], target: str) -> None:
+    for make in (_even(0), _even(255), _noise):
+        for with_camera in (False, True):
+            detection = _seen(target, make(*shape), with_camera=with_camera)
+            assert detection.status is not DetectionStatus.FOUND
+            assert _is_ordinary(detection)
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("turn", [np.s_[:, ::-1], np.s_[::-1], np.s_[:, :, ::-1], np.s_[::2, ::2]])
+def test_a_picture_need_not_lie_in_one_piece_of_memory(turn: tuple[slice, ...]) -> None:
+    scene = _scene() if turn != np.s_[::2, ::2] else cv2.resize(_scene(), None, fx=2, fy=2, interpolation=0)
+    scene.setflags(write=False)
+    assert _seen("sheet", scene[turn], with_camera=True).width_px == pytest.approx(220, abs=0.1)
+
+
+@pytest.mark.vision
+@pytest.mark.long
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("picture", ["black", "white", "noise"])
+def test_fifty_megapixels_of_nothing_have_a_reason(picture: str, target: str) -> None:
+    detection = _seen(target, PICTURES[picture](*FIFTY_MEGAPIXELS), with_camera=True)
+    assert detection.status is DetectionStatus.NOT_FOUND
+    assert _is_ordinary(detection)
+
+
+@pytest.mark.vision
+@pytest.mark.long
+def test_fifty_megapixels_with_a_sheet_are_measured() -> None:
+    image = cv2.resize(_scene(), (8000, 6000), interpolation=cv2.INTER_NEAREST)
+    detection = _seen("sheet", image, with_camera=True)
+    assert detection.width_px == pytest.approx(220 * 12.5, abs=1)
+
+
+def _run(*arguments: object) -> Result:
+    result = CliRunner().invoke(app, ["measure", *map(str, arguments), "--sheet", "11in,8.5in"])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+@pytest.fixture
+def camera(tmp_path: Path) -> tuple[str, str]:
+    save_camera_model(tmp_path / "camera.toml", CameraModel.with_focal_length(600.0, 640, 480))
+    return "--camera", str(tmp_path / "camera.toml")
+
+
+def _with_transparency(image: Image) -> np.ndarray:
+    opacity = np.full(image.shape[:2], 255, np.uint8)
+    opacity[:100] = 0
+    return np.dstack([image, opacity])
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        lambda image: image[..., 0],
+        lambda image: image.astype(np.uint16) * 257,
+        lambda image: image[..., 0].astype(np.uint16) * 257,
+        _with_transparency,
+        lambda image: _with_transparency(image).astype(np.uint16) * 257,
+    ],
+    ids=["grey", "16 bits", "grey of 16 bits", "transparency", "transparency of 16 bits"],
+)
+def test_every_kind_of_png_is_measured_alike(tmp_path: Path, camera, kind: Callable[[Image], np.ndarray]) -> None:
+    cv2.imwrite(str(tmp_path / "kind.png"), kind(_scene()))
+    result = _run(tmp_path / "kind.png", *camera, "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["distance_m"] == pytest.approx(0.2794 * 600 / 220, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("empty.png", b"", "is empty"),
+        ("text.png", b"hello", "is not a picture of a kind that OpenCV reads"),
+        ("cut.jpg", cv2.imencode(".jpg", _scene())[1].tobytes()[:2000], "is cut short"),
+        ("cut.png", cv2.imencode(".png", _scene())[1].tobytes()[:200], "is cut short"),
+        ("folder.png", None, "is a folder, not a picture"),
+    ],
+)
+def test_what_is_no_picture_is_one_line_that_names_it_once(
+    tmp_path: Path, camera, name: str, content: bytes | None, said: str
+) -> None:
+    path = tmp_path / name
+    if content is None:
+        path.mkdir()
+    else:
+        path.write_bytes(content)
+    result = _run(path, *camera)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    (line,) = result.stderr.splitlines()
+    assert said in line
+    assert line.count(str(path)) == 1
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (40, 1), (480, 480)])
+def test_a_picture_of_another_aspect_is_one_line(tmp_path: Path, camera, shape: tuple[int, int]) -> None:
+    cv2.imwrite(str(tmp_path / "other.png"), np.zeros((*shape, 3), np.uint8))
+    result = _run(tmp_path / "other.png", *camera)
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"error: {tmp_path / 'other.png'}: the camera was calibrated at 640x480")
