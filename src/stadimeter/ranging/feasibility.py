@@ -2,8 +2,8 @@
 
 How large the target will appear follows from geometry. How sure the distance will be follows from how well its size is
 measured in pixels: a sharp, evenly lit picture is assumed, so these are the best standard deviations to hope for. Their
-constants are those of `stadimeter`'s detectors on rendered pictures with known truth: a floor, and for balls a part
-that grows as their outline gets shorter.
+constants are those of `stadimeter`'s detectors on rendered pictures with known truth: a floor, and for balls and tags a
+part that grows as their outline gets shorter.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, Targe
 RELIABLE_PX = 12.0
 """Smaller targets are hardly told from clutter, whatever kind they are."""
 
-_BALL_FLOOR_PX = 0.09
-_SMALL_BALL_PX = 1.18
-_FLAT_FLOOR_PX = 0.12
+_BALL_FLOOR_PX = 0.05
+_SMALL_BALL_PX2 = 1.0
+_FLAT_FLOOR_PX = 0.015
+_SMALL_TAG_PX2 = 1.35
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,6 +102,8 @@ def _shortest_m(size: TargetSize) -> float:
 def _size_sigma_px(size: TargetSize, size_px: float) -> float:
     match size:
         case BallSize():
-            return math.hypot(_BALL_FLOOR_PX, _SMALL_BALL_PX / (size_px / 2))
-        case SheetSize() | TagSize() | DiscSize():
+            return math.hypot(_BALL_FLOOR_PX, _SMALL_BALL_PX2 / (size_px / 2))
+        case TagSize():
+            return math.hypot(_FLAT_FLOOR_PX, _SMALL_TAG_PX2 / size_px)
+        case SheetSize() | DiscSize():
             return _FLAT_FLOOR_PX
