@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
+from stadimeter.app.measuring import build_detectors
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE
 from stadimeter.cli.target_options import wanted_targets
 from stadimeter.errors import ConfigError
@@ -78,3 +80,29 @@ def test_what_is_wrong_is_said_in_one_line(given: dict[str, str], said: str) -> 
     with pytest.raises(ConfigError, match=re.escape(said)) as caught:
         _wanted(**given)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "share"),
+    [
+        ({"ball": "10 cm", "hsv": "29,86,6:64,255,255"}, 0.01),
+        ({"disc": "10 cm"}, 0.01),
+        ({"tag": "10 cm", "family": "36h11"}, 0.01),
+        ({"sheet": "20 cm,5 cm"}, 0.01),
+    ],
+)
+def test_a_tolerance_says_how_well_the_size_is_known(given: dict[str, str], share: float) -> None:
+    (choice,) = _wanted(tolerance="1 mm", **given).choices
+    (named,) = build_detectors([choice], None)
+    assert named.detector.target_size.relative_sigma == pytest.approx(share)
+
+
+@pytest.mark.parametrize("wrong", ["1", "-1 mm", "often", "nan mm"])
+def test_a_tolerance_that_is_no_length_is_told_by_its_option(wrong: str) -> None:
+    with pytest.raises(ConfigError, match="--tolerance"):
+        _wanted(tolerance=wrong, disc="10 cm")
+
+
+def test_with_a_configuration_the_tolerance_stands_in_the_table(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="--tolerance"):
+        _wanted(tolerance="1 mm", config=tmp_path / "any.toml")

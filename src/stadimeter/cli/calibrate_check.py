@@ -19,6 +19,7 @@ from stadimeter.cli.target_options import (
     SheetOption,
     TagIdOption,
     TagOption,
+    ToleranceOption,
     wanted_targets,
 )
 from stadimeter.config.camera_file import load_camera_model
@@ -45,6 +46,7 @@ def check(
     family: FamilyOption = None,
     tag_id: TagIdOption = None,
     disc: DiscOption = None,
+    tolerance: ToleranceOption = None,
     distance_error: DistanceErrorOption = 1.0,
 ) -> None:
     """Say how wrong a camera file is, from new pictures of a target at known distances.
@@ -61,7 +63,15 @@ def check(
     """
     with told_plainly():
         wanted = wanted_targets(
-            sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, tag=tag, family=family, tag_id=tag_id, disc=disc
+            sheet=sheet,
+            known_side=known_side,
+            ball=ball,
+            hsv=hsv,
+            tag=tag,
+            family=family,
+            tag_id=tag_id,
+            disc=disc,
+            tolerance=tolerance,
         )
         model = load_camera_model(camera)
         known = look_at(pictures, wanted, model)

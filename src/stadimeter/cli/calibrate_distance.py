@@ -28,6 +28,7 @@ from stadimeter.cli.target_options import (
     SheetOption,
     TagIdOption,
     TagOption,
+    ToleranceOption,
     WantedTargets,
     wanted_targets,
 )
@@ -61,6 +62,7 @@ def distance(
     family: FamilyOption = None,
     tag_id: TagIdOption = None,
     disc: DiscOption = None,
+    tolerance: ToleranceOption = None,
     distance_error: DistanceErrorOption = 1.0,
     tone_curve: ToneCurveOption = "srgb",
 ) -> None:
@@ -90,7 +92,15 @@ def distance(
     """
     with told_plainly():
         wanted = wanted_targets(
-            sheet=sheet, known_side=known_side, ball=ball, hsv=hsv, tag=tag, family=family, tag_id=tag_id, disc=disc
+            sheet=sheet,
+            known_side=known_side,
+            ball=ball,
+            hsv=hsv,
+            tag=tag,
+            family=family,
+            tag_id=tag_id,
+            disc=disc,
+            tolerance=tolerance,
         )
         known = look_at(pictures, wanted, None)
         if not known.usable:

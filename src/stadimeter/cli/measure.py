@@ -28,6 +28,7 @@ from stadimeter.cli.target_options import (
     SheetOption,
     TagIdOption,
     TagOption,
+    ToleranceOption,
     WantedTargets,
     wanted_targets,
 )
@@ -73,6 +74,7 @@ def measure(
     family: FamilyOption = None,
     tag_id: TagIdOption = None,
     disc: DiscOption = None,
+    tolerance: ToleranceOption = None,
     config: ConfigOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.")] = False,
     copies: Annotated[
@@ -126,6 +128,7 @@ def measure(
             family=family,
             tag_id=tag_id,
             disc=disc,
+            tolerance=tolerance,
         )
         camera_model = _camera_model(camera, wanted)
         targets = build_detectors(wanted.choices, camera_model)

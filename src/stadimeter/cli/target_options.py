@@ -58,6 +58,14 @@ DiscOption = Annotated[
     str | None,
     typer.Option("--disc", metavar="DIAMETER", help="Look for a flat disc of this size, such as 12cm."),
 ]
+ToleranceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--tolerance",
+        metavar="LENGTH",
+        help="How well the target's size is known, one standard deviation, such as 1mm; it widens the ±.",
+    ),
+]
 ConfigOption = Annotated[
     Path | None,
     typer.Option("--config", metavar="FILE", help="Look for the targets of this configuration, through its camera."),
@@ -96,6 +104,7 @@ def wanted_targets(
     family: str | None = None,
     tag_id: int | None = None,
     disc: str | None = None,
+    tolerance: str | None = None,
 ) -> WantedTargets:
     """Make sense of the options.
 
@@ -109,6 +118,7 @@ def wanted_targets(
         family: ``--family``.
         tag_id: ``--id``.
         disc: ``--disc``.
+        tolerance: ``--tolerance``.
 
     Returns:
         What to look for.
@@ -126,14 +136,16 @@ def wanted_targets(
         )
     _check_companions(sheet, known_side, ball, hsv)
     _check_tag_companions(tag, family, tag_id)
+    if tolerance is not None and config is not None:
+        raise ConfigError("--tolerance says how well a size is known; with --config it stands in the target's table")
     if sheet is not None:
-        return _sheet(sheet, known_side)
+        return _sheet(sheet, known_side).wanted(tolerance)
     if ball is not None:
-        return _ball(ball, hsv)
+        return _ball(ball, hsv).wanted(tolerance)
     if tag is not None:
-        return _tag(tag, family, tag_id)
+        return _tag(tag, family, tag_id).wanted(tolerance)
     if disc is not None:
-        return _disc(disc)
+        return _Described("disc", {"diameter": disc}, {"diameter": "--disc"}, disc).wanted(tolerance)
     assert config is not None  # noqa: S101 - one of them is given
     from stadimeter.config.loader import load_configuration  # noqa: PLC0415 - most of a start, and rarely asked for
 
@@ -159,28 +171,37 @@ def _check_tag_companions(tag: str | None, family: str | None, tag_id: int | Non
         raise ConfigError("--tag needs the tag's family; add --family, such as --family 36h11")
 
 
-def _sheet(text: str, known_side: str) -> WantedTargets:
+@dataclass(frozen=True, slots=True)
+class _Described:
+    """A target as the options describe it: its detector's table, the option of each key, and a size as written."""
+
+    driver: str
+    table: dict[str, Any]
+    options: dict[str, str]
+    size: str
+
+    def wanted(self, tolerance: str | None) -> WantedTargets:
+        """Return it with how well its size is known."""
+        table, options = {**self.table, "tolerance": tolerance}, {**self.options, "tolerance": "--tolerance"}
+        return WantedTargets(choices=(_choice(self.driver, table, options),), unit=_unit_of(self.size))
+
+
+def _sheet(text: str, known_side: str) -> _Described:
     sizes = text.split(",")
     if len(sizes) != 2:
         raise ConfigError(f"--sheet: {text!r} is not a width and a height; write it such as 11in,8.5in")
     table = {"width": sizes[0], "height": sizes[1], "known_side": known_side}
-    keys = {"width": "--sheet", "height": "--sheet", "known_side": "--known-side"}
-    return WantedTargets(choices=(_choice("sheet", table, keys),), unit=_unit_of(sizes[0]))
+    options = {"width": "--sheet", "height": "--sheet", "known_side": "--known-side"}
+    return _Described("sheet", table, options, sizes[0])
 
 
-def _ball(text: str, hsv: str | None) -> WantedTargets:
-    choice = _choice("ball", {"diameter": text, "hsv": hsv}, {"diameter": "--ball", "hsv": "--hsv"})
-    return WantedTargets(choices=(choice,), unit=_unit_of(text))
+def _ball(text: str, hsv: str | None) -> _Described:
+    return _Described("ball", {"diameter": text, "hsv": hsv}, {"diameter": "--ball", "hsv": "--hsv"}, text)
 
 
-def _tag(text: str, family: str | None, tag_id: int | None) -> WantedTargets:
+def _tag(text: str, family: str | None, tag_id: int | None) -> _Described:
     table = {"side": text, "family": family, "id": tag_id}
-    choice = _choice("tag", table, {"side": "--tag", "family": "--family", "id": "--id"})
-    return WantedTargets(choices=(choice,), unit=_unit_of(text))
-
-
-def _disc(text: str) -> WantedTargets:
-    return WantedTargets(choices=(_choice("disc", {"diameter": text}, {"diameter": "--disc"}),), unit=_unit_of(text))
+    return _Described("tag", table, {"side": "--tag", "family": "--family", "id": "--id"}, text)
 
 
 def _choice(driver: str, table: dict[str, Any], keys: dict[str, str]) -> DriverChoice:
