@@ -20,7 +20,7 @@ from stadimeter.ranging.measure import measure
 
 pytestmark = pytest.mark.vision
 
-RED = (40, 30, 200)
+RED, GREEN = (40, 30, 200), (40, 200, 80)
 GREEN_HSV = "29,86,6:64,255,255"
 
 
@@ -72,6 +72,33 @@ def test_of_two_balls_the_expected_one_is_taken(ball_detector, draw, wall) -> No
     detector = ball_detector()
     assert detector.detect(draw.frame(draw.noise(picture))).centre_px == pytest.approx((150, 240), abs=0.2)
     assert detector.detect(draw.frame(draw.noise(picture)), expected).centre_px == pytest.approx((450, 240), abs=0.2)
+
+
+@pytest.mark.parametrize("radius", [5.4, 9, 14, 40, 150])
+def test_in_a_large_picture_large_and_small_balls_are_found(ball_detector, draw, wall, radius: float) -> None:
+    found = ball_detector().detect(draw.frame(draw.noise(draw.disc(wall(1280, 720), (640.3, 360.6), radius, RED))))
+    assert found.centre_px == pytest.approx((640.3, 360.6), abs=0.3)
+    assert found.width_px == pytest.approx(2 * radius, abs=1.0)
+
+
+def test_in_a_large_picture_what_was_refused_is_told_once(ball_detector, draw, wall) -> None:
+    picture = draw.polygon(wall(1280, 720), [(100, 200), (500, 200), (500, 230), (100, 230)], RED)
+    places = [each.reason for each in ball_detector().detect(draw.frame(draw.noise(picture))).rejected]
+    assert len(places) == len(set(places)) > 0
+
+
+@pytest.mark.parametrize("seen_px", [0.0, 40.0])
+def test_where_a_ball_is_expected_its_colour_is_judged_unless_it_is_seen_all_around(
+    ball_detector, draw, wall, seen_px: float
+) -> None:
+    picture = draw.disc(wall(), (320, 240), 40, GREEN)
+    if not seen_px:
+        picture = draw.polygon(picture, [(320, 180), (380, 180), (380, 300), (320, 300)], (70, 100, 120))
+    expected = Prediction(centre_px=(320, 240), size_px=80, sigma_px=1.0)
+    detector, frame = ball_detector(), draw.frame(draw.noise(picture))
+    assert detector.detect(frame).status is DetectionStatus.NOT_FOUND
+    status = detector.detect(frame, expected).status
+    assert status is (DetectionStatus.FOUND if seen_px else DetectionStatus.NOT_FOUND)
 
 
 @pytest.mark.parametrize("centre", [(40.0, 40.0), (-500.0, 9000.0), (float("nan"), 0.0), (float("inf"), 1.0)])

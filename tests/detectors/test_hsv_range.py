@@ -43,6 +43,18 @@ def test_a_pixel_that_is_all_but_grey_has_no_hue() -> None:
     assert parse_hsv_range("0,0,0:179,255,60").mask(dark_green)[0, 0] == 255
 
 
+def test_where_the_least_saturation_tells_enough_all_that_is_darker_is_left_out() -> None:
+    green = parse_hsv_range("29,86,6:64,255,255")
+    assert green.mask(_pixel(10, 25, 14))[0, 0] == 255
+    assert green.mask(_pixel(10, 20, 12))[0, 0] == 0
+
+
+def test_a_range_of_dark_colours_keeps_what_is_saturated() -> None:
+    dark_green = parse_hsv_range("29,86,6:64,255,20")
+    assert dark_green.mask(_pixel(2, 18, 6))[0, 0] == 255
+    assert dark_green.mask(_pixel(8, 14, 10))[0, 0] == 0
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

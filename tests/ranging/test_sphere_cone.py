@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.detection import Points
-from stadimeter.ranging.sphere_cone import ConeFrame, SphereCone, fit_cone
+from stadimeter.ranging.sphere_cone import ConeFrame, SphereCone, fit_cone, with_ones
 
 pytestmark = pytest.mark.vision
 
@@ -54,10 +54,10 @@ def test_rays_off_the_cone_are_told_by_how_much(
     half_rad = math.asin(share)
     angles = np.linspace(first_rad, first_rad + arc_rad, 20)
     off_rad = 1e-4 * half_rad * np.sin(7 * angles)
-    frame = ConeFrame(_rays(x, y, half_rad + off_rad, angles), (x, y))
+    frame = ConeFrame(with_ones(_rays(x, y, half_rad + off_rad, angles)), (x, y))
     exact = fit_cone(_rays(x, y, half_rad, angles), (x, y))
     assert exact is not None
-    assert frame.misses_rad(exact) == pytest.approx(off_rad, abs=0.01 * 1e-4 * half_rad)
+    assert frame.misses(exact) == pytest.approx(off_rad, abs=0.01 * 1e-4 * half_rad)
 
 
 def test_the_standard_deviation_is_that_of_many_tries() -> None:
@@ -65,7 +65,8 @@ def test_the_standard_deviation_is_that_of_many_tries() -> None:
     angles, half_rad, noise_rad = np.linspace(0.2, 3.5, 40), 0.05, 2e-4
     sines, shares = [], []
     for _ in range(400):
-        cone = ConeFrame(_rays(0.3, -0.2, half_rad + rng.normal(0, noise_rad, 40), angles), (0.3, -0.2)).fit()
+        rays = with_ones(_rays(0.3, -0.2, half_rad + rng.normal(0, noise_rad, 40), angles))
+        cone = ConeFrame(rays, (0.3, -0.2)).fit()
         assert cone is not None
         sines.append(cone.sine)
         shares.append(cone.sine_share)

@@ -31,8 +31,16 @@ from stadimeter.detectors.edge_circle import edge_circle
 from stadimeter.detectors.hsv_range import HsvRangeText
 from stadimeter.detectors.lens import lens_for
 
-FIRST_REACH_PX = 8.0
-"""How far from the circle around a blob its limb is looked for: two cells of the search, both ways."""
+FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
+"""How far from the circle around a blob its limb is looked for, both ways: so far, and a cell and a half of the
+search."""
+
+COARSE_STEP = 8
+COARSE_FROM_PIXELS = 30_000
+"""Where the search has to look at more pixels than these, it looks at a quarter of them first."""
+
+COARSE_CELLS, MOST_COARSE = 3, 2
+"""So many cells across, a ball is seen in those. How many are tried: where more are needed, every one is looked at."""
 
 CERTAIN_PX, REACH_SIGMAS = 2.0, 2.5
 WIDEST_RING_PX = 16.0
@@ -133,13 +141,34 @@ class BallDetector:
             lens=known or _likely_lens(frame.width_px, frame.height_px),
             is_lens_known=known is not None,
             rejected=[],
+            is_expected=prediction is not None,
         )
-        expected = None if prediction is None else self._expected(replace(scene, is_expected=True), prediction)
-        if expected is not None:
-            return self._found(scene, expected)
+        if prediction is not None:
+            expected = self._expected(scene, prediction)
+            if expected is not None:
+                return self._found(scene, expected)
+            scene = replace(scene, is_expected=False)
+        large = self._large(scene)
+        if large is not None:
+            return self._found(scene, large)
         blobs = find_blobs(frame.image, self._colour, self._step)
         ball = self._best(scene, blobs)
         return self._not_found(scene, blobs) if ball is None else self._found(scene, ball)
+
+    def _large(self, scene: _Scene) -> Ball | None:
+        """Return a large ball beyond doubt, found in few pixels; None if it takes more of them to tell."""
+        height, width = scene.image.shape[:2]
+        if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
+            return None
+        noted = len(scene.rejected)
+        for blob in find_blobs(scene.image, self._colour, COARSE_STEP)[:MOST_COARSE]:
+            if blob.size_px < COARSE_CELLS * COARSE_STEP:
+                break
+            ball = self._within(scene, blob)
+            if ball is not None and ball.is_sure:
+                return ball
+        del scene.rejected[noted:]
+        return None
 
     def _expected(self, scene: _Scene, prediction: Prediction) -> Ball | None:
         """Look where the ball is expected: at the ring around its limb, or else at the blobs around it."""
@@ -175,7 +204,7 @@ class BallDetector:
 
     def _within(self, scene: _Scene, blob: Blob) -> Ball | None:
         """Return the ball by the circle around a blob."""
-        return self._at(scene, blob.circle, FIRST_REACH_PX)
+        return self._at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step))
 
     def _at(self, scene: _Scene, start: Circle, reach_px: float) -> Ball | None:
         """Return the ball near a circle; None, and a note of why, if there is none."""

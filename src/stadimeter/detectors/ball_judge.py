@@ -61,7 +61,7 @@ class Ball:
 
     Attributes:
         limb: The limb.
-        fill: How much of the ball has its colour.
+        fill: How much of the ball has its colour; 1 where that is known from before.
         margin: By how much more of the limb is seen than is asked for.
         is_cut_off: Whether the border of the picture cuts it off.
     """
@@ -123,13 +123,14 @@ class BallGates:
             limb: The limb; None if there is none.
             start: Where it was looked for.
             is_lens_known: Whether the limb was fitted with the camera's own model.
-            is_expected: Whether a ball is expected just there: then less of it need be seen.
+            is_expected: Whether a ball is expected just there: then less of it need be seen, and if nearly all of it
+                is seen, its colour is not judged again.
 
         Returns:
             The ball; or the test that it failed, the cheapest first.
         """
         if limb is None:
-            return _rejected(start, f"no edge around it, limit {LEAST_SUPPORT:.0%} of a circle")
+            return _rejected(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle")
         radius_px = limb.circle.radius_px
         if not self.min_radius_px <= radius_px <= self.max_radius_px:
             return _rejected(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}")
@@ -141,10 +142,14 @@ class BallGates:
                 limb.circle,
                 f"is not round: {support:.0%} of a circle to {limb.scatter_px:.1f} px, limit {needed:.0%}",
             )
-        fill = colour_share(image, limb.circle, self.colour)
+        margin = support - needed
+        # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
+        # stadimeter.app.expectations. To judge it again would take as long as a fifth of all else.
+        is_known = is_expected and margin >= BEST_MARGIN
+        fill = 1.0 if is_known else colour_share(image, limb.circle, self.colour)
         if fill < LEAST_FILL:
             return _rejected(limb.circle, f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}")
-        return Ball(limb=limb, fill=fill, margin=support - needed, is_cut_off=cut_off)
+        return Ball(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
 
     def limits_text(self) -> str:
         """Return the limits of the diameter in words."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.circle_fit import Circle, most_common_circle
 from stadimeter.detectors.limb_edges import LimbEdges, limb_edges
 from stadimeter.detectors.linear_light import light_table
-from stadimeter.ranging.sphere_cone import LEAST_RAYS, ConeFrame, SphereCone
+from stadimeter.ranging.sphere_cone import LEAST_RAYS, ConeFrame, SphereCone, with_ones
 
 Values = NDArray[np.float64]
 
@@ -39,7 +40,8 @@ WITHIN_PX, WITHIN_SHARE, WITHIN_OF_WIDTH = 2.0, 0.06, 0.3
 MOST_LOOKS = 4
 
 ROUNDS, SETTLED_SHARE = 5, 0.8
-"""How often the cone is fitted with new weights at most; no more once the limit for outliers shrinks by less."""
+"""How often the cone is fitted with new weights at most; no more once the limit for outliers shrinks by less, nor
+where all steps are so near that they count fully."""
 
 NARROWEST_PX = 0.25
 """Steps no further from the cone than this always count fully: noise alone puts them there."""
@@ -124,28 +126,35 @@ def within(circle: Circle) -> float:
 
 def _reach_px(edges: LimbEdges, limb: Limb) -> float:
     """Return how far from the limb must be looked to see its steps whole, on an outline that is no circle."""
-    widest = float(np.partition(edges.width_px, -1 - len(edges.width_px) // 8)[-1 - len(edges.width_px) // 8])
     z = limb.cone.axis[2]
     oblong_px = limb.circle.radius_px * (1 / z - 1) if z > 0 else 0.0
-    return min(REACH_SPARE_PX + REACH_OF_WIDTH * widest + oblong_px, MOST_REACH_PX)
+    return min(REACH_SPARE_PX + REACH_OF_WIDTH * edges.wide_width_px + oblong_px, MOST_REACH_PX)
 
 
 def _fitted(edges: LimbEdges, circle: Circle, lens: CameraModel) -> Limb | None:
     """Return the limb through most of the steps."""
-    if len(edges.points_px) < LEAST_RAYS:
+    count = edges.places.shape[1]
+    if count < LEAST_RAYS:
         return None
-    points = edges.points_px
-    directions = lens.directions(points)
-    frame = ConeFrame(directions, lens.direction(circle.x_px, circle.y_px))
+    frame = _cone_frame(edges, circle, lens)
     most_px = _most_px(circle, edges)
     fit = _robust(frame, frame.fit(), lens, most_px)
-    if fit is None or fit.usual_px > DOUBTFUL_PX or np.count_nonzero(fit.on_it) < DOUBTFUL_SHARE * len(points):
+    if fit is None or fit.usual_px > DOUBTFUL_PX or fit.steps < DOUBTFUL_SHARE * count:
+        points = edges.points_px
         common = most_common_circle(points)
         if common is not None:
             near = np.abs(np.hypot(points[:, 0] - common.x_px, points[:, 1] - common.y_px) - common.radius_px)
             again = _robust(frame, frame.fit(np.where(near < 0.05 * common.radius_px + 1.0, 1.0, 0.0)), lens, most_px)
             fit = _better(fit, again)
-    return None if fit is None else _limb(fit, points, edges, lens)
+    return None if fit is None else _limb(fit, edges, lens)
+
+
+def _cone_frame(edges: LimbEdges, circle: Circle, lens: CameraModel) -> ConeFrame:
+    """Return the rays to the steps, as seen along the one to the middle of the circle."""
+    towards = lens.direction(circle.x_px, circle.y_px)
+    if lens.distortion:
+        return ConeFrame(with_ones(lens.directions(edges.points_px)), towards)
+    return ConeFrame(edges.places, towards, lens)
 
 
 def _most_px(circle: Circle, edges: LimbEdges) -> float:
@@ -153,13 +162,13 @@ def _most_px(circle: Circle, edges: LimbEdges) -> float:
     return OFF_PX + OFF_SHARE * circle.radius_px + OFF_OF_WIDTH * max(0.0, edges.usual_width_px - 3.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fit:
-    """A cone, by how many pixels the steps miss it, which of them are on it, and how far they usually are."""
+class _Fit(NamedTuple):
+    """A cone, by how many pixels the steps miss it, which of them are on it, how many, and how far they usually are."""
 
     cone: SphereCone
     misses_px: Values
     on_it: NDArray[np.bool_]
+    steps: int
     usual_px: float
 
 
@@ -169,21 +178,26 @@ def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_p
     for _ in range(ROUNDS):
         if cone is None:
             return None
-        misses = np.abs(frame.misses_rad(cone)) * _pixels_a_radian(cone, lens)
-        usual, limit = _limits(misses, most_px)
-        if limit > SETTLED_SHARE * last_px:
+        misses = np.abs(frame.misses(cone, _pixels_a_radian(cone, lens)))
+        usual, limit, furthest = _limits(misses, most_px)
+        if limit > SETTLED_SHARE * last_px or furthest < NARROWEST_PX:
             break
         last_px = limit
-        share = misses / limit
-        cone = frame.fit(np.maximum(1 - share * share, 0.0) ** 2)
-    return None if cone is None else _Fit(cone, misses, misses < limit, usual)
+        share = misses * (1 / limit)
+        weights = np.maximum(1 - share * share, 0.0)
+        cone = frame.fit(weights * weights)
+    if cone is None:
+        return None
+    on_it = misses < limit
+    return _Fit(cone, misses, on_it, int(np.count_nonzero(on_it)), usual)
 
 
-def _limits(misses: Values, most_px: float) -> tuple[float, float]:
-    """Return how far steps usually are from the cone, and from where on they do not belong to it."""
-    rank = int(RANK * len(misses))
-    usual = float(np.partition(misses, rank)[rank]) / RANK_SIGMAS
-    return usual, min(max(OUTLIER_SIGMAS * usual, NARROWEST_PX), most_px)
+def _limits(misses: Values, most_px: float) -> tuple[float, float, float]:
+    """Return how far steps usually are from the cone, from where on they do not belong to it, and the furthest."""
+    ordered = misses.copy()
+    ordered.sort()
+    usual = float(ordered[int(RANK * len(ordered))]) / RANK_SIGMAS
+    return usual, min(max(OUTLIER_SIGMAS * usual, NARROWEST_PX), most_px), float(ordered[-1])
 
 
 def _better(one: _Fit | None, other: _Fit | None) -> _Fit | None:
@@ -202,19 +216,19 @@ def _pixels_a_radian(cone: SphereCone, lens: CameraModel) -> float:
     return math.sqrt(lens.fx_px * lens.fy_px) / math.pow(max(cone.axis[2], 0.1), 1.5)
 
 
-def _limb(fit: _Fit, points: Points, edges: LimbEdges, lens: CameraModel) -> Limb | None:
-    on_it, cone = fit.on_it, fit.cone
-    steps = int(np.count_nonzero(on_it))
+def _limb(fit: _Fit, edges: LimbEdges, lens: CameraModel) -> Limb | None:
+    steps, cone = fit.steps, fit.cone
     if steps < LEAST_RAYS or not (math.isfinite(cone.half_across) and cone.axis[2] > 0.1):
         return None
-    scatter = math.sqrt(float(np.square(fit.misses_px[on_it]).sum()) / max(1, steps - 3))
+    misses = fit.misses_px.compress(fit.on_it)
+    scatter = math.sqrt(float(misses.dot(misses)) / max(1, steps - 3))
     circle = _outline_circle(cone, lens)
     straight_radius_px = cone.half_across * math.sqrt(lens.fx_px * lens.fy_px)
     return Limb(
         cone=cone,
         circle=circle,
         straight_radius_px=straight_radius_px,
-        points_px=points[on_it],
+        points_px=edges.places[:2].compress(fit.on_it, axis=1).T,
         support=steps / edges.spokes,
         support_inside=steps / edges.inside,
         scatter_px=scatter,

@@ -37,14 +37,16 @@ class Blob:
     """Pixels of the ball's colour that hang together.
 
     Attributes:
-        outline_px: Points along its outline, shape ``(n, 2)``.
-        area_px2: Its area.
         circle: The circle around which its limb may be: as wide or as high as the blob, whichever is more.
+        contour: Its outline as OpenCV has it, in pixels of the thinned part of the picture.
+        step: Every so manieth pixel of that was looked at.
+        origin_px: Where that part begins in the picture, x and y.
     """
 
-    outline_px: Points
-    area_px2: float
     circle: Circle
+    contour: cv2.typing.MatLike
+    step: int
+    origin_px: tuple[int, int]
 
     @property
     def size_px(self) -> float:
@@ -52,9 +54,20 @@ class Blob:
         return 2 * self.circle.radius_px
 
     @property
+    def area_px2(self) -> float:
+        """Its area."""
+        return float(cv2.contourArea(self.contour)) * self.step**2
+
+    @property
+    def outline_px(self) -> Points:
+        """Points along its outline, shape ``(n, 2)``."""
+        return np.asarray(self.contour, np.float64).reshape(-1, 2) * self.step + self.origin_px
+
+    @property
     def thinned_px(self) -> Points:
         """No more than `MOST_POINTS` points of its outline, evenly spaced."""
-        return self.outline_px[:: max(1, math.ceil(len(self.outline_px) / MOST_POINTS))]
+        outline_px = self.outline_px
+        return outline_px[:: max(1, math.ceil(len(outline_px) / MOST_POINTS))]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,8 +145,9 @@ def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
         colour: The colour.
     """
     half_px = max(1.0, circle.radius_px * math.sqrt(0.5))
-    region = Region.around((circle.x_px, circle.y_px), half_px, image)
-    part = image[region.top : region.bottom, region.left : region.right]
+    left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
+    right, bottom = max(int(circle.x_px + half_px + 1), 0), max(int(circle.y_px + half_px + 1), 0)
+    part = image[top:bottom, left:right]
     if part.size == 0:
         return 0.0
     grid = np.asarray(cv2.resize(part, (GRID, GRID), interpolation=cv2.INTER_NEAREST), np.uint8)
@@ -148,5 +162,4 @@ def _blob(contour: cv2.typing.MatLike, box: cv2.typing.Rect, step: int, left: in
         y_px=top + (y + (height - 1) / 2) * step,
         radius_px=max(width, height) * step / 2,
     )
-    outline = np.asarray(contour, np.float64).reshape(-1, 2) * step + (left, top)
-    return Blob(outline_px=outline, area_px2=float(cv2.contourArea(contour)) * step**2, circle=circle)
+    return Blob(circle=circle, contour=contour, step=step, origin_px=(left, top))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -17,6 +18,10 @@ Mask = NDArray[np.uint8]
 CHANNELS = (("hue", 179), ("saturation", 255), ("value", 255))
 LEAST_CHROMA = 8
 """Where the channels of a pixel differ by fewer levels, their noise decides its hue: black shows every hue."""
+
+DARK_VALUE = 32
+"""Where the least saturation of a range reaches that difference at this value or less, all darker pixels are left out,
+those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours."""
 
 EXAMPLE = "29,86,6:64,255,255"
 
@@ -47,13 +52,21 @@ class HsvRange:
             counts only where every hue does.
         """
         hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
-        if self.lower[0] <= self.upper[0]:
-            mask = _between(hsv, self.lower, self.upper)
-        else:
-            below_red = _between(hsv, self.lower, (179, *self.upper[1:]))
-            mask = np.asarray(cv2.bitwise_or(below_red, _between(hsv, (0, *self.lower[1:]), self.upper)), np.uint8)
-        any_hue = (self.lower[0], self.upper[0]) == (0, 179)
-        return mask if any_hue else np.asarray(cv2.bitwise_and(mask, _has_hue(hsv)), np.uint8)
+        if (self.lower[0], self.upper[0]) == (0, 179):
+            return _between(hsv, self.lower, self.upper)
+        least_value = math.ceil(LEAST_CHROMA * 255 / max(self.lower[1], 1))
+        if least_value > DARK_VALUE or self.upper[2] < 2 * DARK_VALUE:
+            return np.asarray(cv2.bitwise_and(self._between_hues(hsv, self.lower[2]), _has_hue(hsv)), np.uint8)
+        return self._between_hues(hsv, max(self.lower[2], least_value))
+
+    def _between_hues(self, hsv: cv2.typing.MatLike, least_value: int) -> Mask:
+        """Return which pixels are between the limits, with another lower limit of the value."""
+        (low_hue, saturation, _), (high_hue, *most) = self.lower, self.upper
+        if low_hue <= high_hue:
+            return _between(hsv, (low_hue, saturation, least_value), self.upper)
+        below_red = _between(hsv, (low_hue, saturation, least_value), (179, *most))
+        above_red = _between(hsv, (0, saturation, least_value), self.upper)
+        return np.asarray(cv2.bitwise_or(below_red, above_red), np.uint8)
 
     def __str__(self) -> str:
         """Return it as it is written."""

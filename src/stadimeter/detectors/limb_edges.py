@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +41,25 @@ LEAST_RADIUS_PX = 2.0
 LEAST_CHANGE, CLEAR_SHARE = 12.0, 0.25
 """Over two pixels the colour must change by so many levels of 8 bits, and by this share of what it does elsewhere."""
 
-NEAR = np.arange(-6, 4)
-"""The pixels beside the steepest place that tell where a sharp step is. By their number in this list:"""
-DEEPER, INNER, HERE, OUTER = (0, 1), (3, 4), 6, (8, 9)
+NEAR = np.arange(-6, 4)[:, None]
+"""The pixels beside the steepest place that tell where a sharp step is."""
+
+LEVELS = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, -0.5, -0.5],
+        [0.5, 0.5, 0.0, -0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.5, -0.5],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -0.5, -0.5],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, -0.5, -0.5],
+    ],
+    np.float32,
+)
+"""What is made of these pixels, a row each: how much brighter it is inside, two to three pixels before the steepest
+place, than outside, two to three pixels behind it; how much brighter still it is further inside; and how much brighter
+than outside the pixels before, at and behind the steepest place are."""
+
+CHANNELS = np.ones(3, np.float32)
+"""The product with these is the sum over the channels, several times as fast as numpy's."""
 
 CLIPPED = 251
 """A channel with such a code value holds more light than it tells; the others must do. JPEG leaves it below 255."""
@@ -72,75 +89,73 @@ class LimbEdges:
     """Steps around something round.
 
     Attributes:
-        points_px: Where they are, shape ``(n, 2)``.
-        width_px: How many pixels each takes from inside to outside at its steepest, along its spoke, shape ``(n,)``.
-        usual_width_px: The median of these.
+        places: Where they are, shape ``(3, n)``: x and y in pixels, and ones.
+        usual_width_px: How many pixels they take from inside to outside, along the spokes: the median.
+        wide_width_px: One in eight is wider than this.
         spokes: How many spokes there are around it, those that leave the picture included.
         inside: How many of them do not, and were looked along.
     """
 
-    points_px: Points
-    width_px: Profiles
+    places: Values
     usual_width_px: float
+    wide_width_px: float
     spokes: int
     inside: int
 
+    @property
+    def points_px(self) -> Points:
+        """Where they are, shape ``(n, 2)``."""
+        return self.places[:2].T
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Rose:
-    """Where spokes are on a circle with a radius of 1: a quarter of them crosses each of its four sides.
+    """Spokes around any circle: a quarter of them crosses each of its four sides, at evenly spread angles.
 
     Attributes:
-        sine: How far from the middle of its side each spoke is, shape ``(n,)``.
-        slant: One by the cosine of that: how much longer a way across the edge is along the spoke, shape ``(n,)``.
-        sign: 1 for the right and the lower side, -1 for the left and the upper one, shape ``(n,)``.
-        on_rows: Which spokes are pieces of rows: those of the right and the left side, shape ``(n,)``.
+        start: What the first pixels follow from: the sums of these rows, times the radius, the pixels inside, the
+            centre's x, its y, and 1, are their x, then their y, then ones, shape ``(5, 3 n)``.
+        step: From each pixel to the next, x, y and 0, shape ``(3, n)``.
+        slant: How much longer a way across the edge is along the spoke, shape ``(n,)``.
     """
 
-    sine: Values
+    start: Values
+    step: Values
     slant: Values
-    sign: Values
-    on_rows: Flags
-
-    def part(self, which: Flags) -> _Rose:
-        """Return some of the spokes."""
-        return _Rose(self.sine[which], self.slant[which], self.sign[which], self.on_rows[which])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Spokes:
+class _Spokes(NamedTuple):
     """Which pixels are looked at.
 
     Attributes:
-        places: Index of each pixel in the flat picture, shape ``(n, k)``.
-        along_px: Where the first pixel of each is along its row or column, shape ``(n,)``.
-        across_px: Which row or column it is, shape ``(n,)``.
-        rose: How they lie.
+        pixels: Index of each in the flat picture, shape ``(n, k)``.
+        start: Where the first pixel of each spoke is: x, y and 1, shape ``(3, n)``.
+        step: From each pixel to the next, x, y and 0, shape ``(3, n)``.
+        slant: How much longer a way across the edge is along the spoke, shape ``(n,)``.
         expected: How many there would be without the border.
     """
 
-    places: Indices
-    along_px: Values
-    across_px: Values
-    rose: _Rose
+    pixels: Indices
+    start: Values
+    step: Values
+    slant: Values
     expected: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Steps:
-    """Steps on spokes, shape ``(n,)`` each.
+class _Steps(NamedTuple):
+    """Steps on spokes.
 
     Attributes:
-        at: Where they are, in pixels from the start of the spoke.
-        width: How wide they are.
-        found: Which of them are steps.
-        brighter: How much brighter it is inside, the sum over all.
+        at: Where they are, in pixels from the start of the spoke, shape ``(n,)``.
+        width: How wide they are, shape ``(n,)``.
+        found: Which of them are steps, shape ``(n,)``.
+        way: How much brighter it is inside than outside, for each channel.
     """
 
-    at: Profiles
+    at: Profiles | Values
     width: Profiles
     found: Flags
-    brighter: float
+    way: Profiles
 
 
 def limb_edges(
@@ -163,127 +178,127 @@ def limb_edges(
     spokes = _spokes(image.shape, circle, inside, max(4, math.ceil(reach_px)))
     if spokes is None:
         return None
-    codes = image.reshape(-1, 3).take(spokes.places, axis=0, mode="clip")
+    codes = image.reshape(-1, 3).take(spokes.pixels, axis=0, mode="clip")
     first, last = max(0, math.floor(inside - within_px)), math.ceil(inside + within_px) + 1
-    steepest, is_clear = _steepest(codes[:, first:last].astype(np.float32))
-    steps = _sharp_steps(codes, steepest + first, light)
-    if middle_value(steps.width) > BLURRED_PX:
-        steps = _blurred_steps(codes, steepest + first, light)
+    steepest, is_clear = _steepest(codes[:, first:last])
+    steepest += first
+    steps = _sharp_steps(codes, steepest, light)
+    if ranked_value(steps.width) > BLURRED_PX:
+        steps = _blurred_steps(codes, steepest, light)
     found = steps.found & is_clear
-    if not found.any():
+    width = steps.width.compress(found)
+    if not len(width):
         return None
-    width = steps.width[found]
-    usual = middle_value(width)
-    blurred_px = (BLUR_OF_WIDTH * usual) ** 2 / (2 * circle.radius_px)
-    outwards_px = blurred_px - math.copysign(bias_px, bias_px * steps.brighter)
-    along = spokes.along_px + spokes.rose.sign * (steps.at + outwards_px * spokes.rose.slant)
-    points = np.empty((len(along), 2))
-    points[:, 0] = np.where(spokes.rose.on_rows, along, spokes.across_px)
-    points[:, 1] = np.where(spokes.rose.on_rows, spokes.across_px, along)
+    width.sort()
+    usual_px = float(width[len(width) // 2])
+    outwards_px = (BLUR_OF_WIDTH * usual_px) ** 2 / (2 * circle.radius_px) - _bias_px(steps, bias_px)
+    places = spokes.start + spokes.step * (steps.at + outwards_px * spokes.slant)
     return LimbEdges(
-        points_px=points[found], width_px=width, usual_width_px=usual, spokes=spokes.expected, inside=len(along)
+        places=places.compress(found, axis=1),
+        usual_width_px=usual_px,
+        wide_width_px=float(width[len(width) - 1 - len(width) // 8]),
+        spokes=spokes.expected,
+        inside=len(found),
     )
 
 
-def middle_value(values: Profiles | Values) -> float:
-    """Return the (upper) median; for so few values ten times as fast as numpy's."""
-    half = len(values) // 2
-    return float(np.partition(values, half)[half])
+def _bias_px(steps: _Steps, bias_px: float) -> float:
+    """Return how far outwards the camera shows the steps: of something dark, those of the bright around it."""
+    return math.copysign(bias_px, bias_px * float(steps.way.sum())) if bias_px else 0.0
+
+
+def ranked_value(values: Profiles | Values, share: float = 0.5) -> float:
+    """Return the value that a share of them are below, or the (upper) median; much faster than numpy for so few."""
+    ordered = values.copy()
+    ordered.sort()
+    return float(ordered[int(share * len(ordered))])
 
 
 @lru_cache(maxsize=MOST_SPOKES_A_SIDE)
 def _rose(a_side: int) -> _Rose:
     """Return spokes at evenly spread angles, in the quarter circles about right, down, left and up."""
-    angles = np.tile((np.arange(a_side) + 0.5) * (math.pi / 2 / a_side) - math.pi / 4, 4)
-    sides = np.repeat((1.0, 1.0, -1.0, -1.0), a_side)
-    return _Rose(np.sin(angles), 1 / np.cos(angles), sides, np.repeat((True, False, True, False), a_side))
+    angles = np.repeat(np.arange(4) * (math.pi / 2), a_side)
+    beside = np.tile((np.arange(a_side) + 0.5) * (math.pi / 2 / a_side) - math.pi / 4, 4)
+    step = np.rint([np.cos(angles), np.sin(angles), np.zeros(4 * a_side)])
+    limb = np.array([np.cos(angles + beside), np.sin(angles + beside), np.zeros(4 * a_side)])
+    constant = np.repeat(np.eye(3), 4 * a_side, axis=1)
+    return _Rose(
+        start=np.vstack([limb.ravel(), -step.ravel(), constant]), step=step, slant=np.asarray(1 / np.cos(beside))
+    )
 
 
 @lru_cache(maxsize=64)
-def _strides(a_side: int, width: int, length: int) -> tuple[Values, Values, Indices]:
-    """Return how far apart pixels are in the flat picture: along a spoke's row or column, across, and for all of it."""
-    rose = _rose(a_side)
-    along = np.where(rose.on_rows, 1.0, width)
-    across = width + 1 - along
-    return along, across, (along * rose.sign)[:, None].astype(np.intp) * np.arange(length)
+def _offsets(a_side: int, width: int, length: int) -> tuple[Values, Indices]:
+    """Return what the index of a place in the flat picture follows from, and those along each spoke from its first."""
+    index = np.array((1.0, width, 0.0))
+    return index, np.outer(index.dot(_rose(a_side).step), np.arange(length)).astype(np.intp)
 
 
 def _spokes(shape: tuple[int, ...], circle: Circle, inside: int, outside: int) -> _Spokes | None:
     """Lay spokes from `inside` pixels inside the circle to `outside` pixels outside, those that fit the picture."""
     height, width = shape[:2]
-    radius = max(circle.radius_px, LEAST_RADIUS_PX)
+    x, y, radius = circle.x_px, circle.y_px, max(circle.radius_px, LEAST_RADIUS_PX)
     a_side = int(min(MOST_SPOKES_A_SIDE, max(3, SPOKES_A_PIXEL * radius)))
     rose = _rose(a_side)
-    middle_across = np.where(rose.on_rows, circle.y_px, circle.x_px)
-    across = np.rint(middle_across + radius * rose.sine)
-    beside = across - middle_across
-    half = np.sqrt(np.maximum(radius * radius - beside * beside, 0.0))
-    along = np.rint(np.where(rose.on_rows, circle.x_px, circle.y_px) + rose.sign * half) - rose.sign * inside
-    stride_along, stride_across, offsets = _strides(a_side, width, inside + outside + 1)
-    places = (along * stride_along + across * stride_across).astype(np.intp)[:, None] + offsets
-    spokes = _Spokes(places, along, across, rose, 4 * a_side)
+    start = np.rint(np.array((radius, inside, x, y, 1.0)).dot(rose.start)).reshape(3, -1)
+    index, offsets = _offsets(a_side, width, inside + outside + 1)
+    pixels = index.dot(start).astype(np.intp)[:, None] + offsets
+    spokes = _Spokes(pixels, start, rose.step, rose.slant, 4 * a_side)
     reach = radius + outside + 1
-    to_border = min(circle.x_px, circle.y_px, width - 1 - circle.x_px, height - 1 - circle.y_px)
-    return spokes if to_border >= reach and radius >= inside else _inside(spokes, width, height)
+    is_whole = min(x, y, width - 1 - x, height - 1 - y) >= reach and radius >= inside
+    return spokes if is_whole else _inside(spokes, width, height)
 
 
 def _inside(spokes: _Spokes, width: int, height: int) -> _Spokes | None:
     """Return the spokes that are whole in the picture; None if there are none."""
-    rose, along, across = spokes.rose, spokes.along_px, spokes.across_px
-    ends = along + rose.sign * (spokes.places.shape[1] - 1)
-    lengths = np.where(rose.on_rows, width, height)
-    whole = (np.minimum(along, ends) >= 0) & (np.maximum(along, ends) < lengths)
-    whole &= (across >= 0) & (across < width + height - lengths)
+    ends = spokes.start + spokes.step * (spokes.pixels.shape[1] - 1)
+    low, high = np.minimum(spokes.start, ends), np.maximum(spokes.start, ends)
+    whole = (low[0] >= 0) & (low[1] >= 0) & (high[0] < width) & (high[1] < height)
     if not whole.any():
         return None
-    return _Spokes(spokes.places[whole], along[whole], across[whole], rose.part(whole), spokes.expected)
+    start, step = spokes.start[:, whole], spokes.step[:, whole]
+    return _Spokes(spokes.pixels[whole], start, step, spokes.slant[whole], spokes.expected)
 
 
-def _steepest(codes: Profiles) -> tuple[Indices, Flags]:
+def _steepest(codes: Image) -> tuple[Indices, Flags]:
     """Return where the colour of each spoke changes most, and whether that is more than noise, shape ``(n,)`` each.
 
     Compared are the pixel before and the one after. Noise has a steepest place too, but nothing like that of most.
     """
-    change = codes[:, 2:] - codes[:, :-2]
+    change = np.subtract(codes[:, 2:], codes[:, :-2], dtype=np.float32)
     change *= change
-    squared = change[:, :, 0] + change[:, :, 1]
-    squared += change[:, :, 2]
-    steepest = squared.argmax(axis=1)
-    most = squared.max(axis=1)
-    rank = len(most) * 3 // 4
-    usual = float(np.partition(most, rank)[rank])
-    return steepest + 1, most > max(LEAST_CHANGE**2, CLEAR_SHARE**2 * usual)
+    squared = change.reshape(-1, 3).dot(CHANNELS)
+    length = change.shape[1]
+    steepest = squared.reshape(-1, length).argmax(axis=1)
+    most = squared.take(steepest + np.arange(0, len(squared), length))
+    least = max(LEAST_CHANGE**2, CLEAR_SHARE**2 * ranked_value(most, 0.75))
+    return steepest + 1, most > least
 
 
 def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     """Measure steps no wider than a sharp picture has them, from a few pixels about the steepest places."""
-    length = codes.shape[1]
-    near = np.minimum(np.maximum(steepest[:, None] + NEAR, 0), length - 1)
-    near += np.arange(0, length * len(codes), length)[:, None]
+    spokes, length = codes.shape[:2]
+    near = np.minimum(np.maximum(steepest + NEAR, 0), length - 1)
+    near += np.arange(0, length * spokes, length)
     near_codes = codes.reshape(-1, 3).take(near, axis=0)
-    lit = light.take(near_codes)
-    outside = lit[:, OUTER[0]] + lit[:, OUTER[1]]
-    way = lit[:, INNER[0]] + lit[:, INNER[1]] - outside
-    if near_codes.max() >= CLIPPED:
-        way *= near_codes.max(axis=1) < CLIPPED
-    squared = np.maximum((way * way).sum(axis=1), 4 * LEAST_LIGHT)
-    # Twice the levels cancel: way is twice the way from outside to inside, and so is its square root.
-    share = np.matmul(lit, (way * (2 / squared)[:, None])[:, :, None])[:, :, 0]
-    share -= ((outside * way).sum(axis=1) / squared)[:, None]
-    before, here, after = share[:, HERE - 1], share[:, HERE], share[:, HERE + 1]
+    levels = LEVELS.dot(light.take(near_codes).reshape(len(NEAR), -1))
+    way = levels[0]
+    if np.maximum.reduce(near_codes, axis=None) >= CLIPPED:
+        way = way * (np.maximum.reduce(near_codes, axis=0) < CLIPPED).ravel()
+    products = (levels * way).reshape(-1, 3).dot(CHANNELS).reshape(-1, spokes)
+    rise, before, here, after = products[1:] / np.maximum(products[0], LEAST_LIGHT)
     width = 2 / np.maximum(before - after, 0.02)
-    half = 0.5 - 0.5 * _shade((share[:, DEEPER[0]] + share[:, DEEPER[1]]) / 2 - 1, width)
-    is_beyond = here > half
-    drop = np.where(is_beyond, here - after, before - here)
-    at = steepest + (here - half) / np.maximum(drop, 1e-3)
-    found = (before > half) & (after <= half) & (drop > 0)
-    return _Steps(at, width, found, float(way.sum()))
+    half = 0.5 - 0.5 * _shade(rise, width)
+    above = here - half
+    drop = np.where(above > 0, here - after, before - here)
+    at = steepest + above / np.maximum(drop, 1e-3)
+    return _Steps(at, width, (before > half) & (after <= half), way)
 
 
 def _shade(rise: Profiles, width: Profiles) -> float:
     """Return by how much the level inside is brighter where it is read than at the limb, as a share of the step."""
-    sharp = rise[width < SHARP_PX]
-    return min(max(middle_value(sharp), 0.0), MOST_SHADE) if len(sharp) else 0.0
+    sharp = rise.compress(width < SHARP_PX)
+    return min(max(ranked_value(sharp), 0.0), MOST_SHADE) if len(sharp) else 0.0
 
 
 def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
@@ -304,7 +319,7 @@ def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
         width = (high - low) / fall
         at, found = _passes(share, spoke, middle, (high + low) / 2)
         middle = np.where(found, np.rint(at), middle).astype(np.intp)
-    return _Steps(at, width, found & (high > low), float(way.sum()))
+    return _Steps(at, width, found & (high > low), way)
 
 
 def _passes(share: Profiles, spoke: Indices, middle: Indices, half: Profiles) -> tuple[Profiles, Flags]:

@@ -7,9 +7,7 @@ import math
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.core.target import BallSize
-from stadimeter.ranging.apparent_size import ApparentSize, apparent_size
 from stadimeter.ranging.reading import Reading, size_noise_share
-from stadimeter.ranging.similar_triangles import distance_m
 from stadimeter.ranging.sphere_cone import fit_cone
 
 
@@ -24,22 +22,23 @@ def read_ball(detection: Detection, size: BallSize, camera: CameraModel) -> Read
     Returns:
         The position and how sure it is.
     """
-    known = apparent_size(detection, size, camera.fx_px, camera.fy_px)
-    noise_share = size_noise_share(detection, camera, known.apparent)
+    # For each axis of the picture its own focal length; of the two diameters the mean.
+    apparent = (detection.width_px / camera.fx_px + detection.height_px / camera.fy_px) / 2
+    noise_share = size_noise_share(detection, camera, apparent)
     centre = camera.direction(*detection.centre_px)
     cone = None
     if detection.measured_with is not camera and len(detection.outline_px):
         cone = fit_cone(camera.directions(detection.outline_px), centre)
     if cone is None:
-        depth_m = _depth_m(known)
-        x, y = _direction(known, centre)
+        depth_m = _depth_m(size.diameter_m, apparent)
+        x, y = _direction(apparent, centre)
         return Reading(position_m=(x * depth_m, y * depth_m, depth_m), noise_share=noise_share)
     straight_m = cone.distance_m(size.diameter_m / 2)
     x, y, z = cone.axis
     return Reading(position_m=(x * straight_m, y * straight_m, z * straight_m), noise_share=noise_share)
 
 
-def _depth_m(known: ApparentSize) -> float:
+def _depth_m(diameter_m: float, apparent: float) -> float:
     """Return how deep the centre of a ball lies, from the smaller diameter of its outline.
 
     The rays that graze a ball touch it nearer than its centre, so plain similar triangles read too near, by 0.5 % at
@@ -48,14 +47,14 @@ def _depth_m(known: ApparentSize) -> float:
     axis cuts the picture in an ellipse of the smaller half axis ``b = sin α / sqrt(cos² θ - sin² α)`` (for F = 1), and
     ``sin α = W / 2 D``, ``Z = D cos θ``.
     """
-    return math.hypot(distance_m(1.0, known.size_m, known.apparent), known.size_m / 2)
+    return math.hypot(diameter_m / apparent, diameter_m / 2)
 
 
-def _direction(known: ApparentSize, centre: tuple[float, float]) -> tuple[float, float]:
+def _direction(apparent: float, centre: tuple[float, float]) -> tuple[float, float]:
     """Return where the centre of a ball is, per unit of depth, from the centre of its outline.
 
     The middle of the elliptical outline lies further out than the ball's centre, by the factor ``1 + b²`` with b as in
     `_depth_m`.
     """
-    nearer = 1 + (known.apparent / 2) ** 2
+    nearer = 1 + (apparent / 2) ** 2
     return centre[0] / nearer, centre[1] / nearer

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 
 Values = NDArray[np.float64]
@@ -84,25 +85,22 @@ class ConeFrame:
     """Rays as seen along a first guess of the axis, ready to be fitted.
 
     Args:
-        directions: Where the rays look to, x and y per unit of depth, shape ``(n, 2)``.
+        rays: Where they look to, shape ``(3, n)``: x and y per unit of depth, and ones; or with a camera, x and y in
+            pixels, and ones.
         towards: The first guess of the axis, x and y per unit of depth.
+        camera: The camera whose pixels the rays are; its lens must bend no lines.
     """
 
-    def __init__(self, directions: Points, towards: tuple[float, float]) -> None:
+    def __init__(self, rays: Values, towards: tuple[float, float], camera: CameraModel | None = None) -> None:
         self._basis = _basis(towards)
-        a, b, c = self._basis
-        x, y = directions[:, 0], directions[:, 1]
-        ahead = x * a[0] + y * a[1] + a[2]
-        u = (x * b[0] + y * b[1] + b[2]) / ahead
-        v = (x * c[0] + y * c[1] + c[2]) / ahead
-        squared = u * u + v * v
-        self._length = np.sqrt(squared + 1)
-        # Columns 1, u, v and the right side: one product with its transpose holds all sums of the normal equations.
-        self._columns = np.empty((4, len(u)))
-        self._columns[0] = 1.0
-        self._columns[1] = u
-        self._columns[2] = v
-        self._columns[3] = squared / (1 + self._length)
+        axes = self._basis if camera is None else tuple(_on_pixels(axis, camera) for axis in self._basis)
+        along = np.array(axes).dot(rays)
+        # Rows 1, u, v and the right side: one product with its transpose holds all sums of the normal equations.
+        self._rows = np.empty((4, rays.shape[1]))
+        self._rows[0] = 1.0
+        across = np.divide(along[1:], along[0], out=self._rows[1:3])
+        squared = (across * across).sum(axis=0)
+        np.divide(squared, np.sqrt(squared + 1) + 1, out=self._rows[3])
 
     def fit(self, weights: Values | None = None) -> SphereCone | None:
         """Fit a cone by linear least squares.
@@ -113,19 +111,25 @@ class ConeFrame:
         Returns:
             The cone; None where the rays do not say which.
         """
-        weighted = self._columns if weights is None else self._columns * weights
-        return self._cone((weighted @ self._columns.T).tolist())
+        weighted = self._rows if weights is None else self._rows * weights
+        return self._cone(weighted.dot(self._rows.T).tolist())
 
-    def misses_rad(self, cone: SphereCone) -> Values:
+    def misses(self, cone: SphereCone, scale: float = 1.0) -> Values:
         """Return by what angle each ray passes outside the cone, negative inside, shape ``(n,)``.
 
-        To first order, ``d · a - cos α`` divided by ``-sin α``.
+        To first order that is ``cos α - d · a`` divided by ``sin α``, and that is ``cos α (1 - d · m)``. How far
+        ``d · m`` is from 1 is what the two sides of the last equation in the head of this file differ by, divided by
+        the root in it, which is ``1 / cos α`` near the limb.
+
+        Args:
+            cone: The cone.
+            scale: What the angles in radians are multiplied by, such as the pixels that a radian takes.
         """
-        cosine = math.sqrt(1 - cone.sine**2)
-        m = [_dot(axis, cone.axis) for axis in self._basis]
-        scale = -1.0 / cone.sine
-        ahead = self._columns[1] * (m[1] * scale) + self._columns[2] * (m[2] * scale) + m[0] * scale
-        return np.asarray(ahead / self._length - cosine * scale)
+        squared = 1 - cone.sine**2
+        cosine, factor = math.sqrt(squared), scale * squared / cone.sine
+        g, q1, q2 = (_dot(axis, cone.axis) / cosine for axis in self._basis)
+        terms = np.array(((1 - g) * factor, -q1 * factor, -q2 * factor, factor))
+        return np.asarray(terms.dot(self._rows))
 
     def _cone(self, sums: list[list[float]]) -> SphereCone | None:
         """Solve the normal equations by Cramer's rule."""
@@ -147,9 +151,13 @@ class ConeFrame:
         # excess = tan² α, and a ray that errs by e moves the right side by e tan α.
         variance = aa * g * g + bb * q1 * q1 + cc * q2 * q2 + 2 * (ab * g * q1 + ac * g * q2 + bc * q1 * q2)
         ahead, across, down = self._basis
-        x, y, z = ((g * i + q1 * j + q2 * k) / length for i, j, k in zip(ahead, across, down, strict=True))
+        g, q1, q2 = g / length, q1 / length, q2 / length
         return SphereCone(
-            axis=(x, y, z),
+            axis=(
+                g * ahead[0] + q1 * across[0] + q2 * down[0],
+                g * ahead[1] + q1 * across[1] + q2 * down[1],
+                g * ahead[2] + q1 * across[2] + q2 * down[2],
+            ),
             sine=math.sqrt(excess) / length,
             sine_share=math.sqrt(max(variance / determinant, 0.0) / excess) / (1 + excess),
         )
@@ -166,7 +174,14 @@ def fit_cone(directions: Points, towards: tuple[float, float]) -> SphereCone | N
     Returns:
         The cone; None for fewer than `LEAST_RAYS` rays, or for rays that form none.
     """
-    return ConeFrame(directions, towards).fit() if len(directions) >= LEAST_RAYS else None
+    return ConeFrame(with_ones(directions), towards).fit() if len(directions) >= LEAST_RAYS else None
+
+
+def with_ones(directions: Points) -> Values:
+    """Return directions as rays: x and y in a row each, shape ``(2, n)``, and a row of ones below."""
+    rays = np.ones((3, len(directions)))
+    rays[:2] = directions.T
+    return rays
 
 
 def _basis(towards: tuple[float, float]) -> tuple[Vector, Vector, Vector]:
@@ -179,6 +194,12 @@ def _basis(towards: tuple[float, float]) -> tuple[Vector, Vector, Vector]:
     b = (a[2] / across, 0.0, -a[0] / across)
     c = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
     return a, b, c
+
+
+def _on_pixels(axis: Vector, camera: CameraModel) -> Vector:
+    """Return by what pixels, as x, y and 1, are multiplied to have how far their rays reach along an axis."""
+    x, y, z = axis[0] / camera.fx_px, axis[1] / camera.fy_px, axis[2]
+    return x, y, z - x * camera.cx_px - y * camera.cy_px
 
 
 def _dot(one: Vector, other: Vector) -> float:
