@@ -36,8 +36,11 @@ REACH_SPARE_PX = 4.0
 """What must be left of the reach beside the step: the pixels that its levels are read from, and the rounding."""
 
 WITHIN_PX, WITHIN_SHARE, WITHIN_OF_WIDTH = 2.0, 0.06, 0.3
+"""Once a circle was fitted, the limb is looked for so near to it: pixels, a share of the radius for an oblong outline,
+and a share of how wide the steps are. Further away is the edge of a hand or of what lies behind."""
 
 MOST_LOOKS = 4
+"""How often the limb is looked for again around the last fit, until the same steps are found."""
 
 ROUNDS, SETTLED_SHARE = 5, 0.8
 """How often the cone is fitted with new weights at most; no more once the limit for outliers shrinks by less, nor
@@ -47,7 +50,12 @@ NARROWEST_PX = 0.25
 """Steps no further from the cone than this always count fully: noise alone puts them there."""
 
 OUTLIER_SIGMAS = 4.0
+"""Steps further from the cone than so many of their usual distances do not belong to it."""
+
 OFF_PX, OFF_SHARE, OFF_OF_WIDTH = 1.0, 0.015, 0.6
+"""Nor do steps further away than this, however far they usually are: pixels, a share of the radius for felt, and a
+share of what blur adds to their width."""
+
 RANK, RANK_SIGMAS = 0.3, 0.385
 """Of normal errors, 30 % are smaller than 0.385 standard deviations; more than half of the steps may be outliers."""
 

@@ -36,7 +36,10 @@ Flags = NDArray[np.bool_]
 
 MOST_SPOKES_A_SIDE = 16
 SPOKES_A_PIXEL = 1.2
+"""So many spokes for each pixel of the radius cross each of the four sides: no row or column is read twice."""
+
 LEAST_RADIUS_PX = 2.0
+"""A smaller circle is looked around as if it had this radius."""
 
 LEAST_CHANGE, CLEAR_SHARE = 12.0, 0.25
 """Over two pixels the colour must change by so many levels of 8 bits, and by this share of what it does elsewhere."""
