@@ -23,7 +23,7 @@ CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 def test_a_tennis_ball_at_ten_metres_is_four_pixels_wide() -> None:
     expected = expect(TENNIS, CAMERA, 10.0)
     assert expected.size_px == pytest.approx(4.02, abs=0.01)
-    assert expected.sigma_m == pytest.approx(10 * (1.0 / 2.01) / 4.02, rel=0.02)
+    assert expected.sigma_m == pytest.approx(10 * (0.85 / 2.01) / 4.02, rel=0.02)
     assert not expected.is_reliable
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from stadimeter.core.detection import Points
 from stadimeter.ranging.sphere_cone import ConeFrame, SphereCone, fit_cone, with_ones
@@ -92,3 +93,18 @@ def test_too_few_rays_and_rays_that_form_no_cone_are_refused() -> None:
 
 def test_a_sphere_beside_the_camera_has_no_outline() -> None:
     assert math.isinf(SphereCone(axis=(0.995, 0.0, 0.1), sine=0.5, sine_share=1.0).half_across)
+
+
+@given(
+    rays=arrays(
+        np.float64, st.tuples(st.integers(6, 20), st.just(2)), elements=st.floats(-1e6, 1e6, allow_subnormal=False)
+    ),
+    towards=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
+)
+def test_whatever_the_rays_there_is_a_cone_with_a_distance_or_none(rays: Points, towards: tuple[float, float]) -> None:
+    with np.errstate(all="ignore"):
+        cone = fit_cone(rays, towards)
+    if cone is not None:
+        assert 0 < cone.sine < 1
+        assert 0.03 < cone.distance_m(0.03) < math.inf
+        assert cone.sine_share >= 0

@@ -43,12 +43,12 @@ BEST_MARGIN = 0.6
 SURE_QUALITY = 0.4
 """With this quality, smaller blobs need not be looked at."""
 
-SIGMA_FACTOR = 2.7
+SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.015
-SIGMA_SMALL_PX2 = 0.5
-SIGMA_OF_BLUR = 0.11
-SIGMA_OF_SCATTER, USUAL_SCATTER_PX = 0.6, 0.25
-"""The standard deviation of a radius r is ``hypot(2.7 s, 0.015, 0.5 / r, 0.11 b, 0.6 e)`` pixels. s is what the fit
+SIGMA_SMALL_PX2 = 0.4
+SIGMA_OF_BLUR = 0.1
+SIGMA_OF_SCATTER, USUAL_SCATTER_PX = 1.0, 0.25
+"""The standard deviation of a radius r is ``hypot(2 s, 0.015, 0.4 / r, 0.1 b, e)`` pixels. s is what the fit
 gives for steps that err each by itself, which they do not; small balls suffer from what is behind them; blur b hides
 where the ball was in the middle of the exposure; and where steps scatter by more than 0.25 px, by e more, a hand or
 felt bends the whole limb. Fitted to rendered balls of known distance under fifteen troubles, where the 95 % interval

@@ -18,7 +18,7 @@ RELIABLE_PX = 12.0
 """Smaller targets are hardly told from clutter, whatever kind they are."""
 
 _BALL_FLOOR_PX = 0.05
-_SMALL_BALL_PX2 = 1.0
+_SMALL_BALL_PX2 = 0.85
 _FLAT_FLOOR_PX = 0.015
 _SMALL_TAG_PX2 = 1.35
 

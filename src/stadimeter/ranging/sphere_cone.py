@@ -32,6 +32,9 @@ from stadimeter.core.detection import Points
 Values = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
+MOST_EXCESS = 100.0
+"""Square of the tangent of the half angle beyond which rays form no cone around a sphere: it would fill 168 degrees."""
+
 LEAST_RAYS = 6
 """Fewer rays say too little about three unknowns."""
 
@@ -144,7 +147,7 @@ class ConeFrame:
         q1 = (ab * r + bb * s + bc * t) / determinant
         q2 = (ac * r + bc * s + cc * t) / determinant
         excess = 2 * q0 + q0 * q0 + q1 * q1 + q2 * q2
-        if not 0 < excess < math.inf:
+        if not 0 < excess < MOST_EXCESS:
             return None
         length = math.sqrt(1 + excess)
         g = 1 + q0
