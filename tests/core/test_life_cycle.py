@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from stadimeter.core.plan import Tracking
+from stadimeter.core.plan import Plan, Tracking
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import new_track, step
-from stadimeter.testing.observing import measured, missed
+from stadimeter.testing.observing import Rehearsal, measured, missed
 
 SETTINGS = Tracking(confirm_frames=2, coast_s=0.3, outliers_max=3, gate_sigmas=4.0)
 
@@ -102,3 +102,53 @@ def test_what_no_filter_can_reduce_stays_in_the_standard_deviation():
         seen = replace(measured("ball", at_s, 2.0, sigma_m=0.01), sigma_m=0.05)
         state = step(state, seen, at_s, SETTINGS)
     assert state.track.sigma_m >= math.sqrt(0.05**2 - 0.01**2)
+
+
+def test_it_is_known_since_when_a_target_has_been_in_sight_or_out_of_it():
+    assert follow(None).track.since_s == 0.1
+    seen = follow(2.0, 2.0, 2.0, 2.0)
+    assert seen.track.since_s == 0.2
+    coasting = follow(None, 2.0, state=seen, start_s=0.4)
+    assert coasting.track.since_s == 0.2
+    lost = follow(*[None] * 5, state=coasting, start_s=0.6)
+    assert lost.track.status is TrackStatus.LOST
+    assert lost.track.since_s == pytest.approx(1.0)
+
+
+def test_distance_and_closing_speed_err_against_each_other():
+    # A distance that is taken for too large was approached too slowly, as far as the filter can tell.
+    tracked = follow(2.0, 1.9, 1.8, 1.7)
+    assert tracked.track.closing_cov_m2ps < 0
+    sigmas = tracked.track.sigma_m * tracked.track.closing_sigma_mps
+    assert abs(tracked.track.closing_cov_m2ps) < sigmas
+
+
+def test_one_wrong_measurement_that_a_manoeuvre_could_explain_is_not_believed():
+    run = seen_at(*[0.51] * 30, sigma_m=0.0004)
+    shown = run.see(0.48, sigma_m=0.0004).tracks[0]
+    assert (shown.status, shown.rejected) == (TrackStatus.COASTING, 1)
+    assert shown.distance_m == pytest.approx(0.51, abs=0.001)
+    assert "the next frame tells" in shown.reason
+    shown = run.see(0.51, sigma_m=0.0004).tracks[0]
+    assert (shown.status, shown.rejected) == (TrackStatus.TRACKING, 0)
+    assert shown.distance_m == pytest.approx(0.51, abs=0.001)
+
+
+def test_a_target_that_really_starts_is_followed_from_its_second_frame():
+    run = seen_at(*[0.51] * 30, sigma_m=0.0004)
+    shown = run.see(0.48, 0.45, sigma_m=0.0004).tracks[0]
+    assert shown.status is TrackStatus.TRACKING
+    assert shown.distance_m == pytest.approx(0.45, abs=0.005)
+
+
+def test_two_wrong_measurements_that_contradict_each_other_are_not_believed():
+    run = seen_at(*[0.51] * 30, sigma_m=0.0004)
+    run.see(0.485, sigma_m=0.0004)
+    assert run.see(0.535, sigma_m=0.0004).tracks[0].distance_m == pytest.approx(0.51, abs=0.002)
+    assert run.see(0.51, sigma_m=0.0004).tracks[0].distance_m == pytest.approx(0.51, abs=0.002)
+
+
+def seen_at(*distances_m, sigma_m):
+    run = Rehearsal(Plan(targets=("ball",)), frame_s=1 / 30)
+    run.see(*distances_m, sigma_m=sigma_m)
+    return run

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.decision import RuleStatus
-from stadimeter.core.plan import FollowRule, RampRule
+from stadimeter.core.rule import FollowRule, RampRule
 from stadimeter.core.rules.follow import follow_twist, new_follow, step_follow
-from stadimeter.core.rules.ramp import new_ramp, ramp_level, step_ramp
+from stadimeter.core.rules.ramp import new_ramp, step_ramp
+from stadimeter.core.rules.ramp_level import ramp_level
 from stadimeter.core.track import Track, TrackStatus
 
 FAR = RampRule(name="far", target="ball", output="motor", start_m=3.0, full_m=6.0, level_min=0.25)
@@ -56,7 +57,7 @@ def test_it_is_monotonic_and_within_its_limits(a, b, gamma):
 def test_a_ramp_without_its_target_asks_for_nothing(status):
     track = Track(target="ball", status=status, distance_m=5.0, sigma_m=0.1)
     step = step_ramp(FAR, replace(new_ramp(FAR), level=0.5), track)
-    assert step.request is None
+    assert step.requests == ()
     assert step.trace.status is RuleStatus.UNKNOWN
     assert step.level == 0.0
 
@@ -92,5 +93,5 @@ def test_a_base_is_never_asked_for_more_than_its_rule_allows(distance, bearing):
 def test_following_without_a_finite_bearing_asks_for_nothing():
     track = Track(target="ball", status=TrackStatus.TRACKING, distance_m=2.0, sigma_m=0.1, bearing_rad=math.nan)
     step = step_follow(FOLLOW, new_follow(FOLLOW), track)
-    assert step.request is None
+    assert step.requests == ()
     assert step.trace.status is RuleStatus.UNKNOWN

@@ -14,6 +14,7 @@ from stadimeter.core.outputs import OutputStep, command_all, new_output
 from stadimeter.core.plan import Plan
 from stadimeter.core.rules.alarm import Sample
 from stadimeter.core.rules.judging import Judged, judge, not_judged_yet
+from stadimeter.core.rules.known import Known
 from stadimeter.core.rules.reasons import Reasons
 from stadimeter.core.safety import SafetyState, step_safety
 from stadimeter.core.track import TrackStatus
@@ -34,6 +35,7 @@ class State:
         outputs: What each output of the plan did.
         faults: The outputs that were out of order in the last cycle.
         events: How many events there were in the run.
+        due: Events of what happened between two cycles; they are told in the next one.
     """
 
     plan: Plan
@@ -44,6 +46,7 @@ class State:
     outputs: tuple[OutputStep, ...] = ()
     faults: tuple[OutputFault, ...] = ()
     events: int = 0
+    due: tuple[Event, ...] = ()
 
 
 def initial_state(plan: Plan) -> State:
@@ -80,14 +83,18 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     tracks = {tracked.track.target: tracked.track for tracked in track_states}
     step_s = 0.0 if state.now_s is None else observation.now_s - state.now_s
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
-    rules, rule_events = judge(plan.rules, state.rules, tracks, _sample(state, safety), cycle)
+    tracks_before = {tracked.track.target: tracked.track for tracked in state.tracks}
+    known = Known(tracks=tracks, now_s=observation.now_s, wall=observation.wall, before=tracks_before)
+    sample = _sample(state, safety)
+    rules, outcome = judge(plan.rules, state.rules, known, sample, cycle, observation.operator_commands)
     # After a gap the outputs have been stopped by their leases: they start from there, not from the last command.
     before = state.outputs if step_s <= plan.safety.max_frame_age_s else tuple(map(new_output, plan.outputs))
     slew_s = min(step_s, plan.safety.max_frame_age_s)
     outputs = command_all(plan.outputs, before, rules.wanted, safety, observation.output_faults, slew_s)
     events = _numbered(
-        _track_events(state, track_states, observation.now_s)
-        + rule_events
+        state.due
+        + _track_events(state, track_states, observation.now_s)
+        + outcome.events
         + _camera_events(state.safety, safety, observation.now_s)
         + _fault_events(state.faults, observation),
         state.events,
@@ -100,7 +107,9 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         safety_reason=safety.reason,
         outputs=tuple([step.trace for step in outputs]),
         rules=rules.traces,
-        reasons=Reasons(rules=plan.rules, steps=rules.steps, tracks=tracks, now_s=observation.now_s),
+        notices=outcome.notices,
+        answers=outcome.answers,
+        reasons=Reasons(plan=plan, judged=rules, known=known),
     )
     remembered = State(
         plan=plan,

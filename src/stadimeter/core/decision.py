@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from stadimeter.core.command import Command
+from stadimeter.core.operator import Answer
 from stadimeter.core.track import Track
 
 
@@ -22,6 +23,19 @@ class EventKind(StrEnum):
     TARGET_LOST = "target_lost"
     FAULT = "fault"
     FAULT_CLEARED = "fault_cleared"
+    ACKNOWLEDGED = "acknowledged"
+    RESET = "reset"
+    """An alarm that latched was ended by somebody."""
+    REALARMED = "realarmed"
+    """An alarm still stands, and is reported again."""
+    SHELVED = "shelved"
+    UNSHELVED = "unshelved"
+    SUPPRESSED = "suppressed"
+    UNSUPPRESSED = "unsuppressed"
+    OUT_OF_SERVICE = "out_of_service"
+    IN_SERVICE = "in_service"
+    REFUSED = "refused"
+    """What an operator wanted could not be done."""
 
 
 class Severity(StrEnum):
@@ -46,6 +60,10 @@ class Event:
         distance_m: The distance at that moment, if known.
         sigma_m: Its standard deviation, if known.
         sequence: Counts the events of the run, from 0.
+        notify: Whether people are to be told: not while the rule is shelved, suppressed, out of service or only
+            observed, nor within its cooldown.
+        first_out: Whether it is the first alarm of its group.
+        by: Who caused it; empty where nobody did.
     """
 
     kind: EventKind
@@ -56,6 +74,24 @@ class Event:
     distance_m: float | None = None
     sigma_m: float | None = None
     sequence: int = 0
+    notify: bool = True
+    first_out: bool = False
+    by: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notice:
+    """A message or notification that a rule sends now.
+
+    Attributes:
+        rule: The rule.
+        step: The position of the step in its sequence that sends it.
+        event: What happened to the rule.
+    """
+
+    rule: str
+    step: int
+    event: Event
 
 
 class RuleStatus(StrEnum):
@@ -68,6 +104,10 @@ class RuleStatus(StrEnum):
     ACTIVE = "active"
     CLEARING = "clearing"
     """Its condition no longer holds, but not yet for long enough."""
+    LATCHED = "latched"
+    """Its condition is over, but it stands until somebody resets it."""
+    RETURNED = "returned"
+    """Its condition is over, but nobody has acknowledged it."""
     UNKNOWN = "unknown"
     """There is nothing to judge by: its target is not seen."""
 
@@ -80,11 +120,17 @@ class RuleTrace:
         rule: The rule's name.
         status: What the rule is doing.
         output: The output it drives, if any.
+        acknowledged: Whether nobody needs to acknowledge it, or somebody has.
+        gates: What keeps it from acting: ``shelved``, ``suppressed``, ``out of service``, ``observed``.
+        first_out: Whether it is the first alarm of its group.
     """
 
     rule: str
     status: RuleStatus
     output: str | None = None
+    acknowledged: bool = True
+    gates: tuple[str, ...] = ()
+    first_out: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,6 +172,8 @@ class Decision:
         safety_reason: Why they may not; empty if they may.
         outputs: Who commands each output.
         rules: What each rule did, in the order of the configuration.
+        notices: What is to be sent.
+        answers: What became of the operators' commands.
         reasons: Why each rule did so, by its name, in words with figures. They follow from the plan and the other
             fields, so they are put into words only when somebody reads them, are in no journal, and do not count when
             decisions are compared.
@@ -138,4 +186,6 @@ class Decision:
     safety_reason: str
     outputs: tuple[OutputTrace, ...]
     rules: tuple[RuleTrace, ...]
+    notices: tuple[Notice, ...] = ()
+    answers: tuple[Answer, ...] = ()
     reasons: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stadimeter.core.measurement import Measurement
+from stadimeter.core.operator import OperatorCommand
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +35,19 @@ class OutputFault:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class WallTime:
+    """The local time of day. Schedules go by it, and nothing else does.
+
+    Attributes:
+        second_of_day: Seconds since midnight.
+        weekday: 0 for Monday.
+    """
+
+    second_of_day: float
+    weekday: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
     """All that the core may know in one cycle.
 
@@ -43,6 +57,8 @@ class Observation:
         measurements: One for each target that was looked for in that frame; empty without a frame.
         camera_fault: Why there is no frame, or an empty string.
         output_faults: The outputs that are out of order at the start of the cycle.
+        wall: The time of day, if a rule asks for it; None also while the clock is not synchronised.
+        operator_commands: What people have told rules since the cycle before.
     """
 
     now_s: float
@@ -50,3 +66,5 @@ class Observation:
     measurements: tuple[Measurement, ...] = ()
     camera_fault: str = ""
     output_faults: tuple[OutputFault, ...] = ()
+    wall: WallTime | None = None
+    operator_commands: tuple[OperatorCommand, ...] = ()

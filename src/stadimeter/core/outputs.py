@@ -90,22 +90,20 @@ def _step(
     output: Output, before: OutputStep, wanted: Sequence[Request], safety: SafetyState, forbidden: str, step_s: float
 ) -> OutputStep:
     if forbidden or safety.frame is None:
-        trace = _trace(before, "safety", forbidden, wanted, wanted)
+        trace = _trace(before, "safety", forbidden, wanted, losing_from=0)
         return OutputStep(command=safe_command(output), trace=trace, wanted=wanted)
     winner = wanted[0] if wanted else None
     command = _command(output, before.command, winner, safety.frame.captured_at_s, step_s)
     who, reason = (winner.rule, "") if winner else ("safe", NOBODY)
-    return OutputStep(command=command, trace=_trace(before, who, reason, wanted, wanted[1:]), wanted=wanted)
+    return OutputStep(command=command, trace=_trace(before, who, reason, wanted, losing_from=1), wanted=wanted)
 
 
-def _trace(
-    before: OutputStep, winner: str, reason: str, wanted: Sequence[Request], losing: Sequence[Request]
-) -> OutputTrace:
+def _trace(before: OutputStep, winner: str, reason: str, wanted: Sequence[Request], *, losing_from: int) -> OutputTrace:
     """Return the trace of the cycle before while it says the same."""
     last = before.trace
     if wanted is before.wanted and winner == last.winner and reason == last.reason:
         return last
-    losers = tuple([request.rule for request in losing])
+    losers = tuple([request.rule for request in wanted[losing_from:]])
     if (winner, reason, losers) == (last.winner, last.reason, last.losers):
         return last
     return OutputTrace(output=last.output, winner=winner, reason=reason, losers=losers)

@@ -37,6 +37,8 @@ class Track:
         measured_at_s: The capture time of the last measurement that was accepted.
         rejected: How many measurements in a row were refused as outliers.
         reason: Why it is not tracked, or why the newest measurement was refused.
+        since_s: Since when it has been in sight, or out of sight, without a break; None before the first cycle.
+        closing_cov_m2ps: Covariance of the distance and the speed of approach; None until the target was seen.
     """
 
     target: str
@@ -52,6 +54,8 @@ class Track:
     measured_at_s: float | None = None
     rejected: int = 0
     reason: str = ""
+    since_s: float | None = None
+    closing_cov_m2ps: float | None = None
 
     @property
     def is_valid(self) -> bool:

@@ -8,6 +8,7 @@ from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.operator import Answer, OperatorAction, OperatorCommand
 from stadimeter.core.plan import Plan
 
 
@@ -113,6 +114,29 @@ class Rehearsal:
             self.now_s = round(self.now_s + 0.1, 9)
             self.cycle(Observation(now_s=self.now_s, camera_fault=camera_fault))
         return self.decisions[-1][1]
+
+    def tell(
+        self, action: str, rule: str = "", by: str = "Ada", why: str = "", *, for_s: float | None = None, **how: bool
+    ) -> Answer:
+        """Tell a rule something, in a cycle of its own without a new frame.
+
+        Args:
+            action: Such as ``acknowledge``.
+            rule: The rule; empty for all.
+            by: Who says so.
+            why: Why.
+            for_s: How long to shelve.
+            how: ``one_shot``.
+
+        Returns:
+            The answer.
+        """
+        self.now_s = round(self.now_s + 0.001, 9)
+        command = OperatorCommand(
+            id=str(len(self.decisions)), action=OperatorAction(action), rule=rule, by=by, why=why, for_s=for_s, **how
+        )
+        (answer,) = self.cycle(Observation(now_s=self.now_s, operator_commands=(command,))).answers
+        return answer
 
     def cycle(self, observation: Observation) -> Decision:
         """Give any observation.

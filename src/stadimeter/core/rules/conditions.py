@@ -1,186 +1,264 @@
-"""Whether a condition holds, given how sure the distance is.
+"""Whether a condition holds: simple ones, and those made of others with `all`, `any` and `not`.
 
-A condition begins when it is likely enough, and ends when, widened by a deadband, it is no longer likely. The deadband
-is in standard deviations of the distance: since these grow with the square of the distance, a fixed deadband tuned at
-2 m chatters 15 times a minute at 8 m. The decision by probability follows JCGM 106:2012, "The role of measurement
-uncertainty in conformity assessment" (a guard band chosen by which error one accepts).
+Three-valued, after Kleene: what is not known is neither true nor false, and a whole is known as soon as no unknown part
+could change it. `all` is false once one part is, `any` is true once one part is.
+
+Each simple part has a memory of its own: whether it held in the sample before. While the alarm is active, a part that
+held is judged by what ends it; a part that did not, by what begins it. While the alarm is inactive, all parts are
+judged by what begins them. Below a `not` this is turned round: the whole begins only when the part has surely ended,
+and ends only when the part has surely begun. So the figure that decides must come back over a deadband, wherever in the
+condition it stands, and no figure that stands still makes an alarm come and go.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
-from stadimeter.core.plan import Condition, DistanceCondition, PresenceCondition, Quantity
-from stadimeter.core.rules.words import metres
-from stadimeter.core.track import Track
+from stadimeter.core.condition import (
+    AllOf,
+    AnyOf,
+    Condition,
+    CountCondition,
+    DistanceCondition,
+    Leaf,
+    Not,
+    PresenceCondition,
+    RuleCondition,
+    ScheduleCondition,
+    leaves,
+)
+from stadimeter.core.rules.condition_words import leaf_in_words
+from stadimeter.core.rules.figures import no_figures, quantity_of
+from stadimeter.core.rules.known import Known
+from stadimeter.core.rules.leaf import leaf_due_s, leaf_holds, leaf_rests
+
+__all__ = [
+    "Part",
+    "Verdict",
+    "due_s",
+    "in_words",
+    "judge",
+    "judged_by_cycle",
+    "no_figures",
+    "parts_of",
+    "quantity_of",
+    "rests",
+]
 
 
-def holds(condition: Condition, track: Track, *, is_active: bool) -> bool | None:
-    """Return whether a condition holds.
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a condition holds.
+
+    Attributes:
+        value: True or False; None if it cannot be known. None is never taken for either.
+        held: For each simple part, from left to right, whether it holds; for one that cannot be known, whether it did
+            when it last could. Empty for a simple condition, whose memory is whether the alarm is active.
+    """
+
+    value: bool | None
+    held: tuple[bool, ...] = ()
+
+
+class Part(NamedTuple):
+    """A simple part of a condition.
+
+    Attributes:
+        leaf: The part.
+        is_on: Whether it is judged by what ends it, not by what begins it.
+        is_inverted: Whether it stands below an odd number of `not`, so that the whole begins when it ends.
+    """
+
+    leaf: Leaf
+    is_on: bool
+    is_inverted: bool
+
+
+_SIMPLE = {value: Verdict(value) for value in (True, False, None)}
+_GROUPS = (AllOf, AnyOf)
+_COMPOUNDS = (AllOf, AnyOf, Not)
+
+
+def judge(condition: Condition, known: Known, held: tuple[bool, ...], *, is_active: bool) -> Verdict:
+    """Judge a condition.
 
     Args:
         condition: The condition.
-        track: The target.
-        is_active: Whether it held until now: then it is judged by what ends it, not by what begins it.
+        known: What is known in this cycle.
+        held: From the verdict on the sample before; empty for none.
+        is_active: Whether the alarm is active: then the parts that held are judged by what ends them.
 
     Returns:
-        True or False; None if it cannot be known. None is never taken for either.
+        Whether it holds, and what to remember of its parts.
     """
-    if isinstance(condition, PresenceCondition):
-        return track.is_valid == condition.seen
-    figures = quantity_of(track, condition.quantity)
-    if figures is None:
-        return None
-    low_m, high_m = _limits_now(condition, *figures, is_active=is_active)
-    if condition.probability_on is None:
-        return low_m < figures[0] < high_m
-    likely = probability_between(low_m, high_m, *figures)
-    return likely > condition.probability_off if is_active else likely >= condition.probability_on
+    if type(condition) is DistanceCondition or not isinstance(condition, _COMPOUNDS):
+        return _SIMPLE[leaf_holds(condition, known, is_active)]
+    memory: list[bool] = []
+    value = _judged(condition, known, held, memory, is_active, False)
+    return Verdict(value, tuple(memory))
 
 
-def in_words(condition: Condition, track: Track, *, is_active: bool) -> str:
-    """Return the figures behind what `holds` returns for the same arguments.
+def in_words(condition: Condition, known: Known, held: tuple[bool, ...], *, is_active: bool) -> str:
+    """Return the figures behind what `judge` returns for the same arguments.
 
     Args:
         condition: The condition.
-        track: The target.
-        is_active: Whether it is judged by what ends it.
+        known: What is known in this cycle.
+        held: From the verdict on the sample before.
+        is_active: Whether the alarm is active.
 
     Returns:
         The words.
     """
-    if isinstance(condition, PresenceCondition):
-        return f"{track.target} is {track.status.value}" + (f": {track.reason}" if track.reason else "")
-    figures = quantity_of(track, condition.quantity)
-    if figures is None:
-        return no_figures(track)
-    low_m, high_m = _limits_now(condition, *figures, is_active=is_active)
-    words = f"{metres(*figures)}, {_limits_in_words(low_m, high_m)}"
-    if condition.probability_on is None:
-        return words
-    likely = probability_between(low_m, high_m, *figures)
-    turns = f"ends at {condition.probability_off:.2f}" if is_active else f"begins at {condition.probability_on:.2f}"
-    return f"{words}: P {likely:.2f}, {turns}"
+    if not isinstance(condition, _COMPOUNDS):
+        return leaf_in_words(condition, known, is_on=is_active)
+    return _words(condition, known, iter(parts_of(condition, held, is_active=is_active)))
 
 
-def rests(condition: DistanceCondition, value_m: float, *, is_active: bool) -> bool:
-    """Return whether a condition surely stays as it is until the distance crosses one of its limits.
-
-    On one side of a limit a target is more likely than not to be on that side, whatever the standard deviation. What
-    ends a condition lies further out than what begins it. So with the usual probabilities nothing changes before.
+def rests(condition: Condition, known: Known, held: tuple[bool, ...], *, is_active: bool) -> bool:
+    """Return whether a condition surely stays as it is until a figure crosses one of its limits.
 
     Args:
         condition: The condition.
-        value_m: The distance now.
-        is_active: Whether the condition holds, and is judged by what ends it.
+        known: What is known in this cycle.
+        held: From the verdict on this sample.
+        is_active: Whether the alarm is active.
 
     Returns:
-        Whether it rests.
+        Whether it rests: until one of its figures crosses a limit, one of its targets comes or goes, another rule that
+        it asks for changes, or it is `due_s`.
     """
-    low_m, high_m = _limits(condition)
-    likely_on = condition.probability_on
-    if likely_on is not None and not condition.probability_off <= 0.5 <= likely_on:
-        return False
-    if not is_active:
-        return not low_m <= value_m <= high_m
-    is_narrow = math.isfinite(low_m) and math.isfinite(high_m)  # a target in there may still be unlikely to be
-    return low_m < value_m < high_m and (likely_on is None or not is_narrow)
+    if not isinstance(condition, _COMPOUNDS):
+        return leaf_rests(condition, known, is_active)
+    return _rest(condition, known, held, [], is_active, False)[1]
 
 
-def quantity_of(track: Track, quantity: Quantity) -> tuple[float, float] | None:
-    """Return the figure that a rule is about, and its standard deviation.
-
-    Args:
-        track: The target.
-        quantity: Distance or depth.
-
-    Returns:
-        Both in metres, or None while there is no finite figure to act on.
-    """
-    figure_m = track.distance_m if quantity == "distance" else track.depth_m
-    if not track.is_valid or figure_m is None or track.sigma_m is None:
-        return None
-    if not (math.isfinite(figure_m) and math.isfinite(track.sigma_m)):
-        return None
-    return figure_m, track.sigma_m
-
-
-def no_figures(track: Track) -> str:
-    """Return in words that there is no distance to act on.
-
-    Args:
-        track: The target.
-
-    Returns:
-        The words.
-    """
-    return f"{track.target} is {track.status.value}: {track.reason or 'no distance'}"
-
-
-def _limits_now(
-    condition: DistanceCondition, value_m: float, sigma_m: float, *, is_active: bool
-) -> tuple[float, float]:
-    return widened_limits(condition, value_m, sigma_m) if is_active else _limits(condition)
-
-
-def _limits(condition: DistanceCondition) -> tuple[float, float]:
-    low_m = -math.inf if condition.above_m is None else condition.above_m
-    high_m = math.inf if condition.below_m is None else condition.below_m
-    return low_m, high_m
-
-
-def widened_limits(condition: DistanceCondition, value_m: float, sigma_m: float) -> tuple[float, float]:
-    """Return the limits that end a condition: its own, widened by the deadband.
+def parts_of(condition: Condition, held: tuple[bool, ...], *, is_active: bool) -> tuple[Part, ...]:
+    """Return the simple parts of a condition, and how `judge` judges each of them for the same arguments.
 
     Args:
         condition: The condition.
-        value_m: The distance now.
-        sigma_m: Its standard deviation, which is scaled to each limit with the square of the distance.
+        held: From the verdict on the sample before.
+        is_active: Whether the alarm is active.
 
     Returns:
-        The lower and the upper limit in metres; infinite where there is none.
+        One for each, from left to right; the condition itself if it is simple.
     """
-    low_m, high_m = _limits(condition)
-    return low_m - _deadband_m(condition, low_m, value_m, sigma_m), high_m + _deadband_m(
-        condition, high_m, value_m, sigma_m
+    if not isinstance(condition, _COMPOUNDS):
+        return (Part(condition, is_on=is_active, is_inverted=False),)
+    parts = enumerate(_listed(condition, is_inverted=False))
+    return tuple(
+        [Part(leaf, _is_on(held, index, is_active, is_inverted), is_inverted) for index, (leaf, is_inverted) in parts]
     )
 
 
-def _deadband_m(condition: DistanceCondition, limit_m: float, value_m: float, sigma_m: float) -> float:
-    if math.isinf(limit_m):
-        return 0.0
-    # Far from the limit the scaling law says nothing useful, and the condition is clear anyway.
-    ratio = min(max(limit_m / value_m, 0.5), 2.0) if value_m > 0 else 1.0
-    sigma_at_limit_m = sigma_m * ratio * ratio
-    return max(condition.deadband_m, condition.deadband_sigmas * sigma_at_limit_m)
-
-
-def probability_between(low_m: float, high_m: float, value_m: float, sigma_m: float) -> float:
-    """Return how likely the true distance is between two limits, for a normal distribution.
+def due_s(condition: Condition, known: Known) -> float:
+    """Return when a condition may change though nothing happens until then.
 
     Args:
-        low_m: The lower limit, or minus infinity.
-        high_m: The upper limit, or infinity.
-        value_m: The distance.
-        sigma_m: Its standard deviation, zero or more.
+        condition: The condition.
+        known: What is known in this cycle.
 
     Returns:
-        From 0 to 1.
+        On the run's monotonic clock; infinite for never. Schedules are not counted: they never rest.
     """
-    return _probability_below(high_m, value_m, sigma_m) - _probability_below(low_m, value_m, sigma_m)
+    return min((leaf_due_s(leaf, known) for leaf in leaves(condition)), default=math.inf)
 
 
-def _probability_below(limit_m: float, value_m: float, sigma_m: float) -> float:
-    if math.isinf(limit_m):
-        return 1.0 if limit_m > 0 else 0.0
-    if sigma_m <= 0:
-        return 1.0 if value_m < limit_m else 0.0
-    return 0.5 * math.erfc((value_m - limit_m) / (sigma_m * math.sqrt(2)))
+def judged_by_cycle(condition: Condition) -> bool:
+    """Return whether a condition is judged in every cycle, not only in those with a new frame.
+
+    Args:
+        condition: The condition.
+
+    Returns:
+        Whether any part of it may change though no frame comes.
+    """
+    by_cycle = (PresenceCondition, CountCondition, RuleCondition, ScheduleCondition)
+    return any(isinstance(leaf, by_cycle) for leaf in leaves(condition))
 
 
-def _limits_in_words(low_m: float, high_m: float) -> str:
-    if math.isinf(low_m):
-        return f"below {high_m:.2f} m"
-    if math.isinf(high_m):
-        return f"above {low_m:.2f} m"
-    return f"between {low_m:.2f} and {high_m:.2f} m"
+def _judged(  # without keywords, which cost time: most of what a cycle costs is spent here
+    condition: Condition, known: Known, held: tuple[bool, ...], memory: list[bool], is_active: bool, is_inverted: bool
+) -> bool | None:
+    """Return whether a part of a condition holds, and add to the memory what to remember of its simple parts."""
+    if isinstance(condition, _GROUPS):
+        decisive = isinstance(condition, AnyOf)
+        whole: bool | None = not decisive
+        for part in condition.conditions:  # to the end, since each part has a memory to keep
+            value = _judged(part, known, held, memory, is_active, is_inverted)
+            if value is decisive:
+                whole = decisive
+            elif value is None and whole is not decisive:
+                whole = None
+        return whole
+    if isinstance(condition, Not):
+        value = _judged(condition.condition, known, held, memory, is_active, not is_inverted)
+        return None if value is None else not value
+    is_on = _is_on(held, len(memory), is_active, is_inverted)
+    value = leaf_holds(condition, known, is_on)
+    memory.append(is_on if value is None else value)
+    return value
+
+
+def _is_on(held: tuple[bool, ...], index: int, is_active: bool, is_inverted: bool) -> bool:
+    """Return whether a simple part is judged by what ends it. While it cannot be judged it remembers the same.
+
+    While the alarm is inactive, what was before does not count: so an alarm that rests need not be judged to remember.
+    """
+    if not is_active:
+        return is_inverted
+    return held[index] if index < len(held) else not is_inverted
+
+
+def _rest(
+    condition: Condition, known: Known, held: tuple[bool, ...], gone: list[None], is_active: bool, is_inverted: bool
+) -> tuple[bool | None, bool]:
+    """Return whether a part of a condition holds, and whether it stays so; `gone` counts the parts gone through."""
+    if isinstance(condition, _GROUPS):
+        decisive = isinstance(condition, AnyOf)
+        whole: bool | None = not decisive
+        do_rest, is_decided = True, False
+        for part in condition.conditions:
+            value, does_rest = _rest(part, known, held, gone, is_active, is_inverted)
+            if value is decisive:
+                whole = decisive
+                is_decided = is_decided or does_rest
+            elif value is None and whole is not decisive:
+                whole = None
+            do_rest = do_rest and does_rest
+        # One part is enough to decide; but while the alarm is active each part has a memory that may change.
+        return whole, do_rest or (is_decided and not is_active)
+    if isinstance(condition, Not):
+        value, does_rest = _rest(condition.condition, known, held, gone, is_active, not is_inverted)
+        return None if value is None else not value, does_rest
+    is_on = _is_on(held, len(gone), is_active, is_inverted)
+    gone.append(None)
+    return leaf_holds(condition, known, is_on), leaf_rests(condition, known, is_on)
+
+
+def _listed(condition: Condition, *, is_inverted: bool) -> Iterator[tuple[Leaf, bool]]:
+    if isinstance(condition, _GROUPS):
+        for part in condition.conditions:
+            yield from _listed(part, is_inverted=is_inverted)
+    elif isinstance(condition, Not):
+        yield from _listed(condition.condition, is_inverted=not is_inverted)
+    else:
+        yield condition, is_inverted
+
+
+def _words(condition: Condition, known: Known, parts: Iterator[Part]) -> str:
+    if isinstance(condition, _GROUPS):
+        within = "; ".join([_words(part, known, parts) for part in condition.conditions])
+        return f"{'all' if isinstance(condition, AllOf) else 'any'} of ({within})"
+    if isinstance(condition, Not):
+        return f"not ({_words(condition.condition, known, parts)})"
+    is_on = next(parts).is_on
+    words = leaf_in_words(condition, known, is_on=is_on, names_target=True)
+    return f"{words} [{_ANSWERS[leaf_holds(condition, known, is_on)]}]"
+
+
+_ANSWERS = {True: "yes", False: "no", None: "unknown"}

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from stadimeter.core.decision import RuleStatus
-from stadimeter.core.plan import FollowRule
+from stadimeter.core.rule import FollowRule
 from stadimeter.core.rules.conditions import no_figures, quantity_of
 from stadimeter.core.rules.request import TwistRequest
 from stadimeter.core.rules.step import Step, trace_of
@@ -86,8 +86,9 @@ def step_follow(rule: FollowRule, before: FollowStep, track: Track) -> FollowSte
         linear_mps=linear_mps,
         angular_radps=angular_radps,
     )
+    requests = () if rule.observe else (request,)
     status = RuleStatus.ACTIVE if (linear_mps, angular_radps) != (0.0, 0.0) else RuleStatus.IDLE
-    return FollowStep(trace=trace_of(rule, status, before.trace), request=request)
+    return FollowStep(trace=trace_of(rule, status, before.trace), requests=requests)
 
 
 def why(rule: FollowRule, track: Track) -> str:

@@ -1,29 +1,60 @@
 """Judging all rules in a cycle, without judging those that rest.
 
 Most rules have nothing to do in most cycles: the target is far from their limits, or out of sight. Such a rule says
-that it rests. Only those are judged that do not rest, and those with a limit that the target crossed since the cycle
-before. So a hundred rules cost little more than the few that have something to do.
+that it rests. Only those are judged that do not rest, whose time has come, with a limit that the target crossed since
+the cycle before, or that ask for a rule that has changed. So ten thousand rules cost little more than the few that have
+something to do.
+
+A rule that asks for another is judged after it, so it never acts on what was true a cycle ago.
 """
 
 from __future__ import annotations
 
+import heapq
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
-from stadimeter.core.decision import Event, RuleTrace
-from stadimeter.core.plan import AlarmRule, AnyRule, BaseOutput, FollowRule, Plan, PresenceCondition, Quantity, RampRule
-from stadimeter.core.rules.alarm import AlarmStep, Sample, new_alarm, step_alarm
-from stadimeter.core.rules.arbitration import arbitrate
-from stadimeter.core.rules.conditions import quantity_of
+from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace
+from stadimeter.core.operator import Answer, OperatorCommand
+from stadimeter.core.plan import BaseOutput, Output, Plan
+from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rules import conditions
+from stadimeter.core.rules.alarm import AlarmStep, Sample, Stepped, new_alarm, step_alarm
+from stadimeter.core.rules.alarm_turn import AlarmTurn
+from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearranged
 from stadimeter.core.rules.crossings import Crossings, crossings_of
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
+from stadimeter.core.rules.known import Known
+from stadimeter.core.rules.operating import operated
+from stadimeter.core.rules.order import Order, order_of
 from stadimeter.core.rules.ramp import RampStep, new_ramp, step_ramp
-from stadimeter.core.rules.request import Request
-from stadimeter.core.track import Track
+from stadimeter.core.rules.step import trace_of
 
 RuleStep = AlarmStep | RampStep | FollowStep
-Wanted = Mapping[str, Sequence[Request]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """What is worked out once for a plan.
+
+    Attributes:
+        crossings: The limits on each figure that rules are judged by.
+        order: Which rules ask for which.
+        bases: The names of the outputs that are bases.
+        combined: The outputs that combine equals, by name.
+        grouped: The positions of the alarms that belong to a group.
+        by_cycle: The positions of the alarms that are judged in every cycle, with or without a new frame.
+        positions: The position of each rule, by its name.
+    """
+
+    crossings: tuple[Crossings, ...] = ()
+    order: Order = field(default_factory=Order)
+    bases: frozenset[str] = frozenset()
+    combined: Mapping[str, Output] = field(default_factory=dict)
+    grouped: tuple[int, ...] = ()
+    by_cycle: frozenset[int] = frozenset()
+    positions: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,18 +66,40 @@ class Judged:
         traces: The part of it that others see.
         wanted: What they want of each output, the winner first.
         restless: The positions of the rules that must be judged in every cycle.
-        crossings: The limits on each figure that rules are judged by. They never change.
-        figures_m: Those figures; NaN for one that is not known.
-        bases: The names of the outputs that are bases. They never change.
+        due: When a rule that rests must be judged all the same, and its position; a heap. Some may be out of date.
+        active: Whether each rule that others ask for is active; None for unknown.
+        first_out: For each group with an alarm that was raised, the name of the first one.
+        figures: The figures that rules are judged by, one for each of the layout's crossings; NaN where not known.
+        layout: What is worked out once.
     """
 
     steps: tuple[RuleStep, ...] = ()
     traces: tuple[RuleTrace, ...] = ()
     wanted: Wanted = field(default_factory=dict)
     restless: tuple[int, ...] = ()
-    crossings: tuple[Crossings, ...] = ()
-    figures_m: tuple[float, ...] = ()
-    bases: frozenset[str] = frozenset()
+    due: tuple[tuple[float, int], ...] = ()
+    active: Mapping[str, bool | None] = field(default_factory=dict)
+    first_out: Mapping[str, str] = field(default_factory=dict)
+    figures: tuple[float, ...] = ()
+    layout: Layout = field(default_factory=Layout)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What came of judging all rules.
+
+    Attributes:
+        events: What happened.
+        notices: What is to be sent.
+        answers: What became of the operators' commands.
+    """
+
+    events: tuple[Event, ...] = ()
+    notices: tuple[Notice, ...] = ()
+    answers: tuple[Answer, ...] = ()
+
+
+_NOTHING = Outcome()
 
 
 def not_judged_yet(plan: Plan) -> Judged:
@@ -57,57 +110,257 @@ def not_judged_yet(plan: Plan) -> Judged:
 
     Returns:
         The rules before the first cycle.
+
+    Raises:
+        ValueError: Rules ask for each other in a circle.
     """
-    steps = tuple(_new_step(rule) for rule in plan.rules)
-    crossings = crossings_of(plan.rules)
+    return with_steps(plan, tuple(_new_step(rule) for rule in plan.rules))
+
+
+def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, str] | None = None) -> Judged:
+    """Return the rules of a plan as they were remembered. All of them are judged in the next cycle.
+
+    Args:
+        plan: The plan.
+        steps: What each of its rules did, in the order of the plan.
+        first_out: For each group with an alarm that was raised, the name of the first one.
+
+    Returns:
+        The rules.
+
+    Raises:
+        ValueError: Rules ask for each other in a circle.
+    """
+    layout = _layout_of(plan)
     return Judged(
         steps=steps,
         traces=tuple(step.trace for step in steps),
+        wanted=arbitrate((request for step in steps for request in step.requests), layout.combined),
         restless=tuple(range(len(steps))),
-        crossings=crossings,
-        figures_m=(math.nan,) * len(crossings),
+        active={plan.rules[index].name: _is_active(steps[index]) for index in layout.order.askers},
+        first_out=first_out or {},
+        figures=(math.nan,) * len(layout.crossings),
+        layout=layout,
+    )
+
+
+def _layout_of(plan: Plan) -> Layout:
+    alarms = [(index, rule) for index, rule in enumerate(plan.rules) if isinstance(rule, AlarmRule)]
+    return Layout(
+        crossings=crossings_of(plan.rules),
+        order=order_of(plan.rules),
         bases=frozenset(output.name for output in plan.outputs if isinstance(output, BaseOutput)),
+        combined={output.name: output for output in plan.outputs if output.combine is not None},
+        grouped=tuple(index for index, rule in alarms if rule.group),
+        by_cycle=frozenset(index for index, rule in alarms if conditions.judged_by_cycle(rule.condition)),
+        positions={rule.name: index for index, rule in enumerate(plan.rules)},
     )
 
 
 def judge(
-    rules: tuple[AnyRule, ...], before: Judged, tracks: Mapping[str, Track], sample: Sample | None, cycle: Sample
-) -> tuple[Judged, tuple[Event, ...]]:
+    rules: tuple[AnyRule, ...],
+    before: Judged,
+    known: Known,
+    sample: Sample | None,
+    cycle: Sample,
+    commands: tuple[OperatorCommand, ...] = (),
+) -> tuple[Judged, Outcome]:
     """Judge the rules for one cycle.
 
     Args:
         rules: The rules.
         before: The rules after the cycle before.
-        tracks: The targets, by name.
+        known: What they can be judged by.
         sample: The frame that is new in this cycle; None without one.
         cycle: The cycle itself. Whether a target is in sight is judged by it: that no frame comes at all is news too.
+        commands: What operators want.
 
     Returns:
-        The rules after this cycle, and what happened.
+        The rules after this cycle, and what came of it.
     """
-    figures_m = tuple([_figure_m(tracks[each.target], each.quantity) for each in before.crossings])
+    figures = tuple([each.figure(known) for each in before.layout.crossings])
     awake = set(before.restless)
-    for crossings, before_m, now_m in zip(before.crossings, before.figures_m, figures_m, strict=True):
-        awake.update(crossings.between(before_m, now_m))
-    changed: dict[int, RuleStep] = {}
-    events: tuple[Event, ...] = ()
-    for index in sorted(awake):
-        rule, last = rules[index], before.steps[index]
-        is_base = rule.output in before.bases
-        step, more = _step(rule, last, tracks[rule.target], sample, cycle, is_base=is_base)
-        events += more
+    for crossings, was, now in zip(before.layout.crossings, before.figures, figures, strict=True):
+        if was != now:  # NaN differs from itself; `between` tells
+            awake.update(crossings.between(was, now))
+    due = _woken(before.due, cycle.at_s, awake)
+    turn = _Turn(rules, before, known, sample, cycle)
+    answers = tuple([turn.operate(command, awake) for command in commands])
+    turn.judge(awake)
+    return turn.judged(awake, figures, due), turn.outcome(answers)
+
+
+class _Turn:
+    """Judges rules one after another, and collects what changes."""
+
+    __slots__ = ("active", "before", "changed", "cycle", "events", "first_out", "known", "notices", "rules", "sample")
+
+    def __init__(
+        self, rules: tuple[AnyRule, ...], before: Judged, known: Known, sample: Sample | None, cycle: Sample
+    ) -> None:
+        self.rules = rules
+        self.before = before
+        self.sample = sample
+        self.cycle = cycle
+        self.active = before.active
+        self.known = replace(known, active=before.active) if before.active else known
+        self.first_out = before.first_out
+        self.changed: dict[int, RuleStep] = {}
+        self.events: list[Event] = []
+        self.notices: list[Notice] = []
+
+    def operate(self, command: OperatorCommand, awake: set[int]) -> Answer:
+        """Do what an operator wants, before the rules are judged."""
+        alarms = {
+            rule.name: (index, rule, step.state)
+            for index, rule in enumerate(self.rules)
+            if isinstance(rule, AlarmRule) and isinstance(step := self._step(index), AlarmStep)
+        }
+        answer, turns = operated(alarms, self.known, command)
+        for index, turn in turns:
+            self._remember(index, turn)
+            self.events += turn.events
+            awake.add(index)
+        return answer
+
+    def judge(self, awake: set[int]) -> None:
+        """Judge those that are awake, and those that they wake, each after those that it asks for."""
+        order = self.before.layout.order
+        if not order.askers:
+            for index in sorted(awake):
+                self._judge(index)
+            return
+        rank = order.rank
+        waiting = [(rank[index], index) for index in awake]
+        heapq.heapify(waiting)
+        while waiting:
+            _, index = heapq.heappop(waiting)
+            self._judge(index)
+            if index in order.askers and self._tells_others(index):
+                for asking in order.askers[index]:
+                    if asking not in awake:
+                        awake.add(asking)
+                        heapq.heappush(waiting, (rank[asking], asking))
+
+    def judged(self, awake: set[int], figures: tuple[float, ...], due: tuple[tuple[float, int], ...]) -> Judged:
+        """Return the rules after the cycle."""
+        before = self.before
+        self._mark_first_out()
+        changed = {index: step for index, step in self.changed.items() if step is not before.steps[index]}
+        steps = _with(before.steps, changed)
+        added = [(steps[index].due_s, index) for index in awake if steps[index].due_s < math.inf]
+        return Judged(
+            steps=steps,
+            traces=_traces(before, changed, steps),
+            wanted=_wanted(before, changed, steps),
+            restless=tuple([index for index in awake if not steps[index].rests]),
+            due=_heap_with(due, added),
+            active=self.active,
+            first_out=self.first_out,
+            figures=figures,
+            layout=before.layout,
+        )
+
+    def outcome(self, answers: tuple[Answer, ...]) -> Outcome:
+        """Return what came of it."""
+        if not (self.events or self.notices or answers):
+            return _NOTHING
+        return Outcome(events=tuple(self.events), notices=tuple(self.notices), answers=answers)
+
+    def _remember(self, index: int, turn: AlarmTurn) -> None:
+        step, state = self._step(index), turn.state
+        if not isinstance(step, AlarmStep):
+            return
+        trace = trace_of(
+            turn.rule, step.trace.status, step.trace, acknowledged=state.is_acknowledged, gates=state.gates.words()
+        )
+        self.changed[index] = replace(step, trace=trace, state=state, rests=False)
+
+    def _step(self, index: int) -> RuleStep:
+        return self.changed.get(index, self.before.steps[index])
+
+    def _judge(self, index: int) -> None:
+        rule, last = self.rules[index], self._step(index)
+        if isinstance(rule, AlarmRule) and isinstance(last, AlarmStep):
+            stepped = self._alarm(index, rule, last)
+            step: RuleStep = stepped.step
+            self.events += stepped.events
+            self.notices += stepped.notices
+            if rule.group and stepped.events:
+                self._note_first_out(rule, stepped.events)
+        elif isinstance(rule, RampRule) and isinstance(last, RampStep):
+            step = step_ramp(rule, last, self.known.tracks[rule.target])
+        elif isinstance(rule, FollowRule) and isinstance(last, FollowStep):
+            step = step_follow(rule, last, self.known.tracks[rule.target])
+        else:
+            raise TypeError(f"rule {rule.name} remembers a {type(last).__name__}")
         if step is not last:
-            changed[index] = step
-    steps = _with(before.steps, changed)
-    return Judged(
-        steps=steps,
-        traces=_traces(before, changed, steps),
-        wanted=_wanted(before, changed, steps),
-        restless=tuple([index for index in awake if not steps[index].rests]),
-        crossings=before.crossings,
-        figures_m=figures_m,
-        bases=before.bases,
-    ), events
+            self.changed[index] = step
+
+    def _alarm(self, index: int, rule: AlarmRule, last: AlarmStep) -> Stepped:
+        judged = self.cycle if index in self.before.layout.by_cycle else self.sample
+        is_first = bool(rule.group) and rule.group not in self.first_out
+        return step_alarm(rule, last, self.known, judged, self.before.layout.bases, is_first=is_first)
+
+    def _tells_others(self, index: int) -> bool:
+        """Note whether a rule is active; return whether that is news."""
+        name, is_active = self.rules[index].name, _is_active(self._step(index))
+        if self.active.get(name) is is_active:
+            return False
+        self.active = {**self.active, name: is_active}
+        self.known = replace(self.known, active=self.active)
+        return True
+
+    def _note_first_out(self, rule: AlarmRule, events: Iterable[Event]) -> None:
+        is_raised = any(event.kind is EventKind.RAISED for event in events)
+        if is_raised and rule.group not in self.first_out:
+            self.first_out = {**self.first_out, rule.group: rule.name}
+
+    def _mark_first_out(self) -> None:
+        """Forget the first of a group that has no alarm left, and show it in the traces."""
+        if not (self.first_out or self.before.first_out):
+            return
+        alarms = [
+            (index, rule) for index in self.before.layout.grouped if isinstance(rule := self.rules[index], AlarmRule)
+        ]
+        standing = {rule.group for index, rule in alarms if _is_unsettled(self._step(index))}
+        if not standing.issuperset(self.first_out):
+            self.first_out = {group: name for group, name in self.first_out.items() if group in standing}
+        for index, rule in alarms:
+            step, is_first = self._step(index), self.first_out.get(rule.group) == rule.name
+            if step.trace.first_out is not is_first:
+                self.changed[index] = replace(step, trace=replace(step.trace, first_out=is_first))
+
+
+def _woken(due: tuple[tuple[float, int], ...], now_s: float, awake: set[int]) -> tuple[tuple[float, int], ...]:
+    """Wake the rules whose time has come; return the times that are left."""
+    if not due or due[0][0] > now_s + ROUNDING_S:
+        return due
+    left = list(due)
+    while left and left[0][0] <= now_s + ROUNDING_S:
+        awake.add(heapq.heappop(left)[1])
+    return tuple(left)
+
+
+def _heap_with(due: tuple[tuple[float, int], ...], added: list[tuple[float, int]]) -> tuple[tuple[float, int], ...]:
+    if not added:
+        return due
+    heap = list(due)
+    for entry in added:
+        if entry not in heap:
+            heapq.heappush(heap, entry)
+    return tuple(heap)
+
+
+def _is_active(step: RuleStep) -> bool | None:
+    """Return whether a rule counts as active for those that ask for it."""
+    if isinstance(step, AlarmStep):
+        return None if step.state.unknown_since_s is not None else step.state.is_active
+    return None if step.trace.status is RuleStatus.UNKNOWN else step.trace.status is RuleStatus.ACTIVE
+
+
+def _is_unsettled(step: RuleStep) -> bool:
+    return isinstance(step, AlarmStep) and (step.state.is_active or not step.state.is_acknowledged)
 
 
 def _with(steps: tuple[RuleStep, ...], changed: Mapping[int, RuleStep]) -> tuple[RuleStep, ...]:
@@ -127,39 +380,19 @@ def _traces(before: Judged, changed: Mapping[int, RuleStep], steps: tuple[RuleSt
 
 
 def _wanted(before: Judged, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]) -> Wanted:
-    requests = [(before.steps[index].request, step.request) for index, step in changed.items()]
-    requests = [(last, request) for last, request in requests if request is not last]
-    if not requests:
+    pairs = [(before.steps[index].requests, step.requests) for index, step in changed.items()]
+    pairs = [(was, now) for was, now in pairs if now is not was]
+    if not pairs:
         return before.wanted
-    if any(last is None or request is None for last, request in requests):
-        return arbitrate(step.request for step in steps if step.request is not None)
-    # The same rules want something else: who wins stays as it was.
-    instead = {request.rule: request for _, request in requests if request is not None}
-    wanted = dict(before.wanted)
-    for output in {request.output for request in instead.values()}:
-        wanted[output] = [instead.get(request.rule, request) for request in wanted[output]]
-    return wanted
-
-
-def _figure_m(track: Track, quantity: Quantity) -> float:
-    known = quantity_of(track, quantity)
-    return math.nan if known is None else known[0]
+    gone = [request for was, _ in pairs for request in was]
+    come = [request for _, now in pairs for request in now]
+    layout = before.layout
+    if layout.combined and any(request.output in layout.combined for request in (*gone, *come)):
+        return arbitrate((request for step in steps for request in step.requests), layout.combined)
+    return rearranged(before.wanted, gone, come, layout.positions)
 
 
 def _new_step(rule: AnyRule) -> RuleStep:
     if isinstance(rule, AlarmRule):
         return new_alarm(rule)
     return new_ramp(rule) if isinstance(rule, RampRule) else new_follow(rule)
-
-
-def _step(
-    rule: AnyRule, before: RuleStep, track: Track, sample: Sample | None, cycle: Sample, *, is_base: bool
-) -> tuple[RuleStep, tuple[Event, ...]]:
-    if isinstance(rule, AlarmRule) and isinstance(before, AlarmStep):
-        judged = cycle if isinstance(rule.condition, PresenceCondition) else sample
-        return step_alarm(rule, before, track, judged, cycle.at_s, is_base=is_base)
-    if isinstance(rule, RampRule) and isinstance(before, RampStep):
-        return step_ramp(rule, before, track), ()
-    if isinstance(rule, FollowRule) and isinstance(before, FollowStep):
-        return step_follow(rule, before, track), ()
-    raise TypeError(f"rule {rule.name} remembers a {type(before).__name__}")

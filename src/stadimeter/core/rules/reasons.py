@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from stadimeter.core.plan import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.plan import Plan
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules import alarm, follow, ramp
 from stadimeter.core.rules.alarm import AlarmStep
-from stadimeter.core.rules.judging import RuleStep
-from stadimeter.core.track import Track
+from stadimeter.core.rules.judging import Judged, RuleStep
+from stadimeter.core.rules.known import Known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -17,37 +18,57 @@ class Reasons(Mapping[str, str]):
     """The reason of each rule, by its name. Put into words when it is read: a hundred at every frame cost too much.
 
     Attributes:
-        rules: The rules.
-        steps: What each of them does.
-        tracks: The targets, by name.
-        now_s: The run's monotonic clock.
+        plan: The plan.
+        judged: What its rules do.
+        known: All that they were judged by.
     """
 
-    rules: tuple[AnyRule, ...]
-    steps: tuple[RuleStep, ...]
-    tracks: Mapping[str, Track]
-    now_s: float
+    plan: Plan
+    judged: Judged
+    known: Known
 
     def __getitem__(self, name: str) -> str:
-        for rule, step in zip(self.rules, self.steps, strict=True):
-            if rule.name == name:
-                return self._why(rule, step)
-        raise KeyError(name)
+        rule, step = self.step(name)
+        return self._why(rule, step)
 
     def __iter__(self) -> Iterator[str]:
-        return (rule.name for rule in self.rules)
+        return (rule.name for rule in self.plan.rules)
 
     def __len__(self) -> int:
-        return len(self.rules)
+        return len(self.plan.rules)
+
+    def step(self, name: str) -> tuple[AnyRule, RuleStep]:
+        """Return a rule and what it does.
+
+        Args:
+            name: Its name.
+
+        Returns:
+            Both.
+
+        Raises:
+            KeyError: There is no such rule.
+        """
+        for rule, step in zip(self.plan.rules, self.judged.steps, strict=True):
+            if rule.name == name:
+                return rule, step
+        raise KeyError(name)
+
+    def known_to_rules(self) -> Known:
+        """Return what the rules were judged by, with what they tell of each other.
+
+        Returns:
+            All that was known.
+        """
+        return replace(self.known, active=self.judged.active)
 
     def _why(self, rule: AnyRule, step: RuleStep) -> str:
-        track = self.tracks[rule.target]
         match rule, step:
             case AlarmRule(), AlarmStep():
-                return alarm.why(rule, step.state, track, self.now_s)
+                return alarm.why(rule, step.state, self.known_to_rules())
             case RampRule(), _:
-                return ramp.why(rule, track)
+                return ramp.why(rule, self.known.tracks[rule.target])
             case FollowRule(), _:
-                return follow.why(rule, track)
+                return follow.why(rule, self.known.tracks[rule.target])
             case _:
                 raise TypeError(f"rule {rule.name} remembers a {type(step).__name__}")

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from stadimeter.core.decision import RuleStatus, RuleTrace
-from stadimeter.core.plan import Rule
+from stadimeter.core.rule import Rule
 from stadimeter.core.rules.request import Request
+
+OBSERVED = "observed"
+"""The gate of a rule that is only observed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,26 +19,48 @@ class Step:
 
     Attributes:
         trace: What it is doing.
-        request: What it wants of its output, None if nothing.
-        rests: Whether nothing changes until the distance crosses one of the rule's limits, or the target comes or goes.
+        requests: What it wants of outputs.
+        rests: Whether nothing changes until the distance crosses one of the rule's limits, the target comes or goes,
+            or it is `due_s`.
+        due_s: When a rule that rests must be judged again all the same, on the run's clock; infinite for never.
     """
 
     trace: RuleTrace
-    request: Request | None = None
+    requests: tuple[Request, ...] = ()
     rests: bool = False
+    due_s: float = math.inf
 
 
-def trace_of(rule: Rule, status: RuleStatus, before: RuleTrace | None = None) -> RuleTrace:
+def trace_of(
+    rule: Rule,
+    status: RuleStatus,
+    before: RuleTrace | None = None,
+    *,
+    acknowledged: bool = True,
+    gates: tuple[str, ...] = (),
+) -> RuleTrace:
     """Return what a rule is doing.
 
     Args:
         rule: The rule.
         status: Its status.
         before: Its trace in the cycle before, which is returned if it says the same.
+        acknowledged: Whether nobody needs to acknowledge it, or somebody has.
+        gates: What keeps it from acting, beside being observed only.
 
     Returns:
         The trace.
     """
-    if before is not None and before.status is status:
+    if rule.observe:
+        gates = (*gates, OBSERVED)
+    if before is not None and before.status is status and before.acknowledged is acknowledged and before.gates == gates:
         return before
-    return RuleTrace(rule=rule.name, status=status, output=rule.output)
+    first_out = before is not None and before.first_out
+    return RuleTrace(
+        rule=rule.name,
+        status=status,
+        output=rule.output,
+        acknowledged=acknowledged,
+        gates=gates,
+        first_out=first_out,
+    )

@@ -19,8 +19,15 @@ from dataclasses import dataclass, replace
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.plan import Tracking
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.core.tracking import filter as kalman
-from stadimeter.core.tracking.filter import FilterState
+from stadimeter.core.tracking import motion
+from stadimeter.core.tracking.filter import NOISE_FLOOR_M
+from stadimeter.core.tracking.motion import MotionState, Surprise
+
+CALM_AT_LEAST = 0.5
+"""A target that keeps its speed is more likely calm than this."""
+
+_UTTER = Surprise(calm_m=math.inf, calm_var_m2=1.0, abrupt_m=math.inf, abrupt_var_m2=1.0)
+"""The surprise where nothing was expected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,7 +37,7 @@ class Sighting:
     Attributes:
         at_s: Capture time.
         distance_m: The distance.
-        variance_m2: The variance that the filter uses, correlation from frame to frame allowed for.
+        noise_m: The part of the standard deviation that differs from frame to frame.
         scale_sigma: The part of the standard deviation that no filter can reduce, as a share of the distance.
         depth_share: Depth divided by distance.
         bearing_rad: The bearing.
@@ -39,7 +46,7 @@ class Sighting:
 
     at_s: float
     distance_m: float
-    variance_m2: float
+    noise_m: float
     scale_sigma: float
     depth_share: float
     bearing_rad: float
@@ -52,17 +59,19 @@ class TrackState:
 
     Attributes:
         track: What the rest of the program sees.
-        filter: The filter; None before the first sighting.
-        filter_at_s: The capture time that the filter's figures are for.
+        filter: The filters; None before the first sighting.
+        filter_at_s: The capture time that the filters' figures are for.
         sighting: The last sighting that was accepted.
         confirmations: How many frames in a row a target that does not count yet was seen in.
+        suspect: What was seen in the newest frame, if it may be an error; None if it is not.
     """
 
     track: Track
-    filter: FilterState | None = None
+    filter: MotionState | None = None
     filter_at_s: float = -math.inf
     sighting: Sighting | None = None
     confirmations: int = 0
+    suspect: Sighting | None = None
 
 
 def new_track(target: str) -> TrackState:
@@ -89,11 +98,18 @@ def step(state: TrackState, measurement: Measurement | None, now_s: float, setti
     Returns:
         What is known now.
     """
+    after = _stepped(state, measurement, now_s, settings)
+    if state.track.since_s is not None and after.track.is_valid is state.track.is_valid:
+        return after
+    return replace(after, track=replace(after.track, since_s=now_s))
+
+
+def _stepped(state: TrackState, measurement: Measurement | None, now_s: float, settings: Tracking) -> TrackState:
     if measurement is None:
         return _lose_if_late(state, now_s, settings, "no new frame")
     if measurement.captured_at_s <= state.filter_at_s:
         return state  # a repeated or late frame tells nothing new
-    sighting = sighting_of(measurement, settings)
+    sighting = sighting_of(measurement)
     if sighting is None:
         return _miss(state, measurement, settings)
     if state.track.is_valid:
@@ -101,12 +117,11 @@ def step(state: TrackState, measurement: Measurement | None, now_s: float, setti
     return _consider(state, sighting, settings)
 
 
-def sighting_of(measurement: Measurement, settings: Tracking) -> Sighting | None:
+def sighting_of(measurement: Measurement) -> Sighting | None:
     """Return the measurement if it may be used.
 
     Args:
         measurement: What a frame says of the target.
-        settings: How to track.
 
     Returns:
         The figures, or None if the target was not measured or a figure is not finite.
@@ -124,7 +139,7 @@ def sighting_of(measurement: Measurement, settings: Tracking) -> Sighting | None
     return Sighting(
         at_s=measurement.captured_at_s,
         distance_m=distance_m,
-        variance_m2=kalman.variance_of(noise_m, settings.correlation),
+        noise_m=max(noise_m, NOISE_FLOOR_M),
         scale_sigma=math.sqrt(max(0.0, sigma_m**2 - noise_m**2)) / distance_m,
         depth_share=depth_m / distance_m,
         bearing_rad=bearing_rad,
@@ -155,8 +170,9 @@ def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> Tr
 def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
     """The target is seen, but does not count yet."""
     moved = _predicted(state, sighting.at_s, settings)
-    agrees = state.confirmations > 0 and _surprise(moved, sighting) <= settings.gate_sigmas
-    seen = _updated(moved, sighting) if agrees else _started(sighting)
+    surprise = _surprise(moved, sighting)
+    agrees = state.confirmations > 0 and surprise.sigmas <= settings.gate_sigmas
+    seen = _updated(moved, sighting, surprise) if agrees else _started(sighting)
     confirmations = state.confirmations + 1 if agrees else 1
     if confirmations >= settings.confirm_frames:
         return _shown(state.track, seen, sighting, TrackStatus.TRACKING)
@@ -174,39 +190,60 @@ def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackS
     """The target is seen while it counts: take the sighting in, unless it is an outlier."""
     moved = _predicted(state, sighting.at_s, settings)
     surprise = _surprise(moved, sighting)
-    if surprise <= settings.gate_sigmas:
-        return _shown(state.track, _updated(moved, sighting), sighting, TrackStatus.TRACKING)
+    is_outlier = surprise.sigmas > settings.gate_sigmas
+    if not is_outlier and not _is_suspect(state, moved, sighting, surprise, settings):
+        return _shown(state.track, _updated(moved, sighting, surprise), sighting, TrackStatus.TRACKING)
     rejected = state.track.rejected + 1
     if rejected > settings.outliers_max:
         return _shown(state.track, _started(sighting), sighting, TrackStatus.TRACKING)
-    reason = (
-        f"outlier {rejected} of {settings.outliers_max}: {sighting.distance_m:.2f} m is {surprise:.1f} standard "
-        f"deviations from what was expected, limit {settings.gate_sigmas:.1f}"
-    )
-    return _coast(replace(state, track=replace(state.track, rejected=rejected)), moved, sighting.at_s, settings, reason)
+    if is_outlier:
+        far = f"{surprise.sigmas:.1f} standard deviations from what was expected, limit {settings.gate_sigmas:.1f}"
+    else:
+        far = "far from what was expected of a target at rest or a steady speed; the next frame tells"
+    reason = f"outlier {rejected} of {settings.outliers_max}: {sighting.distance_m:.2f} m is {far}"
+    refused = replace(state, track=replace(state.track, rejected=rejected))
+    coasting = _coast(refused, moved, sighting.at_s, settings, reason)
+    return coasting if is_outlier else replace(coasting, suspect=sighting)
 
 
-def _surprise(known: FilterState | None, sighting: Sighting) -> float:
+def _is_suspect(
+    state: TrackState, moved: MotionState | None, sighting: Sighting, surprise: Surprise, settings: Tracking
+) -> bool:
+    """Return whether a target that was calm seems to have made a leap that one wrong measurement could feign.
+
+    Near the camera the noise is so small that a manoeuvre allows for far more than the noise does: a wrong measurement
+    within that would be believed at once. One frame decides: if the next one is there too, the target did move.
+    """
+    if not settings.outliers_max or surprise.calm_sigmas <= settings.gate_sigmas:
+        return False
+    if moved is None or moved.calm_share < CALM_AT_LEAST:
+        return False
+    expected_m = sighting.distance_m - surprise.calm_m
+    # A target that really starts goes on the same way. Two errors in a row hardly ever agree.
+    return state.suspect is None or (state.suspect.distance_m - expected_m) * surprise.calm_m <= 0
+
+
+def _surprise(known: MotionState | None, sighting: Sighting) -> Surprise:
     if known is None:
-        return math.inf
-    return kalman.surprise_sigmas(known, sighting.distance_m, sighting.variance_m2)
+        return _UTTER
+    return motion.compare(known, sighting.distance_m, sighting.noise_m)
 
 
-def _predicted(state: TrackState, at_s: float, settings: Tracking) -> FilterState | None:
+def _predicted(state: TrackState, at_s: float, settings: Tracking) -> MotionState | None:
     if state.filter is None:
         return None
-    return kalman.predict(state.filter, at_s - state.filter_at_s, settings.acceleration_mps2)
+    return motion.predict(state.filter, at_s - state.filter_at_s, settings.acceleration_mps2, settings.correlation)
 
 
-def _started(sighting: Sighting) -> FilterState:
-    return kalman.start(sighting.distance_m, sighting.variance_m2)
+def _started(sighting: Sighting) -> MotionState:
+    return motion.start(sighting.distance_m, sighting.noise_m)
 
 
-def _updated(known: FilterState | None, sighting: Sighting) -> FilterState:
-    return kalman.update(known, sighting.distance_m, sighting.variance_m2) if known else _started(sighting)
+def _updated(known: MotionState | None, sighting: Sighting, surprise: Surprise) -> MotionState:
+    return motion.update(known, sighting.noise_m, surprise) if known else _started(sighting)
 
 
-def _coast(state: TrackState, moved: FilterState | None, at_s: float, settings: Tracking, reason: str) -> TrackState:
+def _coast(state: TrackState, moved: MotionState | None, at_s: float, settings: Tracking, reason: str) -> TrackState:
     """Show what is expected, as long as that may stand in for measurements."""
     if moved is None or state.sighting is None:
         return state
@@ -216,7 +253,7 @@ def _coast(state: TrackState, moved: FilterState | None, at_s: float, settings: 
 
 def _shown(
     before: Track,
-    known: FilterState,
+    known: MotionState,
     sighting: Sighting,
     status: TrackStatus,
     *,
@@ -225,19 +262,22 @@ def _shown(
 ) -> TrackState:
     """Put what the filter knows into the track that others see."""
     as_of_s = sighting.at_s if at_s is None else at_s
+    together = known.estimate()
     track = Track(
         target=before.target,
         status=status,
-        distance_m=known.distance_m,
-        depth_m=known.distance_m * sighting.depth_share,
-        closing_mps=-known.rate_mps,
-        sigma_m=math.hypot(math.sqrt(known.var_distance_m2), known.distance_m * sighting.scale_sigma),
-        closing_sigma_mps=math.sqrt(known.var_rate_m2ps2),
+        distance_m=together.distance_m,
+        depth_m=together.distance_m * sighting.depth_share,
+        closing_mps=-together.rate_mps,
+        sigma_m=math.hypot(math.sqrt(together.var_distance_m2), together.distance_m * sighting.scale_sigma),
+        closing_sigma_mps=math.sqrt(together.var_rate_m2ps2),
         bearing_rad=sighting.bearing_rad,
         elevation_rad=sighting.elevation_rad,
         as_of_s=as_of_s,
         measured_at_s=sighting.at_s,
         rejected=0 if status is TrackStatus.TRACKING else before.rejected,
         reason=reason,
+        since_s=before.since_s,
+        closing_cov_m2ps=-together.cov_m2ps,
     )
     return TrackState(track=track, filter=known, filter_at_s=as_of_s, sighting=sighting)

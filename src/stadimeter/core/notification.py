@@ -1,0 +1,22 @@
+"""What people are told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stadimeter.core.decision import Severity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notification:
+    """One notification for people.
+
+    Attributes:
+        title: One line.
+        body: The text.
+        severity: How much it matters.
+    """
+
+    title: str
+    body: str
+    severity: Severity = Severity.WARNING

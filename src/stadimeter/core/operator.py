@@ -1,0 +1,59 @@
+"""What people tell a running rule: that they have seen an alarm, that it shall be quiet for a while."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class OperatorAction(StrEnum):
+    """What somebody wants of a rule."""
+
+    ACKNOWLEDGE = "acknowledge"
+    """I have seen it."""
+    RESET = "reset"
+    """End an alarm that latched."""
+    SHELVE = "shelve"
+    """Keep it quiet for a while."""
+    UNSHELVE = "unshelve"
+    TAKE_OUT = "take-out"
+    """Take it out of service, until it is put back."""
+    PUT_BACK = "put-back"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OperatorCommand:
+    """One such wish.
+
+    Attributes:
+        id: Identifies it, so that its answer finds back.
+        action: What is wanted.
+        rule: The rule; empty for every rule that the action applies to.
+        by: Who wants it.
+        why: Why, in their words; may be empty.
+        for_s: How long to shelve; None for as long as the rule allows.
+        one_shot: Shelve until the alarm has returned to normal, or the time is over.
+    """
+
+    id: str
+    action: OperatorAction
+    rule: str = ""
+    by: str = ""
+    why: str = ""
+    for_s: float | None = None
+    one_shot: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What became of an operator's command.
+
+    Attributes:
+        id: That of the command.
+        accepted: Whether it was done.
+        words: What was done, or why not.
+    """
+
+    id: str
+    accepted: bool
+    words: str

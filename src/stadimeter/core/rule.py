@@ -1,0 +1,273 @@
+"""What a rule declares, as the core sees it: in SI units, checked, and fixed for a run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Literal
+
+from stadimeter.core.condition import Condition, Quantity, about
+from stadimeter.core.decision import Severity
+
+ROUNDING_S = 1e-6
+"""What is due this soon is due, however a sum of times was rounded."""
+
+
+class LostPolicy(StrEnum):
+    """What an alarm does when its target has been out of sight for longer than the grace."""
+
+    HOLD = "hold"
+    """Stay as it was."""
+    CLEAR = "clear"
+    """Count as not holding."""
+    ASSERT = "assert"
+    """Count as holding: "cannot see" means danger."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lost:
+    """What a rule does without its target.
+
+    Attributes:
+        grace_s: For this long nothing changes, and timers stand still.
+        policy: What happens then. Ramps and follow rules ignore it: they always go to the safe value.
+        fault_after_s: After this long the output goes to its safe value and ``measurement_lost`` is reported.
+    """
+
+    grace_s: float = 0.5
+    policy: LostPolicy = LostPolicy.HOLD
+    fault_after_s: float = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OnDelay:
+    """How long a condition must hold before the alarm is raised.
+
+    Attributes:
+        hold_s: For this long. A frame to the contrary sets the timer back by its own time, not to zero.
+        frames: In this many of the newest `of_frames` frames; 0 to judge by time alone.
+        of_frames: How many frames are looked at.
+    """
+
+    hold_s: float = 0.0
+    frames: int = 0
+    of_frames: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rule:
+    """What every rule has.
+
+    Attributes:
+        name: Its name in the configuration.
+        target: The target that it watches.
+        output: The output that it drives; None for an alert only.
+        priority: Of several rules that ask something of one output, the highest wins.
+        severity: How much its events matter.
+        lost: What it does without its target.
+        observe: It is judged, recorded and explained like any other, but drives nothing and sends nothing.
+    """
+
+    name: str
+    target: str
+    output: str | None = None
+    priority: int = 100
+    severity: Severity = Severity.WARNING
+    lost: Lost = field(default_factory=Lost)
+    observe: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pattern:
+    """A level that changes by itself while an alarm stands, such as three short buzzes.
+
+    Attributes:
+        steps: Level, 0 to 1, and how long it lasts in seconds; at least one.
+        times: How often the steps are gone through; 0 for as long as the alarm stands. The level is 0 afterwards.
+    """
+
+    steps: tuple[tuple[float, float], ...]
+    times: int = 0
+
+    def level(self, since_s: float) -> float:
+        """Return the level some time after the beginning.
+
+        Args:
+            since_s: That time.
+
+        Returns:
+            From 0 to 1.
+        """
+        period_s = sum(for_s for _, for_s in self.steps)
+        since_s = max(0.0, since_s) + ROUNDING_S
+        if self.times and since_s >= self.times * period_s:
+            return 0.0
+        left_s = since_s % period_s
+        for level, for_s in self.steps:
+            if left_s < for_s:
+                return level
+            left_s -= for_s
+        return self.steps[-1][0]  # what rounding left over
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Template:
+    """A text with named gaps, such as ``{rule}: {distance_m:.2f} m``.
+
+    Attributes:
+        text: The text; for JSON an object or a list as JSON, with gaps in its strings.
+        is_json: Whether it is JSON.
+    """
+
+    text: str
+    is_json: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Send:
+    """Something to send: over the messenger, or to people with a notifier.
+
+    Attributes:
+        template: What.
+        topic: The messenger's topic, below its base topic; empty for a notifier.
+        notifier: The name of the notifier; empty for the messenger.
+        title: The title of a notification; empty for the rule's name.
+        retain: Whether the broker keeps it.
+    """
+
+    template: Template
+    topic: str = ""
+    notifier: str = ""
+    title: str = ""
+    retain: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SequenceStep:
+    """Something that an alarm does, once, after it was raised or cleared.
+
+    What is not due yet when an alarm clears is not done any more; likewise for steps after clearing, when it is raised.
+
+    Attributes:
+        on: After being raised, or after being cleared.
+        after_s: How long after.
+        only_unacknowledged: Not if somebody has acknowledged the alarm by then.
+        output: An output that it drives; None for none.
+        level: The level that an actuator gets. A base gets a stop.
+        pattern: Levels that change by themselves, in place of `level`; None for none.
+        for_s: For how long; infinite for as long as the alarm stands, which after clearing is no time at all.
+        send: What it sends; None for nothing.
+    """
+
+    on: Literal["raised", "cleared"] = "raised"
+    after_s: float = 0.0
+    only_unacknowledged: bool = False
+    output: str | None = None
+    level: float = 1.0
+    pattern: Pattern | None = None
+    for_s: float = math.inf
+    send: Send | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlarmRule(Rule):
+    """Act while a condition holds.
+
+    Attributes:
+        condition: The condition. Parts of it that name no target are about the rule's target.
+        on_delay: How long it must hold first.
+        off_delay_s: How long it must no longer hold before the alarm clears.
+        level: The level that an actuator gets while the alarm is active. A base gets a stop.
+        act_at_start: Whether an alarm that is raised by the very first sight of the target moves its output.
+        pattern: Levels that change by themselves while the alarm is active, in place of `level`; None for none.
+        latch: It stays active until somebody resets it, though its condition may have ended.
+        needs_ack: Somebody must acknowledge it; until then it is not over, even when its condition has ended.
+        realarm_s: After being active for this long it is reported again, and unacknowledged again; None for never.
+        cooldown_s: The least time between two notifications of the rule. What the alarm does is not delayed.
+        shelve_max_s: The longest time that it can be shelved for; 0 forbids shelving.
+        group: Of the alarms of one group, the first one is marked until all have cleared; empty for none.
+        suppress_when: While this holds, the alarm drives nothing and notifies nobody; None for never.
+        sequence: What else it does, and when.
+    """
+
+    condition: Condition
+    on_delay: OnDelay = field(default_factory=OnDelay)
+    off_delay_s: float = 1.0
+    level: float = 1.0
+    act_at_start: bool = True
+    pattern: Pattern | None = None
+    latch: bool = False
+    needs_ack: bool = False
+    realarm_s: float | None = None
+    cooldown_s: float = 10.0
+    shelve_max_s: float = 8 * 3600.0
+    group: str = ""
+    suppress_when: Condition | None = None
+    sequence: tuple[SequenceStep, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make every part of the conditions name its target."""
+        object.__setattr__(self, "condition", about(self.condition, self.target))
+        if self.suppress_when is not None:
+            object.__setattr__(self, "suppress_when", about(self.suppress_when, self.target))
+
+
+Bias = Literal["neutral", "cautious", "quiet"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RampRule(Rule):
+    """Act the more strongly the further, or the nearer, the target is.
+
+    Attributes:
+        start_m: Where the output begins. On the other side of it the output is 0.
+        full_m: Where the output is full. Larger than `start_m`: grows with distance; smaller: grows with nearness.
+        quantity: Whether these are straight-line distances or depths along the optical axis.
+        level_min: The level right after the start; a vibration motor does not turn below some level.
+        level_max: The level at and beyond `full_m`.
+        gamma: Exponent of the curve; 1 is a straight line.
+        bias: Which way to err within the standard deviation: ``cautious`` gives the stronger output, ``quiet`` the
+            weaker.
+        points: A table instead of a curve: distances in metres, in order, and the level at each; between them the
+            level is interpolated, and beyond the ends it stays. Empty for the curve.
+        dead_zone: Levels below this are 0.
+    """
+
+    start_m: float
+    full_m: float
+    quantity: Quantity = "distance"
+    level_min: float = 0.0
+    level_max: float = 1.0
+    gamma: float = 1.0
+    bias: Bias = "neutral"
+    points: tuple[tuple[float, float], ...] = ()
+    dead_zone: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowRule(Rule):
+    """Keep a base at a distance from the target, and pointed at it.
+
+    Attributes:
+        distance_m: The distance to keep.
+        gain_per_s: Forward speed for each metre of distance error.
+        turn_gain_per_s: Rate of turn for each radian of bearing.
+        linear_max_mps: Largest speed forwards.
+        reverse_max_mps: Largest speed backwards; 0 never reverses.
+        angular_max_radps: Largest rate of turn.
+        deadband_m: Distance errors below this do not move the base.
+        deadband_rad: Bearings below this do not turn it.
+    """
+
+    distance_m: float
+    gain_per_s: float = 1.0
+    turn_gain_per_s: float = 1.5
+    linear_max_mps: float = 0.3
+    reverse_max_mps: float = 0.0
+    angular_max_radps: float = 1.0
+    deadband_m: float = 0.03
+    deadband_rad: float = 0.03
+
+
+AnyRule = AlarmRule | RampRule | FollowRule

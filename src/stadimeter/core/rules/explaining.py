@@ -1,0 +1,221 @@
+"""Why a rule does what it does, and why it does not do what one might expect: in a sentence, and in figures.
+
+A decision keeps all that this takes, so any moment of a run or of its journal can be asked about.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
+from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rules.alarm import AlarmStep, in_words, is_judged_by_its_end
+from stadimeter.core.rules.alarm_state import AlarmState
+from stadimeter.core.rules.alarm_table import LATCHED, Phase
+from stadimeter.core.rules.evidence import Evidence, evidence
+from stadimeter.core.rules.judging import RuleStep
+from stadimeter.core.rules.known import Known
+from stadimeter.core.rules.reasons import Reasons
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Explanation:
+    """What there is to say of a rule at a moment.
+
+    Attributes:
+        rule: The rule.
+        at_s: The moment, on the run's clock.
+        status: What the rule is doing.
+        sentence: All that matters, in words.
+        evidence: The figures behind its condition, for each part of it; none for ramps and follow rules.
+        timers: What it counts, in words.
+        gates: What keeps it quiet, in words.
+        winner: Who commands its output: a rule, ``safety``, or ``safe``; empty for a rule without output.
+        losers: The rules that asked for that output too.
+    """
+
+    rule: str
+    at_s: float
+    status: RuleStatus
+    sentence: str
+    evidence: tuple[Evidence, ...] = ()
+    timers: tuple[str, ...] = ()
+    gates: tuple[str, ...] = ()
+    winner: str = ""
+    losers: tuple[str, ...] = ()
+
+
+def explain(decision: Decision, name: str) -> Explanation:
+    """Explain a rule.
+
+    Args:
+        decision: What was decided at that moment, as `stadimeter.core.decide.decide` returned it.
+        name: The rule.
+
+    Returns:
+        The explanation.
+
+    Raises:
+        KeyError: There is no such rule.
+        TypeError: The decision was read from a file, and does not know its reasons; decide again.
+    """
+    reasons = decision.reasons
+    if not isinstance(reasons, Reasons):
+        raise TypeError("a decision that was read from a file does not know its reasons; decide again")
+    rule, step = reasons.step(name)
+    known = reasons.known_to_rules()
+    output = next((trace for trace in decision.outputs if trace.output == rule.output), None)
+    if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
+        clauses = [*_alarm(rule, step, known), *_consequence(rule, step, decision, output)]
+        timers, gates = tuple(_timers(rule, step.state)), tuple(_gates(rule, step.state, known.now_s))
+        leaves = step.state.timers.leaves
+        found = evidence(rule.condition, known, leaves, is_active=is_judged_by_its_end(step.state))
+    else:
+        clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, output)]
+        timers, gates, found = (), step.trace.gates, ()
+    return Explanation(
+        rule=name,
+        at_s=known.now_s,
+        status=step.trace.status,
+        sentence="; ".join(clauses),
+        evidence=found,
+        timers=timers,
+        gates=gates,
+        winner=output.winner if output else "",
+        losers=output.losers if output else (),
+    )
+
+
+def _alarm(rule: AlarmRule, step: AlarmStep, known: Known) -> Iterator[str]:
+    """Say where an alarm is and why, and what would change that."""
+    state = step.state
+    words = in_words(rule, state, known)
+    if state.unknown_since_s is not None:
+        yield _unseen(state, words, known.now_s)
+        return
+    yield f"{_where(state, known.now_s)}: {words}"
+    yield from _timers(rule, state)
+    yield from _turning_points(rule, state, known)
+
+
+_PHASES = {
+    Phase.INACTIVE: "not raised",
+    Phase.PENDING: "not raised yet",
+    Phase.UNACKNOWLEDGED: "raised{ago}, and nobody has acknowledged it",
+    Phase.ACTIVE: "raised{ago}",
+    Phase.CLEARING_UNACKNOWLEDGED: "raised{ago}, about to clear, and nobody has acknowledged it",
+    Phase.CLEARING: "raised{ago}, about to clear",
+    Phase.LATCHED_UNACKNOWLEDGED: "raised{ago}, latched until it is acknowledged and reset",
+    Phase.LATCHED: "raised{ago}, latched until it is reset",
+    Phase.RETURNED: "over, but nobody has acknowledged it",
+}
+
+
+def _where(state: AlarmState, now_s: float) -> str:
+    ago = f" {_duration(now_s - state.raised_at_s)} ago" if state.raised_at_s is not None else ""
+    return _PHASES[state.phase].format(ago=ago)
+
+
+def _unseen(state: AlarmState, words: str, now_s: float) -> str:
+    unseen = f"there is nothing to judge by for {_duration(now_s - (state.unknown_since_s or now_s))}: {words}"
+    if state.phase in LATCHED or state.phase is Phase.RETURNED:
+        return f"{_where(state, now_s)}; {unseen}"
+    return f"{'held as it was, raised' if state.is_active else 'not raised'}, since {unseen}"
+
+
+def _timers(rule: AlarmRule, state: AlarmState) -> Iterator[str]:
+    timers, delay = state.timers, rule.on_delay
+    if not state.is_active and (timers.held_last or timers.held_s or any(timers.recent)):
+        if delay.hold_s:
+            yield f"held for {_duration(timers.held_s)} of the {_duration(delay.hold_s)} that it takes"
+        if delay.frames:
+            yield f"held in {sum(timers.recent)} of the newest {delay.of_frames} frames; it takes {delay.frames}"
+    if timers.ended_s and state.is_active:
+        yield f"ended for {_duration(timers.ended_s)} of the {_duration(rule.off_delay_s)} that it takes"
+
+
+def _turning_points(rule: AlarmRule, state: AlarmState, known: Known) -> Iterator[str]:
+    """Say at which figure a simple condition would begin, or end."""
+    is_active = is_judged_by_its_end(state)
+    found = evidence(rule.condition, known, state.timers.leaves, is_active=is_active)
+    if len(found) != 1:
+        return
+    verb, points = ("would clear", found[0].ends_at) if is_active else ("would raise", found[0].begins_at)
+    if points and state.phase is not Phase.PENDING:
+        yield f"{verb} at {points}"
+
+
+def _gates(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
+    gates = state.gates
+    if rule.observe:
+        yield "it is only observed"
+    if gates.shelved_until_s is not None:
+        by = f" by {gates.shelved_by}" if gates.shelved_by else ""
+        until = " at most" if gates.is_one_shot else ""
+        yield f"shelved{by} for another {_duration(gates.shelved_until_s - now_s)}{until}"
+    if gates.is_suppressed:
+        yield "suppressed by suppress_when"
+    if gates.is_out_of_service:
+        yield "out of service"
+
+
+def _consequence(rule: AnyRule, step: RuleStep, decision: Decision, output: OutputTrace | None) -> Iterator[str]:
+    """Say what an active rule drives, or why it does not."""
+    if isinstance(step, AlarmStep) and isinstance(rule, AlarmRule):
+        state, now_s = step.state, decision_time_s(decision)
+        gates = list(_gates(rule, state, now_s))
+        if gates:
+            yield f"kept quiet: {', '.join(gates)}"
+            return
+        if not state.is_active:
+            return
+        yield from _untold(rule, state, now_s)
+        if state.is_announced_only:
+            yield "it held when the target was seen first, so it is announced and drives nothing"
+        elif state.is_given_up:
+            yield "its output was given up: nothing confirms the alarm any more"
+    if output is not None and step.requests:
+        yield from _commanded(rule, decision, output)
+
+
+def _untold(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
+    if state.owes_notice and state.notified_at_s is not None:
+        left_s = state.notified_at_s + rule.cooldown_s - now_s
+        yield f"nobody is told for another {_duration(max(0.0, left_s))} (cooldown)"
+
+
+def _commanded(rule: AnyRule, decision: Decision, output: OutputTrace) -> Iterator[str]:
+    if rule.name in output.winner.split("+"):
+        others = f", before {' and '.join(output.losers)}" if output.losers else ""
+        yield f"it commands '{output.output}'{others}"
+    elif output.winner == "safety":
+        why = output.reason or decision.safety_reason
+        yield f"but '{output.output}' is kept safe: {why}"
+    else:
+        yield f"but '{output.winner}' commands '{output.output}', with a higher priority than {rule.priority}"
+    if decision.safety is not SafetyMode.ACTIVE and output.winner != "safety":
+        yield f"outputs are kept safe: {decision.safety_reason}"
+
+
+def decision_time_s(decision: Decision) -> float:
+    """Return when a decision was made.
+
+    Args:
+        decision: A decision that knows its reasons.
+
+    Returns:
+        On the run's clock; 0 for one that was read from a file.
+    """
+    return decision.reasons.known.now_s if isinstance(decision.reasons, Reasons) else 0.0
+
+
+def _duration(seconds: float) -> str:
+    """Return a duration as people read it."""
+    seconds = max(0.0, seconds)
+    if not math.isfinite(seconds):
+        return "ever"
+    if seconds < 120:
+        return f"{seconds:.1f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

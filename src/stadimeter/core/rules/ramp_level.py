@@ -1,0 +1,111 @@
+"""How strongly a ramp acts at a distance: along a curve, or by a table of points.
+
+How fast a level may change is a matter of the output (`rise_per_s`, `fall_per_s`), not of the ramp: an output that two
+rules drive in turn has one motor, and one answer to how fast that may speed up.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+
+from stadimeter.core.rule import RampRule
+
+HOLD_ON_SIGMAS = 2.0
+"""An output that has begun goes on until the target is this far back: noise at the start must not switch it."""
+
+
+def ramp_level(rule: RampRule, value_m: float, sigma_m: float, *, is_on: bool) -> float:
+    """Return the level that a ramp gives.
+
+    Along the curve, with u the share of the way from start to full, limited to 0…1: 0 where u = 0, else
+    min + u^gamma · (max − min). By the table: between two points in proportion, beyond the ends as at the ends. What is
+    below the dead zone is 0.
+
+    Args:
+        rule: The ramp.
+        value_m: Distance or depth.
+        sigma_m: Its standard deviation.
+        is_on: Whether the output is above zero now.
+
+    Returns:
+        From 0 to 1.
+    """
+    if rule.bias == "neutral":
+        level = _level(rule, value_m)
+    elif rule.bias == "cautious":
+        level = max(_levels_within(rule, value_m, sigma_m))
+    else:
+        level = min(_levels_within(rule, value_m, sigma_m))
+    if level > 0 or not is_on:
+        return level
+    # Where the bias looks, noise may put the target as well.
+    reach_m = HOLD_ON_SIGMAS * sigma_m + {"neutral": 0.0, "cautious": sigma_m, "quiet": -sigma_m}[rule.bias]
+    is_near_start = max(_levels_within(rule, value_m, reach_m)) > 0
+    return max(rule.dead_zone, 0.0 if rule.points else rule.level_min) if is_near_start else 0.0
+
+
+def limits_m(rule: RampRule) -> tuple[float, ...]:
+    """Return the distances that a target must cross for a ramp at rest to change its level.
+
+    Args:
+        rule: The ramp.
+
+    Returns:
+        In metres.
+    """
+    return tuple([at_m for at_m, _ in rule.points]) if rule.points else (rule.start_m, rule.full_m)
+
+
+def is_flat(rule: RampRule, value_m: float) -> bool:
+    """Return whether the level stays until the target crosses one of the limits.
+
+    Args:
+        rule: The ramp.
+        value_m: Distance or depth.
+
+    Returns:
+        Whether it does; never with a bias, since then the standard deviation counts too.
+    """
+    if rule.bias != "neutral":
+        return False
+    if rule.points:
+        before, after = _neighbours(rule, value_m)
+        return before[1] == after[1] and value_m not in {before[0], after[0]}
+    share = (value_m - rule.start_m) / (rule.full_m - rule.start_m)
+    return share < 0 or share > 1
+
+
+def _level(rule: RampRule, value_m: float) -> float:
+    level = _by_table(rule, value_m) if rule.points else _along_curve(rule, value_m)
+    return level if level >= rule.dead_zone else 0.0
+
+
+def _levels_within(rule: RampRule, value_m: float, reach_m: float) -> list[float]:
+    """Return the levels among which the least and the greatest within some distance of a value are."""
+    near_m, far_m = value_m - reach_m, value_m + reach_m
+    between = [at_m for at_m, _ in rule.points if near_m < at_m < far_m]
+    return [_level(rule, at_m) for at_m in (near_m, *between, far_m)]
+
+
+def _along_curve(rule: RampRule, value_m: float) -> float:
+    share = (value_m - rule.start_m) / (rule.full_m - rule.start_m)
+    if share <= 0:
+        return 0.0
+    return rule.level_min + math.pow(min(share, 1.0), rule.gamma) * (rule.level_max - rule.level_min)
+
+
+def _by_table(rule: RampRule, value_m: float) -> float:
+    (before_m, before), (after_m, after) = _neighbours(rule, value_m)
+    if before == after:
+        return before
+    level = before + (after - before) * (value_m - before_m) / (after_m - before_m)
+    return min(max(level, min(before, after)), max(before, after))  # whatever was rounded
+
+
+def _neighbours(rule: RampRule, value_m: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the points around a value; beyond the ends, the same level goes on for ever."""
+    index = bisect_right(rule.points, (value_m, math.inf))
+    before = rule.points[index - 1] if index > 0 else (-math.inf, rule.points[0][1])
+    after = rule.points[index] if index < len(rule.points) else (math.inf, rule.points[-1][1])
+    return before, after

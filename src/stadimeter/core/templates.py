@@ -1,0 +1,239 @@
+"""Texts with gaps that are filled when something happens: ``{rule}: {distance_m:.2f} m``.
+
+A gap holds the name of a field, and after a colon how it is written, as Python's format strings have it. Nothing else
+is looked up, called or computed: a template comes from a configuration, and what fills it may come from anybody.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import string
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+
+from stadimeter.core.decision import Event
+from stadimeter.core.rule import Rule, Template
+from stadimeter.core.track import Track
+
+Value = str | float | bool | None
+
+UNKNOWN = "unknown"
+"""What a number that is not known is in a text. In JSON it is null."""
+
+TEXT_LONGEST = 4000
+"""No template is longer than this."""
+
+INCH_M = 0.0254
+FOOT_M = 0.3048
+
+TEXT_FIELDS = ("rule", "target", "event", "severity", "reason", "by", "group", "time", "time_of_day")
+NUMBER_FIELDS = {
+    "distance_m": 2, "distance_cm": 0, "distance_mm": 0, "distance_ft": 1, "distance_in": 1,
+    "sigma_m": 3, "sigma_cm": 1, "depth_m": 2, "closing_mps": 2, "closing_kmh": 1, "closing_mph": 1,
+    "bearing_deg": 0, "elevation_deg": 0, "sequence": 0,
+}  # fmt: skip
+"""The numbers, and how many decimals they have in a text that does not say."""
+FLAG_FIELDS = ("first_out",)
+FIELDS = (*TEXT_FIELDS, *NUMBER_FIELDS, *FLAG_FIELDS)
+"""Every field that a template may name."""
+
+JSON_DECIMALS = 3
+"""A number that stands alone in JSON is rounded to this."""
+
+# Widths and precisions of two digits: a template must not fill the memory.
+_NUMBER_FORM = re.compile(r"[<>^=]?[+\- ]?0?\d{0,2},?(\.\d{1,2})?[feg]?")
+_TEXT_FORM = re.compile(r"[<>^]?\d{0,2}(\.\d{1,3})?s?")
+_JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+class TemplateError(ValueError):
+    """A template cannot be used.
+
+    Attributes:
+        field: The name of the field that there is not; empty for other troubles.
+    """
+
+    def __init__(self, message: str, field: str = "") -> None:
+        self.field = field
+        super().__init__(message)
+
+
+def check(template: Template) -> None:
+    """Make sure that a template can be filled, whatever happens.
+
+    Args:
+        template: The template.
+
+    Raises:
+        TemplateError: It cannot; the message says what is wrong.
+    """
+    if len(template.text) > TEXT_LONGEST:
+        raise TemplateError(f"the template has {len(template.text)} characters, and may have {TEXT_LONGEST}")
+    for text in _texts_in(json.loads(template.text)) if template.is_json else (template.text,):
+        _parts(text)
+
+
+def render(template: Template, values: Mapping[str, Value]) -> str:
+    """Fill a template.
+
+    Args:
+        template: A template that `check` has accepted.
+        values: Every one of `FIELDS`. A number that is None or not finite is not known.
+
+    Returns:
+        The text, or JSON on one line.
+    """
+    if template.is_json:
+        return _JSON.encode(_filled(json.loads(template.text), values))
+    return _text(template.text, values)
+
+
+def fields(rule: Rule, event: Event, track: Track | None, time: str, group: str = "") -> dict[str, Value]:
+    """Return what a template may tell of an event.
+
+    Args:
+        rule: The rule that it happened to.
+        event: The event.
+        track: The rule's target now; only figures that may be acted on are told.
+        time: The local time, as RFC 3339 has it.
+        group: The group of alarms that the rule belongs to.
+
+    Returns:
+        A value for each of `FIELDS`.
+    """
+    known = track if track is not None and track.is_valid else Track(target=rule.target)
+    return {
+        "rule": rule.name,
+        "target": rule.target,
+        "event": event.kind.value,
+        "severity": event.severity.value,
+        "reason": event.reason,
+        "by": event.by,
+        "group": group,
+        "time": time,
+        "time_of_day": time[11:19],
+        "sequence": event.sequence,
+        "first_out": event.first_out,
+        **_figures(known),
+    }
+
+
+def _figures(track: Track) -> dict[str, Value]:
+    return {
+        "distance_m": track.distance_m,
+        "distance_cm": _times(track.distance_m, 100),
+        "distance_mm": _times(track.distance_m, 1000),
+        "distance_ft": _times(track.distance_m, 1 / FOOT_M),
+        "distance_in": _times(track.distance_m, 1 / INCH_M),
+        "sigma_m": track.sigma_m,
+        "sigma_cm": _times(track.sigma_m, 100),
+        "depth_m": track.depth_m,
+        "closing_mps": track.closing_mps,
+        "closing_kmh": _times(track.closing_mps, 3.6),
+        "closing_mph": _times(track.closing_mps, 3600 / (5280 * FOOT_M)),
+        "bearing_deg": _times(track.bearing_rad, 180 / math.pi),
+        "elevation_deg": _times(track.elevation_rad, 180 / math.pi),
+    }
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+@lru_cache(maxsize=256)
+def _parts(text: str) -> tuple[tuple[str, str, str], ...]:
+    """Return what a text is made of: what stands as it is, then a field, then how it is written."""
+    try:
+        parsed = list(string.Formatter().parse(text))
+    except ValueError as error:
+        raise TemplateError(
+            f"{_short(text)}: {error}; write {{{{ and }}}} for braces that stand in the text"
+        ) from error
+    return tuple(_part(*part) for part in parsed)
+
+
+def _part(literal: str, field: str | None, form: str | None, conversion: str | None) -> tuple[str, str, str]:
+    if field is None:
+        return literal, "", ""
+    if conversion is not None:
+        raise TemplateError(f"{{{field}!{conversion}}}: a gap cannot convert; write {{{field}}}")
+    if field not in FIELDS:
+        raise _no_field(field)
+    pattern = _NUMBER_FORM if field in NUMBER_FIELDS else _TEXT_FORM
+    if not pattern.fullmatch(form or ""):
+        example = f"{{{field}:.1f}}" if field in NUMBER_FIELDS else f"{{{field}:>20}}"
+        raise TemplateError(
+            f"{{{_short(f'{field}:{form}')}}}: a field cannot be written so; write it such as {example}"
+        )
+    return literal, field, form or ""
+
+
+def _no_field(field: str) -> TemplateError:
+    name = re.split(r"[.\[]", field, maxsplit=1)[0]
+    if name in FIELDS:
+        return TemplateError(f"{{{_short(field)}}}: a gap holds the name of a field and nothing else; write {{{name}}}")
+    if not field:
+        return TemplateError("the gap {} names no field; write {{}} for braces that stand in the text")
+    return TemplateError(f"there is no field '{_short(field)}' that a template can tell", field)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 40 else f"{text[:40]}…"
+
+
+def _text(text: str, values: Mapping[str, Value]) -> str:
+    return "".join(
+        literal + (_written(values[field], field, form) if field else "") for literal, field, form in _parts(text)
+    )
+
+
+def _written(value: Value, field: str, form: str) -> str:
+    if field in NUMBER_FIELDS:
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            return UNKNOWN
+        return format(float(value), form or f"z.{NUMBER_FIELDS[field]}f")
+    if isinstance(value, bool):
+        value = "yes" if value else "no"
+    return format(UNKNOWN if value is None else str(value), form)
+
+
+def _filled(value: object, values: Mapping[str, Value]) -> object:
+    """Fill the gaps in the strings of a structure."""
+    if isinstance(value, dict):
+        return {key: _filled(inner, values) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_filled(inner, values) for inner in value]
+    if not isinstance(value, str):
+        return value
+    parts = _parts(value)
+    if len(parts) == 1 and parts[0][1] and not parts[0][0]:
+        return _alone(values[parts[0][1]], *parts[0][1:])
+    return _text(value, values)
+
+
+def _alone(value: Value, field: str, form: str) -> Value:
+    """Return a field that is all of a string: a number stays a number, as precise as the gap says."""
+    if field not in NUMBER_FIELDS:
+        return _written(value, field, form) if isinstance(value, str) else value
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    if not form:
+        return round(float(value), JSON_DECIMALS) + 0.0 if field != "sequence" else value
+    written = format(float(value), form)
+    try:
+        return float(written)
+    except ValueError:
+        return written
+
+
+def _texts_in(value: object) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for inner in value.values():
+            yield from _texts_in(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _texts_in(inner)

@@ -1,0 +1,189 @@
+"""What rules cost in a cycle, by how many there are. Run ``python tests/benchmarks/rule_scale.py``.
+
+Decides on observations of one ball, with and without the rules in turn, cycle by cycle; the difference of the lower
+quartiles is what the rules cost. "None crosses" means a ball that stands, with its noise, where no limit is within its
+standard deviations. The memory is what Python's allocator gave for the state of all rules.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import tracemalloc
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+from part import Part, table
+
+from stadimeter.core.condition import (
+    AllOf,
+    AnyOf,
+    ClosingCondition,
+    Condition,
+    DirectionCondition,
+    DistanceCondition,
+    Not,
+    PresenceCondition,
+    RuleCondition,
+    TimeToContactCondition,
+)
+from stadimeter.core.decide import State, decide, initial_state
+from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.plan import LevelOutput, Plan
+from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
+from stadimeter.testing.observing import measured
+
+FRAME_S = 1 / 30
+FRAMES = 900
+WARM_UP = 150
+NEAREST_M, FARTHEST_M = 0.5, 9.5
+BEYOND_M = 12.0
+Way = Callable[[int], float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One line: which rules, on which way, and what they cost."""
+
+    what: str
+    rules: int
+    cost_us: float
+    restless: int
+    bytes_a_rule: float
+
+
+def thresholds(count: int) -> tuple[AnyRule, ...]:
+    """Return alarms on one distance, near and far in turn, with limits from 0.5 m to 9.5 m."""
+    return tuple(_alarm(number, _threshold(number, count)) for number in range(count))
+
+
+def mixed(count: int) -> tuple[AnyRule, ...]:
+    """Return one rule of each kind after the other: every simple condition, compounds, rules on rules, ramps."""
+    return tuple(_mixed(number, count) for number in range(count))
+
+
+def _limit_m(number: int, count: int) -> float:
+    return NEAREST_M + (FARTHEST_M - NEAREST_M) * (number + 0.5) / count
+
+
+def _threshold(number: int, count: int) -> DistanceCondition:
+    limit_m = _limit_m(number, count)
+    return DistanceCondition(below_m=limit_m) if number % 2 else DistanceCondition(above_m=limit_m)
+
+
+def _alarm(number: int, condition: Condition, suppress_when: Condition | None = None) -> AlarmRule:
+    return AlarmRule(
+        name=f"rule-{number}",
+        target="ball",
+        output=f"output-{number % 4}",
+        priority=number,
+        condition=condition,
+        suppress_when=suppress_when,
+    )
+
+
+def _mixed(number: int, count: int) -> AnyRule:
+    near, place = DistanceCondition(below_m=_limit_m(number, count)), number % 10
+    if place == 9:
+        limit_m = _limit_m(number, count)
+        return RampRule(
+            name=f"rule-{number}",
+            target="ball",
+            output="output-0",
+            priority=number,
+            start_m=limit_m,
+            full_m=limit_m + 1,
+        )
+    conditions: Sequence[Condition] = (
+        near,
+        DistanceCondition(above_m=_limit_m(number, count)),
+        DirectionCondition(above_rad=0.1),
+        ClosingCondition(above_mps=0.1 + number / 50),
+        TimeToContactCondition(below_s=1 + number / 20),
+        PresenceCondition(seen=False, for_s=3),
+        AllOf(conditions=(near, DirectionCondition(above_rad=0.2))),
+        AnyOf(conditions=(near, PresenceCondition(seen=False))),
+        Not(condition=near),
+    )
+    return _alarm(number, conditions[place], RuleCondition(rule="rule-0") if place == 8 else None)
+
+
+def standing(distance_m: float) -> Way:
+    """Return a way on which the ball stands, with a little noise."""
+    return lambda frame: distance_m + 0.001 * math.sin(frame * 2.4)
+
+
+def rolling(frame: int) -> float:
+    """Return where a ball is that rolls to and fro between 3 m and 7 m, at up to 0.6 m/s."""
+    return 5 + 2 * math.sin(frame / 100)
+
+
+def _plan(rules: tuple[AnyRule, ...]) -> Plan:
+    return Plan(targets=("ball",), rules=rules, outputs=tuple(LevelOutput(name=f"output-{n}") for n in range(4)))
+
+
+def _seen(frame: int, distance_m: float) -> Observation:
+    at_s = frame * FRAME_S
+    stamp = FrameStamp(sequence=frame, captured_at_s=at_s)
+    return Observation(now_s=at_s + 0.01, frame=stamp, measurements=(measured("ball", at_s, distance_m, 0.005),))
+
+
+def measure(what: str, rules: tuple[AnyRule, ...], way: Way, frames: int = FRAMES) -> Row:
+    """Return what rules cost on a way."""
+    tracemalloc.start()
+    state = initial_state(_plan(rules))
+    used_bytes = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    states: dict[str, State] = {"with": state, "without": initial_state(_plan(()))}
+    times_s: dict[str, list[float]] = {"with": [], "without": []}
+    for frame in range(WARM_UP + frames):
+        seen = _seen(frame, way(frame))
+        for name, before in tuple(states.items()):
+            began_s = perf_counter()
+            states[name], _ = decide(before, seen)
+            if frame >= WARM_UP:
+                times_s[name].append(perf_counter() - began_s)
+    cost_s = statistics.quantiles(times_s["with"], n=4)[0] - statistics.quantiles(times_s["without"], n=4)[0]
+    return Row(
+        what=what,
+        rules=len(rules),
+        cost_us=cost_s * 1e6,
+        restless=len(states["with"].rules.restless),
+        bytes_a_rule=used_bytes / max(1, len(rules)),
+    )
+
+
+def measure_all(frames: int = FRAMES) -> list[Row]:
+    """Return every row."""
+    beyond = standing(BEYOND_M)
+    return [
+        *(measure("thresholds, none crosses", thresholds(count), beyond, frames) for count in (100, 1000, 10_000)),
+        measure("thresholds, amid them", thresholds(100), rolling, frames),
+        measure("thresholds, amid them", thresholds(10_000), rolling, frames),
+        measure("mixed, none crosses", mixed(100), beyond, frames),
+        measure("mixed, amid them", mixed(100), rolling, frames),
+    ]
+
+
+def part(frames: int = FRAMES) -> Part:
+    """Return the part of the report."""
+    rows = measure_all(frames)
+    costs = {(row.what, row.rules): row.cost_us for row in rows}
+    lines = [[r.what, f"{r.rules}", f"{r.cost_us:.1f}", f"{r.restless}", f"{r.bytes_a_rule:.0f}"] for r in rows]
+    return Part(
+        title="Rules by the thousand",
+        text=f"{__doc__.partition('. Run')[0]}.\n\n"
+        + table(["rules", "how many", "µs a cycle", "judged in the last cycle", "bytes a rule"], lines),
+        facts={
+            "10,000 thresholds us": costs["thresholds, none crosses", 10_000],
+            "100 mixed us": costs["mixed, amid them", 100],
+        },
+    )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, default=FRAMES)
+    print(part(parser.parse_args().frames).text)

@@ -1,0 +1,286 @@
+"""Whether a condition holds that is made of others: three-valued, and with a memory for each part."""
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stadimeter.core.condition import (
+    AllOf,
+    AnyOf,
+    DistanceCondition,
+    Not,
+    PresenceCondition,
+    RuleCondition,
+    ScheduleCondition,
+    leaves,
+)
+from stadimeter.core.rules.conditions import Verdict, due_s, in_words, judge, judged_by_cycle, parts_of, rests
+from stadimeter.core.rules.known import Known
+from stadimeter.core.track import Track, TrackStatus
+
+VALUES = (True, False, None)
+A, B, C = (RuleCondition(rule=name) for name in "abc")
+
+
+def given_rules(**active):
+    return Known(tracks={}, now_s=0.0, active=active)
+
+
+def value(condition, known):
+    return judge(condition, known, (), is_active=False).value
+
+
+def all_of(*conditions):
+    return AllOf(conditions=conditions)
+
+
+def any_of(*conditions):
+    return AnyOf(conditions=conditions)
+
+
+def not_(condition):
+    return Not(condition=condition)
+
+
+@pytest.mark.parametrize(("a", "b"), list(itertools.product(VALUES, VALUES)))
+def test_all_and_any_are_the_least_and_the_greatest_of_false_unknown_true(a, b):
+    order = {False: 0, None: 1, True: 2}
+    known = given_rules(a=a, b=b)
+    assert value(all_of(A, B), known) is min(a, b, key=order.get)
+    assert value(any_of(A, B), known) is max(a, b, key=order.get)
+
+
+def test_the_opposite_of_unknown_is_unknown():
+    assert [value(not_(A), given_rules(a=a)) for a in VALUES] == [False, True, None]
+
+
+TREES = st.recursive(
+    st.sampled_from([A, B, C]),
+    lambda inner: st.one_of(
+        st.builds(not_, inner),
+        st.builds(lambda parts: all_of(*parts), st.lists(inner, min_size=1, max_size=3)),
+        st.builds(lambda parts: any_of(*parts), st.lists(inner, min_size=1, max_size=3)),
+    ),
+    max_leaves=12,
+)
+WORLDS = st.fixed_dictionaries(dict.fromkeys("abc", st.sampled_from(VALUES)))
+
+
+@given(st.lists(TREES, min_size=1, max_size=4), WORLDS)
+def test_de_morgan_holds_with_three_values(trees, world):
+    known = given_rules(**world)
+    opposites = [not_(tree) for tree in trees]
+    assert value(not_(all_of(*trees)), known) is value(any_of(*opposites), known)
+    assert value(not_(any_of(*trees)), known) is value(all_of(*opposites), known)
+    assert value(not_(not_(trees[0])), known) is value(trees[0], known)
+
+
+@given(TREES, WORLDS, st.fixed_dictionaries(dict.fromkeys("abc", st.booleans())))
+def test_learning_what_was_unknown_never_turns_round_what_was_known(tree, world, learned):
+    before = value(tree, given_rules(**world))
+    after = value(tree, given_rules(**{name: learned[name] if a is None else a for name, a in world.items()}))
+    if before is not None:
+        assert after is before
+
+
+def track(target, distance_m, sigma_m=0.02, status=TrackStatus.TRACKING):
+    return Track(target=target, status=status, distance_m=distance_m, depth_m=distance_m, sigma_m=sigma_m, since_s=0.0)
+
+
+def near(target="ball", below_m=1.0):
+    return DistanceCondition(below_m=below_m, probability_on=0.8, deadband_sigmas=3.0, target=target)
+
+
+def seeing(ball=3.0, tag=3.0, **more):
+    tracks = {
+        name: track(name, at_m or 1.0, status=TrackStatus.LOST if at_m is None else TrackStatus.TRACKING)
+        for name, at_m in (("ball", ball), ("tag", tag))
+    }
+    return Known(tracks=tracks, now_s=10.0, **more)
+
+
+class Alarm:
+    """An alarm without delays, which is all that a condition needs to remember."""
+
+    def __init__(self, condition):
+        self.condition = condition
+        self.is_active = False
+        self.held = ()
+
+    def see(self, known):
+        verdict = judge(self.condition, known, self.held, is_active=self.is_active)
+        self.held = verdict.held
+        self.is_active = self.is_active if verdict.value is None else verdict.value
+        return self.is_active
+
+
+def test_the_part_that_holds_keeps_its_deadband_whichever_it_is():
+    alarm = Alarm(any_of(near("ball"), near("tag")))
+    assert [alarm.see(seeing(ball=d)) for d in (3.0, 0.9, 1.05, 1.05, 1.2, 1.05)] == [0, 1, 1, 1, 0, 0]
+
+
+def test_a_part_that_did_not_hold_has_to_begin_though_the_alarm_is_active():
+    alarm = Alarm(any_of(near("ball"), near("tag")))
+    assert alarm.see(seeing(ball=0.5)) is True
+    assert alarm.see(seeing(ball=0.5, tag=1.03)) is True
+    assert alarm.held == (True, False)  # the tag is only within the band that keeps, not near
+    assert alarm.see(seeing(ball=3.0, tag=1.03)) is False
+
+
+def test_all_begins_when_each_part_begins_and_ends_when_one_ends():
+    alarm = Alarm(all_of(near("ball"), near("tag")))
+    ways = [(0.9, 1.03), (1.03, 0.9), (0.9, 0.9), (1.05, 1.05), (1.2, 0.9), (1.05, 0.9)]
+    assert [alarm.see(seeing(ball=ball, tag=tag)) for ball, tag in ways] == [0, 0, 1, 1, 0, 0]
+
+
+def test_not_begins_beyond_the_deadband_and_ends_when_the_part_begins():
+    away = Alarm(not_(near("ball")))
+    assert [away.see(seeing(ball=d)) for d in (0.9, 1.03, 1.05)] == [0, 0, 0]
+    assert [away.see(seeing(ball=d)) for d in (1.2, 1.05, 1.03, 0.995)] == [1, 1, 1, 1]
+    assert [away.see(seeing(ball=d)) for d in (0.9, 1.03, 1.05, 1.2)] == [0, 0, 0, 1]
+
+
+def test_not_of_not_is_the_same_as_the_condition():
+    ways = (3.0, 0.99, 0.9, 1.05, 1.08, 1.05, 0.97)
+    plain, twice = Alarm(all_of(near())), Alarm(not_(not_(near())))
+    assert [plain.see(seeing(ball=d)) for d in ways] == [twice.see(seeing(ball=d)) for d in ways]
+
+
+def test_a_part_out_of_sight_remembers_what_it_was():
+    alarm = Alarm(any_of(near("ball"), near("tag")))
+    assert alarm.see(seeing(ball=0.9)) is True
+    assert alarm.see(seeing(ball=None)) is True
+    assert alarm.held == (True, False)
+    assert alarm.see(seeing(ball=1.05)) is True
+
+
+def test_what_an_alarm_was_before_it_was_restored_counts_as_held():
+    assert judge(any_of(near()), seeing(ball=1.05), (), is_active=True) == Verdict(True, (True,))
+    assert judge(not_(near()), seeing(ball=1.05), (), is_active=True) == Verdict(True, (False,))
+
+
+def test_parts_that_are_needless_while_one_decides_may_be_unknown():
+    night = ScheduleCondition(from_s=79200.0, to_s=21600.0)
+    assert value(all_of(near(), night), seeing(ball=3.0)) is False
+    assert value(all_of(near(), night), seeing(ball=0.5)) is None
+    assert value(any_of(near(), night), seeing(ball=0.5)) is True
+
+
+def test_the_reason_names_each_part_and_whether_it_holds():
+    condition = all_of(near(), not_(any_of(RuleCondition(rule="mute"), near("tag", 0.5))))
+    words = in_words(condition, seeing(ball=0.9, tag=None, active={"mute": False}), (), is_active=False)
+    assert words == (
+        "all of (ball 0.90 m ± 0.02, below 1.00 m: P 1.00, begins at 0.80 [yes]; "
+        "not (any of (the rule mute is not active [no]; tag is lost: no distance [unknown])))"
+    )
+
+
+def test_parts_are_listed_with_how_they_are_judged():
+    condition = any_of(near("ball"), not_(near("tag")))
+    assert [(part.is_on, part.is_inverted) for part in parts_of(condition, (), is_active=False)] == [
+        (False, False),
+        (True, True),
+    ]
+    assert [part.is_on for part in parts_of(condition, (True, False), is_active=True)] == [True, False]
+    assert [part.leaf for part in parts_of(condition, (), is_active=False)] == list(leaves(condition))
+
+
+def test_it_is_due_when_its_first_part_is():
+    waits = [PresenceCondition(seen=True, for_s=for_s, target="ball") for for_s in (30.0, 12.0, 5.0)]
+    assert due_s(any_of(*waits), seeing()) == 12.0
+    assert due_s(near(), seeing()) == math.inf
+
+
+def test_one_part_that_goes_by_cycles_makes_the_whole_do_so():
+    assert judged_by_cycle(all_of(near(), not_(A)))
+    assert not judged_by_cycle(all_of(near(), near("tag")))
+
+
+def test_all_rests_while_one_part_surely_does_not_hold():
+    night = ScheduleCondition(from_s=79200.0, to_s=21600.0)
+    watched = all_of(near("ball"), near("tag"), night)
+    assert rests(watched, seeing(ball=3.0, tag=0.99), (), is_active=False)
+    assert not rests(watched, seeing(ball=0.99, tag=0.99), (), is_active=False)
+
+
+def test_while_it_is_active_it_rests_only_if_every_part_does():
+    watched = any_of(near("ball"), near("tag"))
+    assert rests(watched, seeing(ball=0.5, tag=3.0), (True, False), is_active=True)
+    assert not rests(watched, seeing(ball=0.5, tag=1.05), (True, True), is_active=True)
+    assert not rests(watched, seeing(ball=0.5, tag=0.99), (True, False), is_active=True)
+
+
+figures = st.sampled_from([None, 0.5, 0.97, 0.99, 1.0, 1.03, 1.05, 1.08, 2.0])
+sightings = st.builds(
+    lambda ball, tag, sigma_m: Known(
+        tracks={
+            name: track(name, at_m or 1.0, sigma_m, TrackStatus.LOST if at_m is None else TrackStatus.TRACKING)
+            for name, at_m in (("ball", ball), ("tag", tag))
+        },
+        now_s=10.0,
+    ),
+    figures,
+    figures,
+    st.sampled_from([0.005, 0.02, 0.1]),
+)
+mixed = st.recursive(
+    st.builds(
+        lambda target, sides, sure, off, sigmas: DistanceCondition(
+            above_m=0.9 if "above" in sides else None,
+            below_m=1.0 if "below" in sides else None,
+            probability_on=sure,
+            probability_off=off,
+            deadband_sigmas=sigmas,
+            target=target,
+        ),
+        st.sampled_from(["ball", "tag"]),
+        st.sampled_from(["above", "below", "above and below"]),
+        st.sampled_from([None, 0.5, 0.8, 0.2]),
+        st.sampled_from([0.5, 0.3, 0.9]),
+        st.sampled_from([0.0, 3.0]),
+    ),
+    lambda inner: st.one_of(
+        st.builds(not_, inner),
+        st.builds(lambda parts: all_of(*parts), st.lists(inner, min_size=1, max_size=3)),
+        st.builds(lambda parts: any_of(*parts), st.lists(inner, min_size=1, max_size=3)),
+    ),
+    max_leaves=5,
+)
+
+
+@settings(deadline=None)
+@given(mixed, st.lists(sightings, max_size=6), sightings)
+def test_nothing_that_stands_still_makes_an_alarm_come_and_go(condition, way, still):
+    alarm = Alarm(condition)
+    for known in way:
+        alarm.see(known)
+    settled = [alarm.see(still) for _ in range(6)]
+    assert settled[0] is settled[-1]
+    assert len(set(settled[1:])) == 1
+
+
+@settings(deadline=None)
+@given(mixed, st.lists(sightings, min_size=1, max_size=6))
+def test_a_verdict_remembers_every_part(condition, way):
+    alarm = Alarm(condition)
+    for known in way:
+        alarm.see(known)
+    count = len(list(leaves(condition)))
+    is_simple = isinstance(condition, DistanceCondition)
+    assert len(alarm.held) == (0 if is_simple else count)
+
+
+@settings(deadline=None)
+@given(mixed, st.lists(sightings, min_size=1, max_size=8))
+def test_what_is_not_known_changes_nothing(condition, way):
+    blind = Known(
+        tracks={name: track(name, 1.0, status=TrackStatus.LOST) for name in ("ball", "tag")},
+        now_s=10.0,
+    )
+    alarm, blinded = Alarm(condition), Alarm(condition)
+    for known in way:
+        blinded.see(blind)
+        assert alarm.see(known) is blinded.see(known)

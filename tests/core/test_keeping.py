@@ -1,0 +1,461 @@
+"""What alarms remember beyond a restart and beyond a change of their configuration."""
+
+import math
+from dataclasses import fields, is_dataclass, replace
+from functools import cache
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stadimeter.core.condition import AllOf, DistanceCondition, PresenceCondition
+from stadimeter.core.decision import Event, EventKind, Severity
+from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
+from stadimeter.core.rule import AlarmRule, Lost, OnDelay, RampRule, SequenceStep
+from stadimeter.core.rules import keeping
+from stadimeter.core.rules.alarm_state import AlarmState, Gates, Leg, Resumed, Timers
+from stadimeter.core.rules.alarm_table import Phase
+from stadimeter.core.rules.keeping import Turn, carried_over, kept, meaning_of, restored, shifted, turn
+from stadimeter.testing.observing import Rehearsal
+
+NEAR = AlarmRule(
+    name="near",
+    target="ball",
+    output="buzzer",
+    condition=DistanceCondition(below_m=1.0),
+    off_delay_s=1.95,
+    cooldown_s=0.0,
+    lost=Lost(grace_s=0.5, fault_after_s=5.0),
+)
+FAR = RampRule(name="far", target="ball", output="motor", start_m=2.0, full_m=4.0)
+TRACKING = Tracking(confirm_frames=2, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, correlation=0.0)
+
+
+def plan_of(*rules):
+    return Plan(
+        targets=("ball",),
+        rules=rules,
+        outputs=(LevelOutput(name="buzzer"), LevelOutput(name="motor")),
+        tracking=TRACKING,
+        safety=Safety(good_frames=1),
+    )
+
+
+def rehearse(*rules):
+    return Rehearsal(plan_of(*rules))
+
+
+class Life:
+    """A run that is restarted now and then, and what the world does meanwhile.
+
+    The world's time goes on. Each run has a clock of its own, as after another boot of the computer.
+    """
+
+    def __init__(self, plan, distance_m, clock_s=0.0):
+        self.plan = plan
+        self.distance_m = distance_m
+        self.run = Rehearsal(plan)
+        self.time_s = 0.0
+        self.offset_s = 0.0
+        self.past = []
+        self.run.now_s = clock_s
+        self.offset_s = clock_s
+
+    def live(self, until_s):
+        while self.time_s < until_s - 1e-9:
+            self.time_s = round(self.time_s + 0.1, 9)
+            self.run.see(self.distance_m(self.time_s))
+
+    def restart(self, down_s, clock_s):
+        memories, saved_s = kept(self.run.state), self.run.now_s
+        self.past += self.events_of_this_run()
+        self.time_s = round(self.time_s + down_s, 9)
+        fresh = Rehearsal(self.plan)
+        fresh.now_s = clock_s
+        from_s = clock_s - down_s
+        fresh.state = restored(fresh.state, memories, shift_s=from_s - saved_s, from_s=from_s, now_s=clock_s)
+        self.offset_s = clock_s - self.time_s
+        self.run = fresh
+
+    def events_of_this_run(self):
+        return [
+            (round(now_s - self.offset_s, 3), event.kind.value, event.notify)
+            for now_s, decision in self.run.decisions
+            for event in decision.events
+            if event.source == "near"
+        ]
+
+    def events(self):
+        return self.past + self.events_of_this_run()
+
+
+def comes_and_goes(time_s):
+    """Near from 3 s to 9 s, and again from 14 s to 20 s."""
+    return 0.6 if 3 <= time_s < 9 or 14 <= time_s < 20 else 3.0
+
+
+VARIANTS = {
+    "plain": NEAR,
+    "pending": replace(NEAR, on_delay=OnDelay(hold_s=2.95)),
+    "frames": replace(NEAR, on_delay=OnDelay(frames=3, of_frames=5)),
+    "acknowledge": replace(NEAR, needs_ack=True),
+    "latch": replace(NEAR, latch=True),
+    "cooldown": replace(NEAR, cooldown_s=12.95),
+    "again": replace(NEAR, realarm_s=2.45),
+    "first": replace(NEAR, group="door"),
+    "then": replace(NEAR, sequence=(SequenceStep(after_s=1.5, output="motor", for_s=2.0),)),
+}
+
+
+@cache
+def undisturbed(variant, until_s):
+    """Return what happens without a restart."""
+    life = Life(plan_of(VARIANTS[variant], FAR), comes_and_goes)
+    life.live(until_s)
+    return life.events()
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("restart_s", [1.0, 3.1, 3.3, 4.5, 6.0, 9.2, 10.5, 12.0, 15.0])
+@pytest.mark.parametrize(("down_s", "clock_s"), [(0.1, 1000.0), (1.0, 5.0)])
+def test_after_a_restart_the_same_happens_as_without_it(variant, restart_s, down_s, clock_s):
+    disturbed = Life(plan_of(VARIANTS[variant], FAR), comes_and_goes)
+    disturbed.live(restart_s)
+    disturbed.restart(down_s, clock_s)
+    disturbed.live(25)
+    expected, found = undisturbed(variant, 25), disturbed.events()
+    assert [each[1:] for each in found] == [each[1:] for each in expected]
+    back_s = restart_s + down_s + 0.41  # then the target is confirmed again
+    late_s = 0.1 if variant == "again" else 1e-6  # it is reported again some time after it was last reported
+    for (found_s, *_), (expected_s, *_) in zip(found, expected, strict=True):
+        is_in_time = expected_s - 1e-6 <= found_s <= expected_s + late_s + 1e-6
+        assert is_in_time or restart_s < expected_s <= found_s <= back_s
+
+
+@settings(max_examples=40)
+@given(
+    variant=st.sampled_from(sorted(VARIANTS)),
+    restarts=st.lists(st.tuples(st.floats(0.3, 8), st.floats(0, 1), st.floats(0, 1e6)), min_size=1, max_size=4),
+)
+def test_however_often_it_is_restarted_no_alarm_is_lost_and_none_comes_twice(variant, restarts):
+    disturbed = Life(plan_of(VARIANTS[variant], FAR), comes_and_goes)
+    for after_s, down_s, clock_s in restarts:
+        disturbed.live(disturbed.time_s + round(after_s, 1))
+        disturbed.restart(round(down_s, 1), round(clock_s, 1))
+    disturbed.live(40)
+    lives = undisturbed(variant, 40), disturbed.events()
+    expected, found = (sorted(kind for _, kind, _ in events if kind != "realarmed") for events in lives)
+    assert found == expected
+
+
+def test_an_alarm_that_is_active_comes_back_active_and_is_not_raised_again():
+    life = Life(plan_of(NEAR), lambda _time_s: 0.6)
+    life.live(3)
+    life.restart(60.0, 7.0)
+    life.live(70)
+    assert [kind for _, kind, _ in life.events()] == ["raised"]
+    assert life.run.decisions[-1][1].commands[0].level == 1.0
+
+
+def test_outputs_move_only_when_fresh_frames_come_after_the_restart():
+    life = Life(plan_of(NEAR), lambda _time_s: 0.6)
+    life.live(3)
+    life.restart(0.5, 7.0)
+    assert life.run.wait(1.0).commands[0].level == 0.0
+    assert life.run.see(0.6).commands[0].level == 1.0
+
+
+def test_shelving_ends_when_it_would_have_ended():
+    life = Life(plan_of(NEAR), lambda _time_s: 3.0)
+    life.live(1)
+    life.run.tell("shelve", "near", for_s=10.0)
+    life.restart(4.0, 500.0)
+    life.live(20)
+    shelved, unshelved = life.events()
+    assert (shelved[1], unshelved[1]) == ("shelved", "unshelved")
+    assert unshelved[0] == pytest.approx(11.0, abs=0.15)
+
+
+def test_what_people_have_said_is_remembered():
+    life = Life(plan_of(replace(NEAR, needs_ack=True)), lambda _time_s: 0.6)
+    life.live(1)
+    life.run.tell("acknowledge", "near", by="Ada")
+    life.run.tell("take-out", "near", by="Ada")
+    life.restart(1.0, 500.0)
+    (trace,) = life.run.state.rules.traces
+    assert trace.acknowledged
+    assert trace.gates == ("out of service",)
+
+
+def test_a_target_that_is_out_of_sight_after_the_restart_is_waited_for_before_anything_is_concluded():
+    clear = replace(NEAR, lost=replace(NEAR.lost, policy=keeping_policy("clear")))
+    life = Life(plan_of(clear), lambda time_s: 0.6 if time_s < 3 else None)
+    life.live(2)
+    life.restart(2.0, 50.0)
+    life.live(9)
+    assert [kind for _, kind, _ in life.events()] == ["raised"]
+    life.live(20)
+    assert [kind for _, kind, _ in life.events()] == ["raised", "cleared"]
+
+
+def keeping_policy(name):
+    from stadimeter.core.rule import LostPolicy
+
+    return LostPolicy(name)
+
+
+def test_an_alarm_that_had_given_up_before_the_restart_says_when_its_target_is_back():
+    life = Life(plan_of(NEAR), lambda time_s: 0.6 if time_s < 2 or time_s > 15 else None)
+    life.live(10)
+    life.restart(1.0, 50.0)
+    life.live(17)
+    assert [kind for _, kind, _ in life.events()] == ["raised", "measurement_lost", "measurement_back"]
+
+
+def test_a_timer_that_was_written_long_before_a_crash_goes_on_from_there():
+    rule = replace(NEAR, on_delay=OnDelay(hold_s=5.0))
+    run = rehearse(rule)
+    run.see(3, 3, 0.6, 0.6)
+    memories, saved_s = kept(run.state), run.now_s
+    run.see(*[0.6] * 20)
+    crashed_s = run.now_s
+    again = rehearse(rule)
+    again.now_s = crashed_s + 0.5
+    again.state = restored(again.state, memories, shift_s=0.0, from_s=saved_s, now_s=again.now_s)
+    again.see(*[0.6] * 30)
+    (raised_s,) = [event.at_s for _, decision in again.decisions for event in decision.events if event.source == "near"]
+    assert raised_s == pytest.approx(0.3 + 5.0, abs=0.11)
+
+
+def test_what_does_not_hold_any_more_has_not_held_while_nobody_looked():
+    rule = replace(NEAR, on_delay=OnDelay(hold_s=5.0))
+    life = Life(plan_of(rule), lambda time_s: 0.6 if time_s < 3 else 3.0)
+    life.live(2)
+    life.restart(60.0, 50.0)
+    life.live(70)
+    assert life.events() == []
+
+
+def test_a_rule_that_means_something_else_starts_anew():
+    run = rehearse(NEAR)
+    run.see(3, 0.6, 0.6, 0.6)
+    other = rehearse(replace(NEAR, condition=DistanceCondition(below_m=0.9)))
+    state = restored(other.state, kept(run.state), shift_s=0.0, from_s=1.0, now_s=1.0)
+    assert state.rules.steps[0].state == AlarmState()
+
+
+def test_the_first_of_a_group_stays_the_first():
+    plan = plan_of(replace(NEAR, group="door"), replace(NEAR, name="nearer", group="door", output=None))
+    run = Rehearsal(plan)
+    run.see(3, 0.6, 0.6)
+    state = restored(Rehearsal(plan).state, kept(run.state), shift_s=0.0, from_s=1.0, now_s=1.0)
+    assert state.rules.first_out == {"door": "near"}
+
+
+# What a rule means
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(NEAR, condition=DistanceCondition(below_m=1.1)),
+        replace(NEAR, condition=DistanceCondition(above_m=1.0)),
+        replace(NEAR, condition=AllOf(conditions=(NEAR.condition,))),
+        replace(NEAR, condition=PresenceCondition(seen=True)),
+        replace(NEAR, severity=Severity.SAFETY),
+        replace(NEAR, off_delay_s=2.1),
+        replace(NEAR, latch=True),
+        replace(NEAR, target="tag"),
+        replace(NEAR, name="nearer"),
+        replace(NEAR, sequence=(SequenceStep(output="motor"),)),
+    ],
+)
+def test_rules_that_differ_mean_different_things(other):
+    assert meaning_of(other) != meaning_of(NEAR)
+
+
+def test_equal_rules_mean_the_same_in_every_process():
+    assert meaning_of(replace(NEAR)) == meaning_of(NEAR)
+    assert meaning_of(FAR) == "b5f2ff15b189aaefebf3acd0c3c757a6a02276b98707950e67dfba3f868c4e0a"
+
+
+def test_what_is_as_by_default_does_not_count_so_that_a_later_version_finds_the_same_meaning():
+    assert "cooldown_s" in keeping._canonical(NEAR)
+    assert "latch" not in keeping._canonical(NEAR)
+
+
+# Which times are times
+
+
+def everything_in(value, name=""):
+    if is_dataclass(value):
+        for field in fields(value):
+            yield from everything_in(getattr(value, field.name), field.name)
+    elif isinstance(value, float):
+        yield name, value
+
+
+EVERYTHING = AlarmState(
+    phase=Phase.ACTIVE,
+    timers=Timers(held_s=1.0, ended_s=1.0),
+    unknown_since_s=1.0,
+    raised_at_s=1.0,
+    reported_at_s=1.0,
+    notified_at_s=1.0,
+    leg=Leg(
+        on="raised",
+        began_s=1.0,
+        event=Event(
+            kind=EventKind.RAISED,
+            source="near",
+            at_s=1.0,
+            severity=Severity.INFO,
+            reason="",
+            distance_m=1.0,
+            sigma_m=1.0,
+        ),
+    ),
+    gates=Gates(shelved_until_s=1.0),
+    resumed=Resumed(from_s=1.0, at_s=1.0),
+)
+
+
+def test_times_move_to_the_new_clock_and_durations_and_lengths_do_not():
+    moved = [name for name, value in everything_in(shifted(EVERYTHING, 100.0)) if value == 101.0]
+    stayed = [name for name, value in everything_in(shifted(EVERYTHING, 100.0)) if value == 1.0]
+    times = "at_s at_s began_s from_s notified_at_s raised_at_s reported_at_s shelved_until_s unknown_since_s"
+    assert sorted(moved) == times.split()
+    assert sorted(stayed) == ["distance_m", "ended_s", "held_s", "sigma_m"]
+
+
+@given(shift_s=st.floats(-1e6, 1e6))
+def test_moving_there_and_back_changes_nothing_that_matters(shift_s):
+    there_and_back = shifted(shifted(EVERYTHING, shift_s), -shift_s)
+    for (name, value), (_, expected) in zip(everything_in(there_and_back), everything_in(EVERYTHING), strict=True):
+        assert math.isclose(value, expected, abs_tol=1e-6), name
+
+
+# What is worth writing down
+
+
+def turns(run, *distances_m, **how):
+    found = []
+    for distance_m in distances_m:
+        before = run.state
+        run.see(distance_m, **how)
+        found.append(turn(before, run.state))
+    return found
+
+
+def test_a_quiet_scene_is_nothing_to_write_down():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 3, 3)
+    assert set(turns(run, *[3.0, 3.01, 2.99] * 20)) == {Turn.NOTHING}
+
+
+def test_a_timer_that_runs_is_nothing_and_one_that_begins_is_passing():
+    run = rehearse(replace(NEAR, on_delay=OnDelay(hold_s=5.0)))
+    run.see(3, 3, 3)
+    found = turns(run, *[0.6] * 10)
+    assert found.count(Turn.PASSING) == 1
+    assert Turn.LASTING not in found
+
+
+def test_what_people_are_told_of_is_lasting():
+    run = rehearse(NEAR)
+    run.see(3, 3, 3)
+    assert max(turns(run, 0.6, 0.6)) is Turn.LASTING
+
+
+def test_what_people_say_is_lasting():
+    run = rehearse(NEAR)
+    run.see(3, 3, 3)
+    before = run.state
+    run.tell("shelve", "near", for_s=60)
+    assert turn(before, run.state) is Turn.LASTING
+
+
+def test_every_field_of_what_alarms_remember_is_judged_to_be_lasting_passing_or_nothing():
+    looked_at = {"phase", "timers", "unknown_since_s", "is_given_up", "held_from_start", "is_announced_only", "leg"}
+    looked_at |= {"raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "gates", "resumed"}
+    assert {field.name for field in fields(AlarmState)} == looked_at
+    gates = {"shelved_until_s", "is_one_shot", "shelved_by", "is_out_of_service", "is_suppressed", "leaves"}
+    assert {field.name for field in fields(Gates)} == gates
+
+
+# A changed configuration
+
+
+def test_rules_that_mean_the_same_go_on_as_if_nothing_had_happened():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 0.6, 0.6, 0.6)
+    steps = run.state.rules.steps
+    taken = carried_over(run.state, plan_of(replace(NEAR, name="other", output=None), NEAR, FAR))
+    assert taken.state.rules.steps[1:] == steps
+    assert (taken.kept, taken.added, taken.changed, taken.removed) == (("near", "far"), ("other",), (), ())
+    run.state = taken.state
+    assert run.see(0.6).commands[0].level == 1.0
+    assert run.events("near") == ["raised"]
+
+
+def test_an_alarm_whose_rule_is_removed_clears_and_lets_its_output_go_at_once():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 0.6, 0.6, 0.6)
+    run.state = carried_over(run.state, plan_of(FAR)).state
+    decision = run.see(0.6)
+    (event,) = [event for event in decision.events if event.source == "near"]
+    assert (event.kind, event.reason) == (EventKind.CLEARED, "removed from the configuration")
+    assert event.sequence == len(run.events()) - 1
+    assert decision.commands[0].level == 0.0
+    assert [trace.rule for trace in decision.rules] == ["far"]
+    run.see(0.6, 0.6)
+    assert run.events("near") == ["raised", "cleared"]
+
+
+def test_an_alarm_whose_rule_is_changed_clears_and_begins_anew():
+    run = rehearse(NEAR)
+    run.see(3, 0.6, 0.6, 0.6)
+    taken = carried_over(run.state, plan_of(replace(NEAR, condition=DistanceCondition(below_m=0.7))))
+    assert taken.changed == ("near",)
+    run.state = taken.state
+    run.see(0.6, 0.6)
+    assert run.events("near") == ["raised", "cleared", "raised"]
+
+
+def test_a_rule_that_did_nothing_is_removed_without_a_word():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 3, 3)
+    run.state = carried_over(run.state, plan_of(FAR)).state
+    run.see(3)
+    assert run.events("near") == []
+
+
+def test_targets_outputs_and_safety_go_on():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 3, 3, 3)
+    before = run.state
+    after = carried_over(before, plan_of(FAR)).state
+    assert (after.tracks, after.outputs, after.safety, after.now_s) == (
+        before.tracks,
+        before.outputs,
+        before.safety,
+        before.now_s,
+    )
+    run.state = after
+    assert run.see(3).commands[1].level == pytest.approx(0.5, abs=0.01)
+
+
+def test_taking_over_the_same_configuration_changes_no_decision():
+    with_reload, without = rehearse(NEAR, FAR), rehearse(NEAR, FAR)
+    for count, distance_m in enumerate([3, 2, 0.6, 0.6, 0.6, 3, 3, 3, None, None, 0.6, 0.6] * 3):
+        with_reload.state = carried_over(with_reload.state, plan_of(NEAR, FAR)).state
+        assert with_reload.see(distance_m) == without.see(distance_m), count
+
+
+def test_rules_that_ask_for_each_other_in_a_circle_are_no_plan():
+    from stadimeter.core.condition import RuleCondition
+
+    run = rehearse(NEAR)
+    circle = replace(NEAR, condition=RuleCondition(rule="near"))
+    with pytest.raises(ValueError, match="circle"):
+        carried_over(run.state, plan_of(circle))

@@ -1,0 +1,105 @@
+"""Two filters side by side."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.core.tracking import motion
+
+distances = st.floats(0.1, 20)
+noises = st.floats(1e-3, 0.5)
+
+FRAME_S = 1 / 15
+NOISE_M, CORRELATION, ACCELERATION_MPS2 = 0.024, 0.6, 2.0
+
+
+def follow(distances_m, seed=3):
+    """Return the state after each measurement of these distances, with noise."""
+    chance = np.random.default_rng(seed)
+    states, noise = [], chance.normal()
+    for distance_m in distances_m:
+        noise = CORRELATION * noise + math.sqrt(1 - CORRELATION**2) * chance.normal()
+        measured_m = distance_m + NOISE_M * noise
+        if not states:
+            states.append(motion.start(measured_m, NOISE_M))
+            continue
+        expected = motion.predict(states[-1], FRAME_S, ACCELERATION_MPS2, CORRELATION)
+        states.append(motion.update(expected, NOISE_M, motion.compare(expected, measured_m, NOISE_M)))
+    return states
+
+
+def follow_as_if_always_abrupt(distances_m):
+    """Return the states of a filter that expects changes of speed at all times."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(motion, "CALM_SHARE", motion.ABRUPT_SHARE)
+        return follow(distances_m)
+
+
+def way(*speeds_mps, frames=60, start_m=4.0):
+    """Return distances, so many frames at each speed of approach."""
+    distances_m = [start_m]
+    for speed_mps in speeds_mps:
+        distances_m += [distances_m[-1] - speed_mps * FRAME_S * (frame + 1) for frame in range(frames)]
+    return distances_m
+
+
+def test_a_target_at_rest_and_one_at_a_steady_speed_are_taken_for_calm():
+    assert follow(way(0.0))[-1].calm_share > 0.9
+    assert follow(way(0.6))[-1].calm_share > 0.9
+
+
+def test_a_target_that_starts_at_once_is_followed_within_three_frames():
+    distances_m = way(0.0, 2.0, frames=20)
+    states = follow(distances_m)
+    starts = 21
+    assert min(state.calm_share for state in states[starts : starts + 3]) < 0.1
+    for state, distance_m in zip(states[starts + 2 :], distances_m[starts + 2 :], strict=True):
+        together = state.estimate()
+        assert abs(together.distance_m - distance_m) < 4 * math.sqrt(together.var_distance_m2)
+
+
+def test_a_target_at_rest_is_smoothed_more_than_one_filter_could_that_follows_all():
+    def error_m(filtered_m):
+        return math.sqrt(sum((each_m - 4.0) ** 2 for each_m in filtered_m) / len(filtered_m))
+
+    together = follow(way(0.0, frames=2000))[100:]
+    assert error_m([each.estimate().distance_m for each in together]) < 0.8 * error_m(
+        [each.abrupt.distance_m for each in follow_as_if_always_abrupt(way(0.0, frames=2000))[100:]]
+    )
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 0.5])
+def test_it_states_its_true_error(speed_mps):
+    surprises = []
+    for seed in range(200):
+        distances_m = way(speed_mps, frames=45)
+        together = follow(distances_m, seed)[-1].estimate()
+        surprises.append(abs(together.distance_m - distances_m[-1]) / math.sqrt(together.var_distance_m2))
+    inside = sum(surprise < 1.645 for surprise in surprises) / len(surprises)
+    assert 0.85 <= inside <= 0.97  # of a 90 % interval
+
+
+@given(distances, noises, st.floats(0, 0.95), st.lists(st.tuples(distances, noises, st.floats(0, 100)), max_size=20))
+def test_whatever_is_measured_the_figures_stay_finite_and_both_filters_possible(distance, noise, correlation, seen):
+    state = motion.start(distance, noise)
+    for measured, sigma, step in seen:
+        state = motion.predict(state, step, 2.0, correlation)
+        assert math.isfinite(motion.compare(state, measured, sigma).sigmas)
+        assert 0 < state.calm_share < 1
+        state = motion.update(state, sigma, motion.compare(state, measured, sigma))
+        together = state.estimate()
+        assert all(map(math.isfinite, together))
+        assert together.var_distance_m2 > 0
+        assert together.cov_m2ps**2 <= together.var_distance_m2 * together.var_rate_m2ps2 * (1 + 1e-6) + 1e-12
+
+
+def test_after_a_long_time_a_target_is_as_calm_as_targets_usually_are():
+    for share in (0.01, 0.99):
+        state = motion.start(2.0, 0.01)._replace(calm_share=share)
+        later = motion.predict(state, 1000.0, 2.0, 0.6)
+        assert later.calm_share == pytest.approx(
+            motion.CALM_FOR_S / (motion.CALM_FOR_S + motion.ABRUPT_FOR_S), abs=1e-6
+        )

@@ -1,0 +1,215 @@
+"""What alarms do step after step: patterns, other outputs, messages; what suppresses them; and in which order."""
+
+from dataclasses import replace
+
+import pytest
+
+from stadimeter.core.command import TwistCommand
+from stadimeter.core.condition import AllOf, DistanceCondition, Not, PresenceCondition, RuleCondition
+from stadimeter.core.decide import initial_state
+from stadimeter.core.decision import RuleStatus
+from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
+from stadimeter.core.rule import AlarmRule, FollowRule, Pattern, RampRule, Send, SequenceStep, Template
+from stadimeter.testing.observing import Rehearsal
+
+NEAR = AlarmRule(
+    name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.2, cooldown_s=0
+)
+FAR, CLOSE = (3.0,) * 5, (0.5,) * 3
+CALL = SequenceStep(after_s=1.0, send=Send(template=Template(text="{rule}"), notifier="phone"))
+
+
+def rehearse(*rules, outputs=None):
+    outputs = outputs or (LevelOutput(name="buzzer"), LevelOutput(name="lamp"), BaseOutput(name="base"))
+    tracking = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, correlation=0.0)
+    plan = Plan(targets=("ball",), rules=rules, outputs=outputs, tracking=tracking, safety=Safety(good_frames=1))
+    return Rehearsal(plan)
+
+
+def levels(decision):
+    return [command.level for command in decision.commands if not isinstance(command, TwistCommand)]
+
+
+def sent(run):
+    return [(notice.rule, notice.step) for _, decision in run.decisions for notice in decision.notices]
+
+
+def begun_at_s(run, output=0):
+    return next(at_s for at_s, decision in run.decisions if levels(decision)[output] > 0)
+
+
+def test_a_pattern_changes_the_level_while_the_alarm_stands():
+    run = rehearse(replace(NEAR, pattern=Pattern(steps=((1.0, 0.2), (0.25, 0.2)))))
+    run.see(*FAR, 0.5)
+    seen = [levels(run.see(0.5))[0] for _ in range(8)]
+    assert sorted(set(seen)) == [0.25, 1.0]
+    assert seen[:4] == seen[4:]
+    assert levels(run.see(*FAR))[0] == 0.0
+
+
+def test_a_pattern_of_three_beeps_is_over_after_three():
+    run = rehearse(replace(NEAR, pattern=Pattern(steps=((1.0, 0.1), (0.0, 0.1)), times=3)))
+    run.see(*FAR)
+    seen = [levels(run.see(0.5))[0] for _ in range(20)]
+    assert sum(now > before for before, now in zip([0.0, *seen], seen, strict=False)) == 3
+    assert seen[-10:] == [0.0] * 10
+
+
+@pytest.mark.parametrize("since_s", [0.0, 0.1, 0.29999999999999993, 0.3, 1e9, -1.0])
+def test_a_pattern_has_a_level_at_any_time(since_s):
+    assert Pattern(steps=((1.0, 0.1), (0.5, 0.2))).level(since_s) in {1.0, 0.5}
+
+
+def test_a_later_step_drives_another_output_and_then_lets_go():
+    run = rehearse(replace(NEAR, sequence=(SequenceStep(after_s=0.5, output="lamp", level=0.5, for_s=0.4),)))
+    run.see(*FAR)
+    seen = [levels(run.see(0.5)) for _ in range(15)]
+    began_s = begun_at_s(run)
+    lamp = [round(at_s - began_s, 1) for at_s, decision in run.decisions if levels(decision)[1] == 0.5]
+    assert lamp == [0.5, 0.6, 0.7, 0.8]
+    assert seen[-1] == [1.0, 0.0]
+
+
+def test_a_later_step_on_the_same_output_replaces_what_the_alarm_asks_for():
+    run = rehearse(replace(NEAR, level=0.2, sequence=(SequenceStep(after_s=0.5, output="buzzer", level=0.9),)))
+    run.see(*FAR)
+    assert levels(run.see(0.5, 0.5))[0] == 0.2
+    assert levels(run.see(*[0.5] * 8))[0] == 0.9
+
+
+def test_a_message_is_sent_once_when_it_is_due():
+    run = rehearse(replace(NEAR, sequence=(CALL,)))
+    run.see(*FAR, *[0.5] * 9)
+    assert sent(run) == []
+    run.see(*[0.5] * 20)
+    assert sent(run) == [("near", 0)]
+
+
+def test_what_is_not_due_when_the_alarm_clears_is_not_sent():
+    run = rehearse(replace(NEAR, sequence=(CALL,)))
+    run.see(*FAR, *CLOSE, *FAR, *[3.0] * 20)
+    assert run.events("near") == ["raised", "cleared"]
+    assert sent(run) == []
+
+
+def test_what_was_acknowledged_is_not_escalated():
+    run = rehearse(replace(NEAR, needs_ack=True, sequence=(replace(CALL, only_unacknowledged=True),)))
+    run.see(*FAR, *CLOSE)
+    run.tell("acknowledge", "near")
+    run.see(*[0.5] * 20)
+    assert sent(run) == []
+
+
+def test_a_step_after_clearing_is_done_then():
+    bell = SequenceStep(on="cleared", output="lamp", for_s=0.3)
+    run = rehearse(replace(NEAR, sequence=(bell, replace(CALL, on="cleared", after_s=0.0))))
+    run.see(*FAR, *CLOSE)
+    assert sent(run) == []
+    run.see(*FAR, *FAR)
+    assert sent(run) == [("near", 1)]
+    assert sum(levels(decision)[1] == 1.0 for _, decision in run.decisions) == 3
+
+
+def test_a_suppressed_alarm_is_quiet_and_tells_what_suppresses_it():
+    maintenance = AlarmRule(name="far", target="ball", condition=DistanceCondition(below_m=0.7), off_delay_s=0.2)
+    run = rehearse(replace(NEAR, suppress_when=RuleCondition(rule="far"), sequence=(CALL,)), maintenance)
+    run.see(*FAR)
+    assert levels(run.see(0.9, 0.9))[0] == 1.0
+    decision = run.see(*CLOSE)
+    assert levels(decision)[0] == 0.0
+    assert decision.rules[0].gates == ("suppressed",)
+    run.see(*[0.5] * 20)
+    assert sent(run) == []
+    assert levels(run.see(*[0.9] * 6))[0] == 1.0
+    assert run.events("near") == ["raised", "suppressed", "unsuppressed"]
+
+
+def test_what_cannot_be_known_suppresses_nothing():
+    far = AlarmRule(name="far", target="ball", condition=DistanceCondition(below_m=0.7))
+    gone = AlarmRule(
+        name="gone",
+        target="ball",
+        output="buzzer",
+        condition=PresenceCondition(seen=False),
+        suppress_when=RuleCondition(rule="far"),
+    )
+    run = rehearse(gone, far)
+    run.see(3, 3)
+    assert levels(run.see(*[None] * 10))[0] == 1.0
+
+
+def test_a_rule_that_asks_for_another_is_judged_after_it_wherever_it_stands():
+    second = AlarmRule(
+        name="both", target="ball", output="lamp", condition=AllOf(conditions=(RuleCondition(rule="near"),))
+    )
+    run = rehearse(second, NEAR)
+    run.see(*FAR, *CLOSE)
+    raised = [(at_s, e.source) for at_s, d in run.decisions for e in d.events if e.kind.value == "raised"]
+    assert [source for _, source in raised] == ["near", "both"]
+    assert raised[0][0] == raised[1][0]
+
+
+def test_a_rule_on_the_contrary_of_another_follows_it():
+    second = AlarmRule(
+        name="free",
+        target="ball",
+        output="lamp",
+        condition=Not(condition=RuleCondition(rule="near")),
+        off_delay_s=0.0,
+    )
+    run = rehearse(second, NEAR)
+    assert levels(run.see(*FAR)) == [0.0, 1.0]
+    assert levels(run.see(*CLOSE)) == [1.0, 0.0]
+    run.see(*[None] * 10)
+    assert run.decisions[-1][1].rules[0].status is RuleStatus.UNKNOWN
+
+
+def test_rules_that_ask_for_each_other_in_a_circle_are_refused():
+    first = replace(NEAR, name="a", suppress_when=RuleCondition(rule="b"))
+    second = replace(NEAR, name="b", suppress_when=RuleCondition(rule="a"))
+    with pytest.raises(ValueError, match=r"circle: a → b → a|circle: b → a → b"):
+        initial_state(Plan(targets=("ball",), rules=(first, second)))
+    with pytest.raises(ValueError, match="asks for a rule 'b' that is not there"):
+        initial_state(Plan(targets=("ball",), rules=(first,)))
+
+
+@pytest.mark.parametrize(("combine", "level", "winner"), [("max", 0.8, "b"), ("min", 0.3, "a")])
+def test_of_equals_an_output_that_combines_takes_the_highest_or_the_lowest(combine, level, winner):
+    rules = (replace(NEAR, name="a", level=0.3), replace(NEAR, name="b", level=0.8))
+    run = rehearse(*rules, outputs=(LevelOutput(name="buzzer", combine=combine),))
+    decision = run.see(*FAR, *CLOSE)
+    assert levels(decision)[0] == level
+    assert decision.outputs[0].winner == winner
+    assert set(decision.outputs[0].losers) == {"a", "b"} - {winner}
+
+
+def test_of_equal_ramps_the_highest_wins_at_every_distance():
+    rules = (
+        RampRule(name="near", target="ball", output="buzzer", start_m=2.0, full_m=1.0),
+        RampRule(name="far", target="ball", output="buzzer", start_m=1.0, full_m=2.0),
+    )
+    run = rehearse(*rules, outputs=(LevelOutput(name="buzzer", combine="max"),))
+    for number in range(30):
+        level = levels(run.see(1.1 + 0.8 * abs((number % 20) - 10) / 10, sigma_m=0.001))[0]
+        assert level >= 0.5 - 0.05
+    winners = {decision.outputs[0].winner for _, decision in run.decisions}
+    assert winners >= {"near", "far"}
+
+
+def test_a_base_that_combines_equals_takes_the_slower_of_each_speed():
+    follows = (
+        FollowRule(name="a", target="ball", output="base", distance_m=1.0, linear_max_mps=0.3),
+        FollowRule(name="b", target="ball", output="base", distance_m=1.0, linear_max_mps=0.1),
+    )
+    base = BaseOutput(name="base", linear_accel_mps2=100.0, combine="most_restrictive")
+    run = rehearse(*follows, outputs=(base,))
+    decision = run.see(*FAR)
+    assert decision.commands[0].linear_mps == pytest.approx(0.1)
+    assert decision.outputs[0].winner == "a+b"
+
+
+def test_a_base_stops_where_one_rule_of_equals_stops_it():
+    follow = FollowRule(name="follow", target="ball", output="base", distance_m=0.1)
+    run = rehearse(follow, replace(NEAR, output="base"), outputs=(BaseOutput(name="base", combine="most_restrictive"),))
+    assert run.see(*FAR).commands[0].linear_mps > 0
+    assert run.see(*CLOSE).commands[0].linear_mps == 0
