@@ -95,10 +95,14 @@ def test_a_sound_configuration_is_told_in_words() -> None:
 def test_warnings_are_shown_and_counted(tmp_path: Path) -> None:
     file = tmp_path / "quiet.toml"
     text = (CONFIGURATIONS / "distance-alert.toml").read_text(encoding="utf-8")
-    file.write_text(f"{text}level = 0\n", encoding="utf-8")
+    text = text.replace('when = { below = "50 cm" }', 'when = { below = "50 cm" }\nlevel = 0')
+    file.write_text(text, encoding="utf-8")
     result = run_check(str(file))
     assert result.exit_code == 0
-    assert f"{len(text.splitlines()) + 1}: warning: rules.near.level: level 0 holds 'buzzer' still" in result.stdout
+    assert (
+        f"{text.splitlines().index('level = 0') + 1}: warning: rules.near.level: level 0 holds 'buzzer' still"
+        in result.stdout
+    )
     assert result.stdout.splitlines()[-1] == f"{file} can be used, with 1 warning"
 
 
@@ -116,6 +120,7 @@ def test_json_lists_the_problems_for_programs(wrong: Path) -> None:
         "line": 11,
         "key": "rules.near.when.belwo",
         "hint": "did you mean 'below'?",
+        "code": "unknown-key",
     }
 
 
@@ -126,3 +131,61 @@ def test_json_of_a_sound_configuration_says_what_it_does() -> None:
     assert record["usable"] is True
     assert record["problems"] == record["warnings"] == []
     assert any("keeps `base` 1.00 m" in sentence for sentence in record["describes"])
+
+
+LATE = """\
+[camera]
+driver = "simulated"
+model = { width_px = 640, height_px = 480, fx_px = 600.0 }
+[world]
+[messenger]
+driver = "simulated"
+[targets.ball]
+detector = "ideal"
+
+[rules.near]
+when = { below = "80 cm" }
+on_delay = "450 ms"
+"""
+
+
+@pytest.fixture
+def late(tmp_path: Path) -> Path:
+    file = tmp_path / "late.toml"
+    file.write_text(LATE, encoding="utf-8")
+    return file
+
+
+def test_a_rule_that_is_late_says_by_how_much_and_what_to_do(late: Path) -> None:
+    result = run_check(str(late))
+    assert result.stdout.splitlines()[:4] == [
+        (
+            f"{late}:12: warning: rules.near.on_delay: at 2 m/s this rule is 0.9 m late: it waits 0.45 s, and from "
+            "0.8 m it is 0.8 m to contact"
+        ),
+        '  12 | on_delay = "450 ms"',
+        "     | ^^^^^^^^^^^^^^^^^^^",
+        (
+            '       write on_delay = "0.4 s" or less, or say how fast it comes at most: max_closing_speed in '
+            "[targets.ball]"
+        ),
+    ]
+
+
+@pytest.mark.parametrize(("arguments", "code"), [((), 0), (("--strict",), 1), (("--strict", "--json"), 1)])
+def test_a_warning_counts_only_if_that_is_wanted(late: Path, arguments: tuple[str, ...], code: int) -> None:
+    assert run_check(str(late), *arguments).exit_code == code
+
+
+def test_without_a_warning_strict_is_content() -> None:
+    assert run_check(str(CONFIGURATIONS / "follow-ball.toml"), "--strict").exit_code == 0
+
+
+def test_an_error_does_not_hide_the_warnings_about_other_rules(late: Path) -> None:
+    late.write_text(f'{LATE}[rules.far]\nwhen = {{ abovee = "1 m" }}\n', encoding="utf-8")
+    result = run_check(str(late))
+    assert result.exit_code == 2
+    assert result.stderr.splitlines()[-1] == f"1 error, 1 warning: {late} cannot be used"
+    record = json.loads(run_check(str(late), "--json").stdout)
+    assert [problem["code"] for problem in record["problems"]] == ["unknown-key"]
+    assert [warning["code"] for warning in record["warnings"]] == ["late"]

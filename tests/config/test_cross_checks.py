@@ -45,12 +45,14 @@ NEAR = '[rules.near]\nactuator = "buzzer"\n'
         ),
         (
             f"{NEAR}when = {{ }}",
-            "rules.near.when: the condition is empty (write one of above, below, between, seen and lost)",
+            ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
+            "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, rule, time, all, any and "
+            "not)"),
         ),
         (
             f'{NEAR}when = {{ above = "1 m", seen = true }}',
             ("rules.near.when: a condition cannot have above, seen at once "
-            "(write one of above, below, between, seen and lost, or above with below)"),
+            "(put each into a table of its own: all = [{ … }, { … }], or any)"),
         ),
         (
             f'{NEAR}when = {{ seen = true, deadband = "1 m" }}',
@@ -75,7 +77,7 @@ NEAR = '[rules.near]\nactuator = "buzzer"\n'
         ),
         (
             f'{NEAR}when = {{ below = "1 m", probability_off = 0.9 }}',
-            ("rules.near.when.probability_off: probability_off 0.9 is above probability 0.8: the alarm would chatter "
+            ("rules.near.when.probability_off: probability_off 0.9 is above probability 0.7: the alarm would chatter "
             "(exchange the two)"),
         ),
         (
@@ -129,7 +131,8 @@ NEAR = '[rules.near]\nactuator = "buzzer"\n'
         (
             f'{NEAR}when = {{ below = "1 m" }}\n[rules.too]\nactuator = "buzzer"\nwhen = {{ above = "2 m" }}',
             ("rules.too.priority: 'near' and 'too' both drive 'buzzer' with priority 100 "
-            "(give the one that shall win a higher one, such as priority = 200)"),
+            "(give the one that shall win a higher one, such as priority = 200, or add combine = \"max\" to "
+            "[actuators.buzzer])"),
         ),
         ("[rules.safety]\nwhen = { seen = true }", ("rules.safety: 'safety' cannot be a name here (the program uses it "
          "itself)")),

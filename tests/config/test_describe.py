@@ -48,7 +48,7 @@ def test_what_it_looks_for_and_through_is_told_first(load: Load, sound: str) -> 
             'actuator = "buzzer"\nwhen = { below = "50 cm" }',
             (
                 "`it` buzzes `buzzer` when `ball` is nearer than 0.50 m (1.6 ft) with a "
-                "probability of 80% in 3 of 5 frames; "
+                "probability of 70%; "
                 "clears when it is further than 0.50 m (1.6 ft) by 3 standard deviations for 1 s. "
                 "When lost: stays as it was, and goes to the safe state after 5 s."
             ),

@@ -8,7 +8,7 @@ import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.plan import AlarmRule, FollowRule, RampRule
+from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 
 FOLDER = Path(__file__).parents[2] / "config"
 FILES = sorted(FOLDER.glob("*.toml"))
@@ -29,7 +29,8 @@ def test_it_loads_without_a_warning(file: Path) -> None:
 def test_the_two_uses_that_people_ask_for_most_are_three_lines_each() -> None:
     text = (FOLDER / "distance-alert.toml").read_text(encoding="utf-8")
     far, near = load_configuration(FOLDER / "distance-alert.toml").plan.rules
-    rules = [line for line in text[text.index("[rules.") :].splitlines() if line and not line.startswith("#")]
+    written = text[text.index("[rules.") : text.index("[[tests]]")]
+    rules = [line for line in written.splitlines() if line and not line.startswith("#")]
     assert len(rules) == 6
     assert isinstance(far, RampRule)
     assert (far.output, far.start_m, far.full_m) == ("motor", pytest.approx(3.048), pytest.approx(6.096))

@@ -9,38 +9,62 @@ import pytest
 
 from stadimeter.config import models
 from stadimeter.config.rule_models import RuleTable
-from stadimeter.core import plan
+from stadimeter.core import condition, plan
+from stadimeter.core import rule as core
 from stadimeter.core.decision import Severity
 
 
-def rule(text: str) -> plan.AnyRule:
+def rule(text: str) -> core.AnyRule:
     return RuleTable.model_validate(tomllib.loads(text)).to_plan("it", "ball")
 
 
-def alarm(text: str) -> plan.AlarmRule:
+def alarm(text: str) -> core.AlarmRule:
     found = rule(text)
-    assert isinstance(found, plan.AlarmRule)
+    assert isinstance(found, core.AlarmRule)
     return found
 
 
 def test_vibrating_beyond_ten_feet_is_two_lines() -> None:
-    assert rule('actuator = "motor"\nramp = { from = "10 ft", to = "20 ft" }') == plan.RampRule(
+    assert rule('actuator = "motor"\nramp = { from = "10 ft", to = "20 ft" }') == core.RampRule(
         name="it", target="ball", output="motor", start_m=pytest.approx(3.048), full_m=pytest.approx(6.096)
     )
 
 
 def test_buzzing_below_half_a_metre_is_two_lines() -> None:
-    assert rule('actuator = "buzzer"\nwhen = { below = "50 cm" }') == plan.AlarmRule(
+    assert rule('actuator = "buzzer"\nwhen = { below = "50 cm" }') == core.AlarmRule(
         name="it",
         target="ball",
         output="buzzer",
-        condition=plan.DistanceCondition(below_m=0.5),
-        on_delay=plan.OnDelay(frames=3, of_frames=5),
+        condition=condition.DistanceCondition(below_m=0.5),
+        on_delay=core.OnDelay(),
     )
 
 
+@pytest.mark.parametrize(
+    ("when", "is_waiting"),
+    [
+        ('{ below = "1 m" }', False),
+        ('{ below = "1 m", probability = "none" }', True),
+        ('{ closing_speed = { above = "1 m/s" } }', False),
+        ('{ time_to_contact = { below = "2 s" } }', False),
+        ('{ separation = { of = ["ball", "cup"], below = "1 m" } }', False),
+        ('{ bearing = { above = "20 deg" } }', True),
+        ("{ seen = true }", True),
+        ("{ count = { at_least = 2 } }", True),
+        ('{ rule = "other" }', False),
+        ('{ all = [ { below = "1 m" }, { time = { between = ["22:00", "06:00"] } } ] }', False),
+        ('{ any = [ { below = "1 m" }, { not = { seen = true } } ] }', True),
+    ],
+)
+def test_only_what_is_judged_without_a_probability_must_hold_in_three_of_five_frames(
+    when: str, is_waiting: bool
+) -> None:
+    expected = core.OnDelay(frames=3, of_frames=5) if is_waiting else core.OnDelay()
+    assert alarm(f"when = {when}").on_delay == expected
+
+
 def test_following_takes_everything_else_from_the_plan() -> None:
-    assert rule('actuator = "base"\nfollow = { distance = "1 m" }') == plan.FollowRule(
+    assert rule('actuator = "base"\nfollow = { distance = "1 m" }') == core.FollowRule(
         name="it", target="ball", output="base", distance_m=1.0
     )
 
@@ -48,14 +72,14 @@ def test_following_takes_everything_else_from_the_plan() -> None:
 def test_a_safety_rule_acts_at_even_odds_and_at_once() -> None:
     found = alarm('severity = "safety"\nwhen = { below = "1 m" }')
     assert found.severity is Severity.SAFETY
-    assert found.on_delay == plan.OnDelay()
-    assert found.condition == plan.DistanceCondition(below_m=1.0, probability_on=0.5)
+    assert found.on_delay == core.OnDelay()
+    assert found.condition == condition.DistanceCondition(below_m=1.0, probability_on=0.5, target="ball")
 
 
 def test_what_a_safety_rule_says_itself_counts() -> None:
     found = alarm('severity = "safety"\non_delay = "1 s"\nwhen = { below = "1 m", probability = 0.8 }')
-    assert found.on_delay == plan.OnDelay(hold_s=1.0)
-    assert found.condition == plan.DistanceCondition(below_m=1.0, probability_on=0.8)
+    assert found.on_delay == core.OnDelay(hold_s=1.0)
+    assert found.condition == condition.DistanceCondition(below_m=1.0, probability_on=0.8, target="ball")
 
 
 def test_every_key_of_a_condition_reaches_the_core() -> None:
@@ -63,7 +87,7 @@ def test_every_key_of_a_condition_reaches_the_core() -> None:
         'when = { between = ["1 m", "2 m"], of = "depth", deadband = "5 cm", deadband_sigmas = 2, '
         'probability = "none", probability_off = 0.4 }'
     )
-    assert found.condition == plan.DistanceCondition(
+    assert found.condition == condition.DistanceCondition(
         above_m=1.0,
         below_m=2.0,
         quantity="depth",
@@ -71,12 +95,13 @@ def test_every_key_of_a_condition_reaches_the_core() -> None:
         deadband_sigmas=2.0,
         probability_on=None,
         probability_off=0.4,
+        target="ball",
     )
 
 
 @pytest.mark.parametrize(("key", "is_seen"), [("seen", True), ("lost", False)])
 def test_presence_is_a_condition_of_its_own(key: str, is_seen: bool) -> None:
-    assert alarm(f"when = {{ {key} = true }}").condition == plan.PresenceCondition(seen=is_seen)
+    assert alarm(f"when = {{ {key} = true }}").condition == condition.PresenceCondition(seen=is_seen, target="ball")
 
 
 def test_every_key_of_an_alarm_reaches_the_core() -> None:
@@ -85,15 +110,15 @@ def test_every_key_of_an_alarm_reaches_the_core() -> None:
         "on_delay = { frames = 2, of = 4 }\noff_delay = \"0 s\"\nlevel = 0.5\nat_start = 'announce'\n"
         'lost = { grace = "1 s", policy = "assert", fault_after = "9 s" }'
     )
-    assert found == plan.AlarmRule(
+    assert found == core.AlarmRule(
         name="it",
         target="ball",
         output="lamp",
         priority=7,
         severity=Severity.ALARM,
-        lost=plan.Lost(grace_s=1.0, policy=plan.LostPolicy.ASSERT, fault_after_s=9.0),
-        condition=plan.DistanceCondition(above_m=1.0),
-        on_delay=plan.OnDelay(frames=2, of_frames=4),
+        lost=core.Lost(grace_s=1.0, policy=core.LostPolicy.ASSERT, fault_after_s=9.0),
+        condition=condition.DistanceCondition(above_m=1.0),
+        on_delay=core.OnDelay(frames=2, of_frames=4),
         off_delay_s=0.0,
         level=0.5,
         act_at_start=False,
@@ -105,7 +130,7 @@ def test_every_key_of_a_ramp_reaches_the_core() -> None:
         'actuator = "motor"\n'
         'ramp = { from = "2 m", to = "0 m", of = "depth", min = 0.2, max = 0.9, gamma = 2, bias = "quiet" }'
     )
-    assert found == plan.RampRule(
+    assert found == core.RampRule(
         name="it",
         target="ball",
         output="motor",
@@ -124,7 +149,7 @@ def test_every_key_of_following_reaches_the_core() -> None:
         'actuator = "base"\nfollow = { distance = "2 m", gain = 2, turn_gain = 3, max_speed = "1 m/s", '
         'max_reverse_speed = "10 cm/s", max_turn_rate = "180 deg/s", deadband = "0 m", turn_deadband = "0 deg" }'
     )
-    assert found == plan.FollowRule(
+    assert found == core.FollowRule(
         name="it",
         target="ball",
         output="base",

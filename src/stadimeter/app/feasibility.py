@@ -1,16 +1,21 @@
-"""Warnings about rules that a camera and a target cannot serve: too far away, or too fine."""
+"""Warnings about rules that a camera and a target cannot serve: too far, too near, too fine, or out of the picture."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import Any
 
+from stadimeter.app.field_of_view import FieldOfView, direction_findings
 from stadimeter.app.measuring import build_detectors
+from stadimeter.config.analysis.written import WrittenCondition
 from stadimeter.config.describe import length
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
-from stadimeter.config.toml_lines import key_places
+from stadimeter.config.toml_lines import KeyPath, key_places
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.plan import AlarmRule, AnyRule, DistanceCondition, FollowRule, RampRule
+from stadimeter.core.condition import DirectionCondition, DistanceCondition
+from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
 from stadimeter.core.target import TargetSize
 from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.feasibility import RELIABLE_PX, expect, farthest_m
@@ -20,7 +25,7 @@ _IDEAL = "ideal"
 
 
 def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
-    """Say which rules ask for distances at which the target would be too small, or its distance too unsure.
+    """Say which rules ask for what the camera cannot see, or not well enough, of the target.
 
     Nothing is opened. The camera is taken at the resolution that its model was made for.
 
@@ -33,13 +38,14 @@ def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
     if configuration.camera_model is None:
         return ()
     sizes = _target_sizes(configuration)
+    tables = tomllib.loads(configuration.text).get("rules", {})
     found = [
         finding
         for rule in configuration.plan.rules
-        if rule.target in sizes
-        for finding in _rule_findings(rule, sizes[rule.target], configuration.camera_model)
+        for finding in _rule_findings(rule, _written(rule, tables), sizes, configuration.camera_model)
     ]
-    return problems(found, str(configuration.path), key_places(configuration.text))
+    unique = list(dict.fromkeys(found))  # a rule with several targets says the same of each
+    return problems(unique, str(configuration.path), key_places(configuration.text))
 
 
 def _target_sizes(configuration: Configuration) -> dict[str, TargetSize]:
@@ -56,32 +62,72 @@ def _target_sizes(configuration: Configuration) -> dict[str, TargetSize]:
     return sizes
 
 
-def _rule_findings(rule: AnyRule, size: TargetSize, camera: CameraModel) -> Iterator[Finding]:
-    kind, limits_m = _limits(rule)
-    at = ("rules", rule.name, kind)
-    farthest_limit_m = max(limits_m, default=0.0)
-    if farthest_limit_m > 0 and not expect(size, camera, farthest_limit_m).is_reliable:
-        yield _too_small(at, farthest_limit_m, rule.target, size, camera)
-    if isinstance(rule, AlarmRule) and isinstance(rule.condition, DistanceCondition):
-        for limit_m in limits_m:
-            yield from _too_unsure(at, limit_m, rule.condition.deadband_sigmas, size, camera)
+def _section(rule: AnyRule) -> str:
+    return rule.name.partition(":")[0]
 
 
-def _limits(rule: AnyRule) -> tuple[str, tuple[float, ...]]:
-    """Return the key of the rule that has its limits, and these."""
+def _written(rule: AnyRule, tables: Mapping[str, Any]) -> tuple[WrittenCondition, ...]:
+    """Return the simple conditions of a rule, each with its place in the file."""
+    if not isinstance(rule, AlarmRule):
+        return ()
+    table = tables.get(_section(rule), {}).get("when", {})
+    whole = WrittenCondition(path=("rules", _section(rule), "when"), table=table, condition=rule.condition)
+    return tuple(whole.leaves())
+
+
+def _rule_findings(
+    rule: AnyRule, leaves: tuple[WrittenCondition, ...], sizes: Mapping[str, TargetSize], camera: CameraModel
+) -> Iterator[Finding]:
+    for leaf in leaves:
+        match leaf.leaf:
+            case DistanceCondition() as condition if condition.target in sizes:
+                yield from _distance_findings(leaf.path, condition, sizes[condition.target], camera)
+            case DirectionCondition() as condition if condition.target in sizes:
+                yield from direction_findings(leaf.limits_path, condition, FieldOfView(camera))
+            case _:
+                pass
+    if not isinstance(rule, AlarmRule) and rule.target in sizes:
+        kind = "ramp" if isinstance(rule, RampRule) else "follow"
+        path = ("rules", rule.name, kind)
+        yield from _too_small(path, _farthest_limit_m(rule), rule.target, sizes[rule.target], camera)
+
+
+def _farthest_limit_m(rule: AnyRule) -> float:
     match rule:
         case RampRule():
-            return "ramp", (rule.start_m, rule.full_m)
-        case FollowRule():
-            return "follow", (rule.distance_m,)
-        case AlarmRule(condition=DistanceCondition() as condition):
-            return "when", tuple(each for each in (condition.above_m, condition.below_m) if each)
+            return max(rule.start_m, rule.full_m, *(at_m for at_m, _ in rule.points), 0.0)
         case AlarmRule():
-            return "when", ()
+            return 0.0
+        case _:
+            return rule.distance_m
 
 
-def _too_small(at: tuple[str, ...], limit_m: float, target: str, size: TargetSize, camera: CameraModel) -> Finding:
-    expected = expect(size, camera, limit_m)
+def _distance_findings(
+    at: KeyPath, condition: DistanceCondition, size: TargetSize, camera: CameraModel
+) -> Iterator[Finding]:
+    limits_m = [each for each in (condition.above_m, condition.below_m) if each]
+    nearest_m = farthest_m(size, camera, min(camera.width_px, camera.height_px))
+    if condition.below_m is not None and condition.below_m <= nearest_m:
+        yield _too_near(at, condition, nearest_m, camera)
+        return
+    small = list(_too_small(at, max(limits_m, default=0.0), condition.target, size, camera))
+    unsure = [finding for limit_m in limits_m for finding in _too_unsure(at, limit_m, condition, size, camera)]
+    yield from (*small, *unsure)
+    if not small and not unsure:
+        yield from _ends_too_far(at, condition, size, camera)
+
+
+def _too_near(at: KeyPath, condition: DistanceCondition, nearest_m: float, camera: CameraModel) -> Finding:
+    message = (
+        f"'{condition.target}' is larger than a picture of {camera.width_px}x{camera.height_px} when it is nearer than "
+        f"{length(nearest_m)}: within {length(condition.below_m or 0.0)} it is never measured"
+    )
+    return Finding(at, message, "a smaller target, a wider lens or a further limit helps", "unreachable")
+
+
+def _too_small(at: KeyPath, limit_m: float, target: str, size: TargetSize, camera: CameraModel) -> Iterator[Finding]:
+    if limit_m <= 0 or (expected := expect(size, camera, limit_m)).is_reliable:
+        return
     message = (
         f"at {length(limit_m)} '{target}' will be {_pixels(expected.size_px)} wide in a picture of {camera.width_px}x"
         f"{camera.height_px}, and its distance sure to ± {expected.sigma_m:.2f} m; below {RELIABLE_PX:g} px it is not "
@@ -92,20 +138,39 @@ def _too_small(at: tuple[str, ...], limit_m: float, target: str, size: TargetSiz
         f"a target, or a picture, {times:.1f} times as large would do, or a limit within "
         f"{length(farthest_m(size, camera))}"
     )
-    return Finding(at, message, hint)
+    yield Finding(at, message, hint, "unresolvable")
 
 
 def _too_unsure(
-    at: tuple[str, ...], limit_m: float, deadband_sigmas: float, size: TargetSize, camera: CameraModel
+    at: KeyPath, limit_m: float, condition: DistanceCondition, size: TargetSize, camera: CameraModel
 ) -> Iterator[Finding]:
     sigma_m = expect(size, camera, limit_m).sigma_m
-    if deadband_sigmas * sigma_m <= limit_m / 2:
+    band_m = condition.deadband_sigmas * sigma_m
+    if band_m <= limit_m / 2:
         return
     message = (
-        f"at {length(limit_m)} the distance is sure to ± {sigma_m:.2f} m only; with a deadband of {deadband_sigmas:g} "
-        f"standard deviations, {deadband_sigmas * sigma_m:.2f} m, an alarm may not end"
+        f"at {length(limit_m)} the distance is sure to ± {sigma_m:.2f} m only; with a deadband of "
+        f"{condition.deadband_sigmas:g} standard deviations, {band_m:.2f} m, an alarm may not end"
     )
-    yield Finding(at, message, "a larger target, more pixels, a better calibration or a nearer limit helps")
+    hint = "a larger target, more pixels, a better calibration or a nearer limit helps"
+    yield Finding(at, message, hint, "unresolvable")
+
+
+def _ends_too_far(
+    at: KeyPath, condition: DistanceCondition, size: TargetSize, camera: CameraModel
+) -> Iterator[Finding]:
+    """Find an alarm that begins where the target is seen, and ends only where it is not."""
+    if condition.below_m is None:
+        return
+    sigma_m = expect(size, camera, condition.below_m).sigma_m
+    band_m = max(condition.deadband_m, condition.deadband_sigmas * sigma_m)
+    ends_m, seen_m = condition.below_m + band_m, farthest_m(size, camera)
+    if ends_m > seen_m:
+        message = (
+            f"with its deadband of {band_m:.2f} m the alarm ends at {length(ends_m)}, and beyond {length(seen_m)} "
+            f"'{condition.target}' is not found reliably: it may not end"
+        )
+        yield Finding(at, message, "make the deadband smaller, or the target larger", "unresolvable")
 
 
 def _pixels(size_px: float) -> str:

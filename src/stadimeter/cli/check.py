@@ -12,13 +12,14 @@ from rich.console import Console
 from rich.text import Text
 
 from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.cli.exits import WRONG
 from stadimeter.cli.problems import print_problems
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import ConfigError, Problem
 
-EXIT_WRONG = 2
-"""The exit code for a configuration that cannot be used."""
+WARNED = 1
+"""The exit code where a warning counts, with ``--strict``."""
 
 
 def register(app: typer.Typer) -> None:
@@ -34,32 +35,51 @@ def check(
     config: Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, a TOML file.")],
     *,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, for programs.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Leave with 1 if there is a warning.")] = False,
 ) -> None:
     """Check a configuration: print every error in one pass, or say in words what it does.
 
-    Nothing is opened and nothing moves. Leaves with 0 if the configuration can be used and with 2 if it cannot.
+    Finds values that cannot be read, names that stand for nothing, and rules that contradict each other: conditions
+    that never hold, rules that always lose their output, rules that suppress themselves, rules that are too late for
+    how fast the target comes, and limits beyond what camera and target can resolve. Nothing is opened and nothing
+    moves.
+
+    **Example**
+
+    - `stadimeter check config/follow-ball.toml --strict`
+
+    **Exit code**: 0 the configuration can be used; 1 with --strict, it can be used and there is a warning; 2 it cannot
+    be used.
     """
     try:
         configuration = load_configuration(config)
     except ConfigError as error:
-        _report_errors(config, error.problems, as_json=as_json)
-        raise typer.Exit(EXIT_WRONG) from error
-    _report_success(configuration, as_json=as_json)
+        _report_errors(config, error, as_json=as_json)
+        raise typer.Exit(WRONG) from error
+    warnings = _in_order((*configuration.warnings, *feasibility_warnings(configuration)))
+    _report_success(configuration, warnings, as_json=as_json)
+    if strict and warnings:
+        raise typer.Exit(WARNED)
 
 
-def _report_errors(config: Path, problems: tuple[Problem, ...], *, as_json: bool) -> None:
+def _in_order(warnings: tuple[Problem, ...]) -> tuple[Problem, ...]:
+    return tuple(sorted(warnings, key=lambda warning: warning.line))
+
+
+def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
     if as_json:
-        _print_json(problems, (), ())
+        _print_json(error.problems, error.warnings, ())
         return
     console = Console(stderr=True, highlight=False, soft_wrap=True)
-    print_problems(console, problems, "error")
-    count = f"{len(problems)} error{'s' if len(problems) > 1 else ''}"
-    console.print(Text(f"{count}: {config} cannot be used", "bold red"))
+    print_problems(console, error.problems, "error")
+    print_problems(console, error.warnings, "warning")
+    count = _counted(len(error.problems), "error")
+    also = f", {_counted(len(error.warnings), 'warning')}" if error.warnings else ""
+    console.print(Text(f"{count}{also}: {config} cannot be used", "bold red"))
 
 
-def _report_success(configuration: Configuration, *, as_json: bool) -> None:
+def _report_success(configuration: Configuration, warnings: tuple[Problem, ...], *, as_json: bool) -> None:
     sentences = describe(configuration)
-    warnings = (*configuration.warnings, *feasibility_warnings(configuration))
     if as_json:
         _print_json((), warnings, sentences)
         return
@@ -69,8 +89,12 @@ def _report_success(configuration: Configuration, *, as_json: bool) -> None:
         text = Text(sentence)
         text.highlight_regex("`[^`]+`", "cyan")
         console.print(text)
-    count = f", with {len(warnings)} warning{'s' if len(warnings) > 1 else ''}" if warnings else ""
+    count = f", with {_counted(len(warnings), 'warning')}" if warnings else ""
     console.print(Text(f"{configuration.path} can be used{count}", "bold green"))
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count} {word}{'' if count == 1 else 's'}"
 
 
 def _print_json(problems: tuple[Problem, ...], warnings: tuple[Problem, ...], describes: tuple[str, ...]) -> None:

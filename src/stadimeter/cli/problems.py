@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,12 +11,17 @@ from typing import Literal
 from rich.console import Console
 from rich.text import Text
 
+from stadimeter.config.toml_depth import loads
 from stadimeter.config.toml_lines import Place, key_places
 from stadimeter.errors import Problem
 
 Kind = Literal["error", "warning"]
 
+_LONGEST_LINE = 240
 _COLOURS = {"error": "red", "warning": "yellow"}
+
+_ADDRESS = re.compile(r"""(?<=://)[^\s"']+""")
+"""What may hold a password or a token, and is not for every eye that sees a screen or a log."""
 
 
 def print_problems(console: Console, problems: Iterable[Problem], kind: Kind) -> None:
@@ -51,13 +57,24 @@ def _fragment(problem: Problem, text: str, kind: Kind) -> list[Text]:
     lines = text.split("\n")
     if not 0 < problem.line <= len(lines):
         return []
-    line = lines[problem.line - 1].replace("\t", " ")
+    line = _ADDRESS.sub(lambda match: "…" * len(match[0]), lines[problem.line - 1].replace("\t", " "))
     number = f"  {problem.line}"
-    begin, end = _span(problem, text, line)
+    line, begin, end = _cropped(line, *_span(problem, text, line))
     return [
         Text.assemble((f"{number} | ", "dim"), line),
         Text.assemble((f"{' ' * len(number)} | ", "dim"), " " * begin, ("^" * max(1, end - begin), _COLOURS[kind])),
     ]
+
+
+def _cropped(line: str, begin: int, end: int) -> tuple[str, int, int]:
+    """Return a line, and what is underlined in it; of one that fills the screen only what is around that."""
+    if len(line) <= _LONGEST_LINE:
+        return line, begin, end
+    start = max(0, begin - _LONGEST_LINE // 4)
+    shown = line[start : start + _LONGEST_LINE]
+    before, after = "…" * (start > 0), "…" * (start + len(shown) < len(line))
+    shift = len(before) - start
+    return f"{before}{shown}{after}", begin + shift, min(end + shift, len(before) + len(shown))
 
 
 def _span(problem: Problem, text: str, line: str) -> tuple[int, int]:
@@ -70,7 +87,7 @@ def _span(problem: Problem, text: str, line: str) -> tuple[int, int]:
 
 def _place(problem: Problem, text: str) -> Place | None:
     try:
-        tomllib.loads(text)
+        loads(text)
     except tomllib.TOMLDecodeError:
         return None
     by_key = {".".join(map(str, path)): place for path, place in key_places(text).items()}

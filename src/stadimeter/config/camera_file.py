@@ -14,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from stadimeter.config import plain_words
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.findings import problems
+from stadimeter.config.toml_depth import loads
 from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error
 from stadimeter.core.camera_model import CameraModel, Provenance, ToneCurve
 from stadimeter.errors import CalibrationError, ConfigError, Problem
@@ -113,7 +114,7 @@ def load_camera_model(path: Path) -> CameraModel:
     """
     text = _read(path)
     try:
-        table = tomllib.loads(text)
+        table = loads(text)
     except tomllib.TOMLDecodeError as error:
         message, line = syntax_error(error, text)
         raise ConfigError([Problem(f"this is not valid TOML: {message}", str(path), line)]) from error

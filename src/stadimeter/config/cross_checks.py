@@ -10,6 +10,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from stadimeter.config.analysis.analysis import analysis_errors, analysis_warnings
+from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.rule_checks import rule_findings, written_findings
@@ -35,7 +37,7 @@ def error_findings(draft: Draft) -> Iterator[Finding]:
     Yields:
         What is wrong.
     """
-    for check in _ERRORS:
+    for check in (*_ERRORS, analysis_errors):
         yield from check(draft)
 
 
@@ -43,12 +45,12 @@ def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what is allowed and hardly meant.
 
     Args:
-        draft: A configuration without errors.
+        draft: A configuration; of one with errors, what can be said of the rules that have none.
 
     Yields:
         What to look at again.
     """
-    for check in _WARNINGS:
+    for check in (*_WARNINGS, analysis_warnings):
         yield from check(draft)
 
 
@@ -62,13 +64,17 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
 def _targets_exist(draft: Draft) -> Iterator[Finding]:
     names = draft.names("targets")
     for rule_name, rule in draft.rules.items():
+        for watched in rule.targets or ():
+            if watched not in names:
+                hint = did_you_mean_or_list(watched, names)
+                yield Finding(("rules", rule_name, "targets"), f"there is no target '{watched}'", hint, "unknown-name")
         if rule.target is None:
-            if len(names) > 1:
+            if len(names) > 1 and not rule.targets:
                 message = f"which of the targets {', '.join(names)} does the rule '{rule_name}' watch?"
-                yield Finding(("rules", rule_name, "target"), message, f'add target = "{names[0]}"')
+                yield Finding(("rules", rule_name, "target"), message, f'add target = "{names[0]}"', "target-missing")
         elif rule.target not in names:
             hint = did_you_mean_or_list(rule.target, names)
-            yield Finding(("rules", rule_name, "target"), f"there is no target '{rule.target}'", hint)
+            yield Finding(("rules", rule_name, "target"), f"there is no target '{rule.target}'", hint, "unknown-name")
 
 
 def _outputs_exist(draft: Draft) -> Iterator[Finding]:
@@ -77,11 +83,11 @@ def _outputs_exist(draft: Draft) -> Iterator[Finding]:
         at = ("rules", rule_name, "actuator")
         if rule.actuator == BASE_NAME:
             if BASE_NAME not in draft.table:
-                yield Finding(at, "the rule drives the base, but there is no section [base]", "add one")
+                yield Finding(at, "the rule drives the base, but there is no section [base]", "add one", "unknown-name")
         elif rule.actuator is not None and rule.actuator not in names:
             known = [*names, *([BASE_NAME] if BASE_NAME in draft.table else [])]
             hint = did_you_mean_or_list(rule.actuator, known)
-            yield Finding(at, f"there is no actuator '{rule.actuator}'", hint)
+            yield Finding(at, f"there is no actuator '{rule.actuator}'", hint, "unknown-name")
 
 
 def _outputs_fit(draft: Draft) -> Iterator[Finding]:
@@ -89,24 +95,18 @@ def _outputs_fit(draft: Draft) -> Iterator[Finding]:
         at = ("rules", name, "actuator")
         if rule.follow and rule.actuator != BASE_NAME:
             driven = f"not '{rule.actuator}'" if rule.actuator else "and this rule names nothing"
-            yield Finding(at, f"only the base can follow, {driven}", f'write actuator = "{BASE_NAME}"')
+            yield Finding(at, f"only the base can follow, {driven}", f'write actuator = "{BASE_NAME}"', "output-unfit")
         if rule.ramp and rule.actuator == BASE_NAME:
-            yield Finding(at, "a ramp cannot drive the base", "drive an actuator, or write follow in place of ramp")
+            yield Finding(
+                at,
+                "a ramp cannot drive the base",
+                "drive an actuator, or write follow in place of ramp",
+                "output-unfit",
+            )
         if rule.ramp and "actuator" not in draft.tables("rules")[name]:
-            yield Finding(at, "a ramp needs an actuator to drive", 'add one, such as actuator = "motor"')
-
-
-def _priorities_differ(draft: Draft) -> Iterator[Finding]:
-    first: dict[tuple[str, int], str] = {}
-    for name, rule in draft.rules.items():
-        is_readable = draft.tables("rules")[name].get("priority", rule.priority) == rule.priority
-        if rule.actuator is None or not is_readable:
-            continue
-        earlier = first.setdefault((rule.actuator, rule.priority), name)
-        if earlier != name:
-            message = f"'{earlier}' and '{name}' both drive '{rule.actuator}' with priority {rule.priority}"
-            hint = f"give the one that shall win a higher one, such as priority = {rule.priority + 100}"
-            yield Finding(("rules", name, "priority"), message, hint)
+            yield Finding(
+                at, "a ramp needs an actuator to drive", 'add one, such as actuator = "motor"', "output-missing"
+            )
 
 
 def _pins_once(draft: Draft) -> Iterator[Finding]:
@@ -126,7 +126,7 @@ def _used_once(draft: Draft, mark: type, kind: str, identity: Callable[[Any], ob
     for (first, _), *others in users.values():
         for path, value in others:
             message = f"{kind} {value} is used twice: by {_dotted(first)} and by {_dotted(path)}"
-            yield Finding(path, message, "each needs its own")
+            yield Finding(path, message, "each needs its own", "used-twice")
 
 
 def _marked(options: BaseModel, mark: type) -> Iterator[tuple[KeyPath, object]]:
@@ -150,14 +150,16 @@ def _world_around(draft: Draft) -> Iterator[Finding]:
         if "world" not in draft.table and part.driver in _IN_A_WORLD.get(str(table[0]), ()):
             key = "detector" if table[0] == "targets" else "driver"
             message = f"'{part.driver}' needs a simulated world to be in, and there is no section [world]"
-            yield Finding((*table, key), message, "add one; it may be empty")
+            yield Finding((*table, key), message, "add one; it may be empty", "world-missing")
 
 
 def _lens_known(draft: Draft) -> Iterator[Finding]:
     camera = draft.table.get("camera")
     if draft.names("rules") and isinstance(camera, dict) and "model" not in camera:
         hint = 'run `stadimeter calibrate distance PICTURE@DISTANCE -o camera.toml` and add model = "camera.toml"'
-        yield Finding(("camera", "model"), "rules need distances, and distances need a camera model", hint)
+        yield Finding(
+            ("camera", "model"), "rules need distances, and distances need a camera model", hint, "camera-model-missing"
+        )
 
 
 def _never_blind_for_long(draft: Draft) -> Iterator[Finding]:
@@ -174,7 +176,7 @@ def _never_blind_for_long(draft: Draft) -> Iterator[Finding]:
     for path, seconds in limits:
         if seconds > LONGEST_BLIND_S:
             message = f"{seconds:g} s is longer than outputs may act without seeing, {LONGEST_BLIND_S:g} s"
-            yield Finding(path, message, 'a lease of "300 ms" suits most cameras')
+            yield Finding(path, message, 'a lease of "300 ms" suits most cameras', "blind-too-long")
 
 
 def _leases_long_enough(draft: Draft) -> Iterator[Finding]:
@@ -188,14 +190,18 @@ def _leases_long_enough(draft: Draft) -> Iterator[Finding]:
             message = (
                 f"the lease {lease_s:g} s is shorter than max_frame_age {age_s:g} s: it stops on frames still good"
             )
-            yield Finding((*at, "lease"), message, "make it longer, or safety.max_frame_age shorter")
+            yield Finding((*at, "lease"), message, "make it longer, or safety.max_frame_age shorter", "lease-too-short")
 
 
 def _rules_matter(draft: Draft) -> Iterator[Finding]:
     if not draft.rules:
-        yield Finding(("rules",), "there is no rule, so nothing is ever done", "add one, such as [rules.near]")
+        yield Finding(
+            ("rules",), "there is no rule, so nothing is ever done", "add one, such as [rules.near]", "no-rules"
+        )
     for name, rule in draft.rules.items():
-        yield from (Finding(("rules", name, *path), text, hint) for path, text, hint in _without_effect(rule))
+        yield from (
+            Finding(("rules", name, *path), text, hint, "no-effect") for path, text, hint in _without_effect(rule)
+        )
 
 
 def _without_effect(rule: RuleTable) -> Iterator[tuple[tuple[str, ...], str, str]]:
@@ -216,19 +222,22 @@ def _without_effect(rule: RuleTable) -> Iterator[tuple[tuple[str, ...], str, str
 
 
 def _alerts_heard(draft: Draft) -> Iterator[Finding]:
+    asked_for = rules_asked_for(draft)
     for name, rule in draft.rules.items():
-        if rule.actuator is None and rule.when and "messenger" not in draft.table:
+        does_something = rule.actuator or rule.then or rule.observe or name in asked_for
+        if rule.when and not does_something and "messenger" not in draft.table:
             message = f"nobody hears the alert '{name}': it drives nothing, and there is no messenger"
-            yield Finding(("rules", name), message, "add an actuator to it, or a section [messenger]")
+            yield Finding(("rules", name), message, "add an actuator to it, or a section [messenger]", "unheard")
 
 
 def _outputs_driven(draft: Draft) -> Iterator[Finding]:
-    driven = {rule.actuator for rule in draft.rules.values()}
+    driven = {rule.actuator for rule in draft.rules.values() if not rule.observe}
+    driven |= {step.actuator for rule in draft.rules.values() for step in rule.then if not rule.observe}
     paths: list[KeyPath] = [("actuators", name) for name in draft.names("actuators")]
     paths += [(BASE_NAME,)] if BASE_NAME in draft.table else []
     for path in paths:
         if draft.rules and path[-1] not in driven:
-            yield Finding(path, f"no rule drives '{path[-1]}'", "it stays in its safe state")
+            yield Finding(path, f"no rule drives '{path[-1]}'", "it stays in its safe state", "output-unused")
 
 
 def _dotted(path: KeyPath) -> str:
@@ -240,7 +249,6 @@ _ERRORS: tuple[Check, ...] = (
     _targets_exist,
     _outputs_exist,
     _outputs_fit,
-    _priorities_differ,
     _pins_once,
     _ports_once,
     _world_around,

@@ -5,21 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from stadimeter.config.describe_alarms import consequences, rhythm
+from stadimeter.config.describe_conditions import begins, ends, length, needs_figures
+from stadimeter.config.describe_ramps import strength
 from stadimeter.config.loader import Configuration
-from stadimeter.config.units import FOOT_M
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.plan import (
-    AlarmRule,
-    AnyRule,
-    BaseOutput,
-    Condition,
-    DistanceCondition,
-    FollowRule,
-    LostPolicy,
-    OnDelay,
-    PresenceCondition,
-    RampRule,
-)
+from stadimeter.core.plan import BaseOutput
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnDelay, RampRule
+
+__all__ = ["describe", "length"]
 
 _VERBS = {"vibration-motor": "vibrates", "buzzer": "buzzes", "led": "lights", "relay": "switches on"}
 """What an actuator does when it acts, by its driver."""
@@ -38,24 +32,14 @@ def describe(configuration: Configuration) -> tuple[str, ...]:
     return (*_parts(configuration), *(_rule(rule, configuration) for rule in configuration.plan.rules))
 
 
-def length(metres: float) -> str:
-    """Write a length in metres and in feet.
-
-    Args:
-        metres: The length.
-
-    Returns:
-        Such as ``3.05 m (10.0 ft)``.
-    """
-    return f"{metres:.2f} m ({metres / FOOT_M:.1f} ft)"
-
-
 def _parts(configuration: Configuration) -> Iterator[str]:
     lens = f" through a lens of {_lens(configuration.camera_model)}" if configuration.camera_model else ""
     targets = " and ".join(f"`{target.name}` ({target.driver})" for target in configuration.targets)
     yield f"Looks for {targets} with the camera driver {configuration.camera.driver}{lens}."
     if configuration.messenger:
         yield f"Sends messages with {configuration.messenger.driver}."
+    for notifier in configuration.notifiers:
+        yield f"Tells people through `{notifier.name}` ({notifier.driver})."
 
 
 def _lens(model: CameraModel) -> str:
@@ -74,39 +58,30 @@ def _rule(rule: AnyRule, configuration: Configuration) -> str:
 
 
 def _alarm(rule: AlarmRule, configuration: Configuration) -> str:
-    condition = f"{_acts(rule, configuration)} when `{rule.target}` {_begins(rule.condition)}{_delay(rule.on_delay)}"
-    return f"{condition}; clears {_ends(rule)}.{_lost_alarm(rule)}{_wins(rule, configuration)}"
+    condition = f"{_acts(rule, configuration)} when {begins(rule.condition)}{_delay(rule.on_delay)}"
+    besides = consequences(rule, lambda output: _verb_of(output, configuration))
+    return f"{condition}; clears {_ends(rule)}.{_lost_alarm(rule)}{besides}{_wins(rule, configuration)}"
 
 
 def _acts(rule: AlarmRule, configuration: Configuration) -> str:
     if rule.output is None:
         return f"gives the alert ({rule.severity})"
-    if any(isinstance(output, BaseOutput) and output.name == rule.output for output in configuration.plan.outputs):
+    verb = _verb_of(rule.output, configuration)
+    if verb == "stops":
         return f"stops `{rule.output}`"
-    level = "" if rule.level == 1 else f" at {rule.level:.0%}"
-    return f"{_verb(rule.output, configuration)} `{rule.output}`{level}"
+    level = "" if rule.level == 1 or rule.pattern is not None else f" at {rule.level:.0%}"
+    return f"{verb} `{rule.output}`{level}{rhythm(rule.pattern)}"
+
+
+def _verb_of(output: str, configuration: Configuration) -> str:
+    if any(isinstance(each, BaseOutput) and each.name == output for each in configuration.plan.outputs):
+        return "stops"
+    return _verb(output, configuration)
 
 
 def _verb(output: str, configuration: Configuration) -> str:
     driver = next((each.driver for each in configuration.actuators if each.name == output), "")
     return _VERBS.get(driver, "drives")
-
-
-def _begins(condition: Condition) -> str:
-    if isinstance(condition, PresenceCondition):
-        return "is in sight" if condition.seen else "is out of sight"
-    certainty = condition.probability_on
-    sure = "" if certainty is None else f" with a probability of {certainty:.0%}"
-    return f"is {_interval(condition)}{sure}"
-
-
-def _interval(condition: DistanceCondition) -> str:
-    along = " along the optical axis" if condition.quantity == "depth" else ""
-    if condition.above_m is not None and condition.below_m is not None:
-        return f"between {length(condition.above_m)} and {length(condition.below_m)}{along}"
-    if condition.above_m is not None:
-        return f"further than {length(condition.above_m)}{along}"
-    return f"nearer than {length(condition.below_m or 0.0)}{along}"
 
 
 def _delay(delay: OnDelay) -> str:
@@ -117,27 +92,13 @@ def _delay(delay: OnDelay) -> str:
 
 def _ends(rule: AlarmRule) -> str:
     held = f"for {rule.off_delay_s:g} s" if rule.off_delay_s else "at once"
-    if isinstance(rule.condition, PresenceCondition):
-        return f"when that has ended {held}"
-    return f"when it is {_back(rule.condition)} {held}"
-
-
-def _back(condition: DistanceCondition) -> str:
-    """Say where the condition ends, which the deadband moves away from where it begins."""
-    sigmas = condition.deadband_sigmas
-    band_m = 0.0 if sigmas else condition.deadband_m
-    ends = [f"nearer than {length(condition.above_m - band_m)}"] if condition.above_m is not None else []
-    ends += [f"further than {length(condition.below_m + band_m)}"] if condition.below_m is not None else []
-    if not sigmas:
-        return " or ".join(ends)
-    most = f"{condition.deadband_m:g} m or {sigmas:g} standard deviations, whichever is more,"
-    return f"{' or '.join(ends)} by {most if condition.deadband_m else f'{sigmas:g} standard deviations'}"
+    return f"when {ends(rule.condition)} {held}"
 
 
 def _lost_alarm(rule: AlarmRule) -> str:
     lost = rule.lost
     given_up = f", and goes to the safe state after {lost.fault_after_s:g} s" if rule.output else ""
-    if isinstance(rule.condition, PresenceCondition):
+    if not needs_figures(rule.condition):
         return ""
     match lost.policy:
         case LostPolicy.HOLD:
@@ -156,18 +117,10 @@ def _wins(rule: AnyRule, configuration: Configuration) -> str:
 
 def _ramp(rule: RampRule, configuration: Configuration) -> str:
     output = rule.output or ""
-    where = "further" if rule.full_m > rule.start_m else "nearer"
-    along = " along the optical axis" if rule.quantity == "depth" else ""
-    least = f"at least {rule.level_min:.0%}, " if rule.level_min else ""
     return (
-        f"{_verb(output, configuration)} `{output}` when `{rule.target}` is {where} than {length(rule.start_m)}{along},"
-        f" {least}{_full(rule.level_max)} at {length(rule.full_m)}; {_safe(output, configuration)} when lost."
+        f"{_verb(output, configuration)} `{output}` {strength(rule)}; {_safe(output, configuration)} when lost."
         f"{_wins(rule, configuration)}"
     )
-
-
-def _full(level: float) -> str:
-    return "full" if level == 1 else f"{level:.0%}"
 
 
 def _safe(output: str, configuration: Configuration) -> str:

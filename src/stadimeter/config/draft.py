@@ -16,6 +16,8 @@ from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.paths import validation_context
 from stadimeter.config.plain_words import shown
 from stadimeter.config.rule_models import RuleTable
+from stadimeter.config.rule_test_tables import RuleTestTable
+from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 
@@ -23,7 +25,12 @@ BASE_NAME = "base"
 """What rules call the base."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
-_TAKEN = {"targets": {"camera"}, "actuators": {"camera", BASE_NAME}, "rules": {"safety", "safe"}}
+_TAKEN: dict[str, set[str]] = {
+    "targets": {"camera"},
+    "actuators": {"camera", BASE_NAME},
+    "notifiers": set(),
+    "rules": {"safety", "safe"},
+}
 """Names that mean something else in events and traces."""
 
 
@@ -41,12 +48,14 @@ class Draft:
         actuators: The actuators whose driver could be read.
         base: The base, if its driver could be read.
         messenger: The messenger.
+        notifiers: The notifiers whose driver could be read.
         world: The simulated world.
         actuator_tables: What every actuator has, by name.
         base_table: What every base has.
         tracking: How targets are tracked.
         safety: When outputs may act.
         rules: The rules that could be read, by name.
+        tests: The tests that could be read, by their position in the file.
     """
 
     table: Mapping[str, Any]
@@ -58,12 +67,14 @@ class Draft:
     actuators: list[DriverChoice] = field(default_factory=list)
     base: DriverChoice | None = None
     messenger: DriverChoice | None = None
+    notifiers: list[DriverChoice] = field(default_factory=list)
     world: DriverChoice | None = None
     actuator_tables: dict[str, models.ActuatorTable] = field(default_factory=dict)
     base_table: models.BaseTable | None = None
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
     rules: dict[str, RuleTable] = field(default_factory=dict)
+    tests: dict[int, RuleTestTable] = field(default_factory=dict)
 
     def names(self, section: str) -> tuple[str, ...]:
         """Return the names that a section declares, whether or not what they stand for could be read.
@@ -100,6 +111,7 @@ class Draft:
         yield from (((section,), choice) for section, choice in single if choice is not None)
         yield from ((("targets", choice.name), choice) for choice in self.targets)
         yield from ((("actuators", choice.name), choice) for choice in self.actuators)
+        yield from ((("notifiers", choice.name), choice) for choice in self.notifiers)
 
 
 def read_draft(table: Mapping[str, Any], file: Path) -> Draft:
@@ -135,15 +147,17 @@ class _Reader:
         self._targets()
         self._outputs()
         self._messenger_and_world()
+        self._notifiers()
         self._settings()
         self._rules()
+        self._tests()
         return self.draft
 
     def _sections(self) -> None:
         for section in self.draft.table:
             if section not in models.SECTIONS:
                 hint = did_you_mean_or_list(section, models.SECTIONS)
-                self._found((section,), f"unknown section '{section}'", hint)
+                self._found((section,), f"unknown section '{section}'", hint, "unknown-key")
 
     def _camera(self) -> None:
         read = self._single("camera", driver_tables.CAMERA)
@@ -201,6 +215,11 @@ class _Reader:
         self.draft.messenger = messenger.choice if messenger else None
         self.draft.world = world.choice if world else None
 
+    def _notifiers(self) -> None:
+        for name, table in self._named("notifiers"):
+            read = self._driver(driver_tables.NOTIFIER, ("notifiers", name), table)
+            self.draft.notifiers += [read.choice] if read.choice else []
+
     def _settings(self) -> None:
         tracking = self._validated(models.TrackingTable, ("tracking",), self._table("tracking") or {})
         safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
@@ -213,6 +232,18 @@ class _Reader:
             if rule is not None:
                 self.draft.rules[name] = rule
 
+    def _tests(self) -> None:
+        tables = self.draft.table.get("tests", [])
+        if not isinstance(tables, list):
+            self._found(("tests",), "'tests' is not a list of tables", "write it as [[tests]]")
+            return
+        for position, table in enumerate(tables):
+            at = ("tests", position)
+            if not isinstance(table, Mapping):
+                self._found(at, f"{shown(table)} is not a table", "write it below [[tests]]")
+            elif (test := self._validated(RuleTestTable, at, table)) is not None:
+                self.draft.tests[position] = test
+
     def _single(self, section: str, kind: DriverKind[CommonT]) -> DriverTable[CommonT] | None:
         table = self._table(section)
         return None if table is None else self._driver(kind, (section,), table)
@@ -222,7 +253,7 @@ class _Reader:
         self.draft.findings += read.findings
         return read
 
-    def _validated(self, model: type[CommonT], at: tuple[str, ...], table: Mapping[str, Any]) -> CommonT | None:
+    def _validated(self, model: type[CommonT], at: KeyPath, table: Mapping[str, Any]) -> CommonT | None:
         return validate(model, table, at, self.context, self.draft.findings)
 
     def _named(self, section: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -243,5 +274,5 @@ class _Reader:
         self._found((section,), f"'{section}' is not a table", f"write it as {form or f'[{section}]'}")
         return None
 
-    def _found(self, path: tuple[str, ...], message: str, hint: str = "") -> None:
-        self.draft.findings.append(Finding(path, message, hint))
+    def _found(self, path: KeyPath, message: str, hint: str = "", code: str = "bad-value") -> None:
+        self.draft.findings.append(Finding(path, message, hint, code))

@@ -43,6 +43,7 @@ TARGET = DriverKind(group=plugins.DETECTORS, common=models.TargetTable, key="det
 ACTUATOR = DriverKind(group=plugins.ACTUATORS, common=models.ActuatorTable)
 BASE = DriverKind(group=plugins.BASES, common=models.BaseTable)
 MESSENGER = DriverKind(group=plugins.MESSENGERS, common=models.MessengerTable)
+NOTIFIER = DriverKind(group=plugins.NOTIFIERS, common=models.NotifierTable)
 WORLD = DriverKind(group=plugins.WORLDS, common=models.WorldTable, default="simulated")
 
 
@@ -129,8 +130,8 @@ def _take_out(table: dict[str, Any], path: KeyPath) -> bool:
     """Take out a key, or the table that misses it; return whether anything is left."""
     holder: Any = table
     for depth, key in enumerate(path):
-        if not isinstance(holder, dict):
-            return _take_out(table, path[: depth - 1])
+        if not isinstance(holder, dict):  # an entry of a list: what is written behind it would move up
+            return _take_out(table, path[:depth])
         if key not in holder:
             return depth < len(path) - 1 or _take_out(table, path[:depth])
         if depth == len(path) - 1:
@@ -146,14 +147,14 @@ def _plugin(
     driver = table.get(kind.key, kind.default)
     path = (*at, kind.key)
     if not isinstance(driver, str):
-        findings.append(Finding(path, f"{shown(driver)} is not text; put it in quotes"))
+        findings.append(Finding(path, f"{shown(driver)} is not text; put it in quotes", code="bad-value"))
     elif not driver:
         findings.append(_no_driver(kind, path, table))
     else:
         try:
             return driver, plugins.load_plugin(kind.group, driver)
         except DriverError as error:
-            findings.append(Finding(path, str(error)))
+            findings.append(Finding(path, str(error), code="driver"))
     return "", None
 
 
@@ -161,4 +162,4 @@ def _no_driver(kind: DriverKind[Any], path: KeyPath, table: Mapping[str, Any]) -
     similar = next((key for key in table if did_you_mean(key, [kind.key])), None)
     known = f"known are: {', '.join(plugins.driver_names(kind.group))}"
     hint = f"there is '{similar}'; did you mean '{kind.key}'?" if similar else known
-    return Finding(path, f"'{kind.key}' is missing", hint)
+    return Finding(path, f"'{kind.key}' is missing", hint, "missing-key")

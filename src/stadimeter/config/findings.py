@@ -9,6 +9,11 @@ from dataclasses import dataclass
 from stadimeter.config.toml_lines import KeyPath, Place, find_place
 from stadimeter.errors import Problem
 
+OTHER = "other"
+"""The code of what has none of its own."""
+OF_A_TEST = "test"
+"""The code of what is wrong in a test of rules."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -18,11 +23,13 @@ class Finding:
         path: The key.
         message: What is wrong, with the value, in one sentence.
         hint: What to do about it, or an empty string.
+        code: The kind of problem, for programs.
     """
 
     path: KeyPath
     message: str
     hint: str = ""
+    code: str = ""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
@@ -73,6 +80,7 @@ def problems(findings: Iterable[Finding], file: str, places: Mapping[KeyPath, Pl
             line=place.line if place else 0,
             key=".".join(str(part) for part in finding.path),
             hint=finding.hint,
+            code=finding.code or (OF_A_TEST if finding.path[:1] == ("tests",) else OTHER),
         )
         for place, finding in located
     )

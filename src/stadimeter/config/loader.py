@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,18 @@ from stadimeter.config.cross_checks import error_findings, warning_findings
 from stadimeter.config.draft import BASE_NAME, Draft, read_draft
 from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.driver_tables import CAMERA, read_driver_table
-from stadimeter.config.findings import problems
+from stadimeter.config.driver_warnings import driver_warnings
+from stadimeter.config.findings import Finding, problems
 from stadimeter.config.paths import validation_context
-from stadimeter.config.toml_lines import key_places, syntax_error
+from stadimeter.config.rule_families import naming_members
+from stadimeter.config.rule_test_checks import rule_test_findings, rule_test_warnings
+from stadimeter.config.rule_test_tables import RuleTest, name_of
+from stadimeter.config.secrets import secret_warnings, without_secrets
+from stadimeter.config.toml_depth import DEEPEST, line_that_is_too_deep
+from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.plan import Output, Plan
+from stadimeter.core.rule import AnyRule
 from stadimeter.errors import ConfigError, Problem
 
 __all__ = ["Configuration", "DriverChoice", "load_camera_choice", "load_configuration"]
@@ -28,7 +35,7 @@ class Configuration:
 
     Attributes:
         path: The file.
-        text: What stood in it.
+        text: What stood in it, without secrets: it is recorded.
         plan: What it declares, as the core sees it.
         camera: The camera's driver.
         camera_model: The lens, or None if it names none; then it has no rules.
@@ -36,9 +43,11 @@ class Configuration:
         actuators: The driver of each actuator, in the order of the file.
         base: The base's driver, or None.
         messenger: The messenger's driver, or None.
+        notifiers: The driver of each notifier, in the order of the file.
         world: The simulated world, or None.
         leases_s: For each output how old the frame behind a command may grow, in seconds.
         warnings: What is allowed and hardly meant.
+        tests: The tests of its rules, in the order of the file.
     """
 
     path: Path
@@ -53,6 +62,8 @@ class Configuration:
     world: DriverChoice | None
     leases_s: Mapping[str, float]
     warnings: tuple[Problem, ...]
+    tests: tuple[RuleTest, ...] = ()
+    notifiers: tuple[DriverChoice, ...] = ()
 
 
 def load_configuration(path: Path) -> Configuration:
@@ -70,13 +81,14 @@ def load_configuration(path: Path) -> Configuration:
     text = _read(path)
     draft = read_draft(_parse(path, text), path)
     places = key_places(text)
-    findings = [*draft.findings, *error_findings(draft)]
+    text_to_show, not_hidden = without_secrets(draft, text, places)
+    findings = [*draft.findings, *error_findings(draft), *rule_test_findings(draft), *not_hidden]
     found = [*problems(findings, str(path), places), *draft.file_problems]
     if found or draft.camera is None:
-        raise ConfigError(found)
+        raise ConfigError(found, problems(_warnings_elsewhere(draft, findings), str(path), places))
     return Configuration(
         path=path,
-        text=text,
+        text=text_to_show,
         plan=_plan(draft),
         camera=draft.camera,
         camera_model=draft.camera_model,
@@ -84,9 +96,15 @@ def load_configuration(path: Path) -> Configuration:
         actuators=tuple(draft.actuators),
         base=draft.base,
         messenger=draft.messenger,
+        notifiers=tuple(draft.notifiers),
         world=draft.world,
         leases_s=_leases(draft),
-        warnings=problems(warning_findings(draft), str(path), places),
+        warnings=problems(
+            (*warning_findings(draft), *rule_test_warnings(draft), *secret_warnings(draft), *driver_warnings(draft)),
+            str(path),
+            places,
+        ),
+        tests=_tests(draft, places),
     )
 
 
@@ -116,21 +134,29 @@ def _read(path: Path) -> str:
     try:
         return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
     except FileNotFoundError as error:
-        raise ConfigError([Problem("there is no such file", str(path))]) from error
+        raise ConfigError([Problem("there is no such file", str(path), code="unreadable")]) from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        raise ConfigError([Problem("this is not UTF-8 text", str(path), line, hint="is it a TOML file?")]) from error
+        raise ConfigError(
+            [Problem("this is not UTF-8 text", str(path), line, hint="is it a TOML file?", code="unreadable")]
+        ) from error
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise ConfigError([Problem(f"the file cannot be read: {reason}", str(path))]) from error
+        raise ConfigError([Problem(f"the file cannot be read: {reason}", str(path), code="unreadable")]) from error
 
 
 def _parse(path: Path, text: str) -> dict[str, Any]:
+    line = line_that_is_too_deep(text)
+    if line:
+        message = f"tables and lists stand inside each other more than {DEEPEST} deep"
+        raise ConfigError([Problem(message, str(path), line, hint="is it a configuration?", code="too-deep")])
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         message, line = syntax_error(error, text)
-        problem = Problem(f"this is not valid TOML: {message}", str(path), line, hint=_syntax_hint(message))
+        problem = Problem(
+            f"this is not valid TOML: {message}", str(path), line, hint=_syntax_hint(message), code="syntax"
+        )
         raise ConfigError([problem]) from error
 
 
@@ -149,10 +175,34 @@ def _plan(draft: Draft) -> Plan:
         outputs.append(draft.base_table.to_plan(BASE_NAME))
     return Plan(
         targets=targets,
-        rules=tuple(rule.to_plan(name, rule.target or targets[0]) for name, rule in draft.rules.items()),
+        rules=_rules(draft, targets[0]),
         outputs=tuple(outputs),
         tracking=draft.tracking.to_plan(),
         safety=draft.safety.to_plan(),
+    )
+
+
+def _warnings_elsewhere(draft: Draft, errors: Iterable[Finding]) -> Iterator[Finding]:
+    """Go through the warnings about rules that have no error themselves."""
+    wrong = {finding.path[:2] for finding in errors}
+    if ("rules",) not in wrong:
+        yield from (each for each in warning_findings(draft) if each.path[0] == "rules" and each.path[:2] not in wrong)
+
+
+def _rules(draft: Draft, target: str) -> tuple[AnyRule, ...]:
+    rules = (rule for name, table in draft.rules.items() for rule in table.to_plans(name, target))
+    return naming_members(rules, {name: table.names(name) for name, table in draft.rules.items()})
+
+
+def _tests(draft: Draft, places: Mapping[KeyPath, Place]) -> tuple[RuleTest, ...]:
+    return tuple(
+        RuleTest(
+            name=name_of(table, position),
+            line=places["tests", position].line,
+            input=table.input,
+            expect=table.expect,
+        )
+        for position, table in draft.tests.items()
     )
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from stadimeter.config.units import (
+    DURATIONS_S,
     Acceleration,
     Duration,
     Speed,
     TurnAcceleration,
     TurnRate,
+    as_written,
     parse_duration,
 )
 from stadimeter.core import plan
@@ -24,7 +26,9 @@ _BASE = plan.BaseOutput(name="")
 _TRACKING = plan.Tracking()
 _SAFETY = plan.Safety()
 
-SECTIONS = ("camera", "targets", "actuators", "base", "messenger", "world", "tracking", "safety", "rules")
+SECTIONS = (
+    "camera", "targets", "actuators", "base", "messenger", "notifiers", "world", "tracking", "safety", "rules", "tests",
+)  # fmt: skip
 """Every section that a configuration may have."""
 
 
@@ -41,7 +45,7 @@ def _above_zero(text: object) -> float:
     return value
 
 
-DurationAboveZero = Annotated[float, BeforeValidator(_above_zero)]
+DurationAboveZero = Annotated[float, BeforeValidator(_above_zero), as_written(DURATIONS_S, "250 ms")]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -56,7 +60,14 @@ class CameraTable(Section):
 
 
 class TargetTable(Section):
-    """The keys that every target has, whatever its detector: none."""
+    """The keys that every target has, whatever its detector.
+
+    Attributes:
+        max_closing_speed: In m/s; how fast it comes at most. `check` says which rules would be too late for that. None
+            if it is not known.
+    """
+
+    max_closing_speed: Speed | None = None
 
 
 class ActuatorTable(Section):
@@ -67,12 +78,14 @@ class ActuatorTable(Section):
         lease: In seconds.
         rise_per_s: Largest change of the level upwards in a second; None for no limit.
         fall_per_s: Largest change downwards.
+        combine: Of several rules that ask for it with one priority, which level counts; None where that is an error.
     """
 
     safe: Share = _LEVEL.safe_level
     lease: DurationAboveZero = LEASE_S
     rise_per_s: Annotated[float, Field(gt=0)] | None = None
     fall_per_s: Annotated[float, Field(gt=0)] | None = None
+    combine: Literal["max", "min"] | None = _LEVEL.combine
 
     def to_plan(self, name: str) -> plan.LevelOutput:
         """Return the actuator as the core sees it.
@@ -88,6 +101,7 @@ class ActuatorTable(Section):
             safe_level=self.safe,
             rise_per_s=_LEVEL.rise_per_s if self.rise_per_s is None else self.rise_per_s,
             fall_per_s=_LEVEL.fall_per_s if self.fall_per_s is None else self.fall_per_s,
+            combine=self.combine,
         )
 
 
@@ -100,6 +114,8 @@ class BaseTable(Section):
         acceleration: In m/s².
         turn_acceleration: In rad/s².
         lease: In seconds.
+        combine: What counts of several rules that ask for it with one priority: the slower of each speed; None where
+            that is an error.
     """
 
     max_speed: Speed = _BASE.linear_max_mps
@@ -107,6 +123,7 @@ class BaseTable(Section):
     acceleration: Acceleration = _BASE.linear_accel_mps2
     turn_acceleration: TurnAcceleration = _BASE.angular_accel_radps2
     lease: DurationAboveZero = LEASE_S
+    combine: Literal["most_restrictive"] | None = _BASE.combine
 
     def to_plan(self, name: str) -> plan.BaseOutput:
         """Return the base as the core sees it.
@@ -123,11 +140,16 @@ class BaseTable(Section):
             angular_max_radps=self.max_turn_rate,
             linear_accel_mps2=self.acceleration,
             angular_accel_radps2=self.turn_acceleration,
+            combine=self.combine,
         )
 
 
 class MessengerTable(Section):
     """The keys that every messenger has, whatever its driver: none."""
+
+
+class NotifierTable(Section):
+    """The keys that every notifier has, whatever its driver: none."""
 
 
 class WorldTable(Section):

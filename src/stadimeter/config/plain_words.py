@@ -92,7 +92,8 @@ def known_keys(model: type[BaseModel], path: KeyPath = ()) -> list[str]:
     for part in path:
         if isinstance(part, str):
             fields = [field for each in models for key, field in _fields(each) if key == part]
-            models = [inner for annotation in fields for inner in _models_in(annotation)]
+            # What is no key of theirs is a name in a table of tables, which leads no further.
+            models = [inner for annotation in fields for inner in _models_in(annotation)] if fields else models
     return [key for each in models for key, _ in _fields(each)]
 
 
@@ -148,14 +149,14 @@ def _finding(path: KeyPath, complaints: list[ErrorDetails], known: list[str], wr
     types = {details["type"] for details in complaints}
     if "extra_forbidden" in types:
         others = [word for word in known if word != key]
-        return Finding(path, f"unknown key '{key}'", did_you_mean_or_list(key, others))
+        return Finding(path, f"unknown key '{key}'", did_you_mean_or_list(key, others), "unknown-key")
     if "missing" in types:
-        return Finding(path, f"'{key}' is missing")
+        return Finding(path, f"'{key}' is missing", code="missing-key")
     sentences = _unique(_sentence(details) for details in complaints)
     if any(sentences):
-        return Finding(path, "; ".join(filter(None, sentences)))
+        return Finding(path, "; ".join(filter(None, sentences)), code="bad-value")
     wrong = " and ".join(_unique(_complaint(details, written) for details in complaints))
-    return Finding(path, f"{shown(written)} is {wrong}", _suggestion(written, complaints))
+    return Finding(path, f"{shown(written)} is {wrong}", _suggestion(written, complaints), "bad-value")
 
 
 def _unique(texts: Iterable[str]) -> list[str]:

@@ -26,9 +26,10 @@ DETECTORS = "stadimeter.detectors"
 ACTUATORS = "stadimeter.actuators"
 BASES = "stadimeter.bases"
 MESSENGERS = "stadimeter.messengers"
+NOTIFIERS = "stadimeter.notifiers"
 WORLDS = "stadimeter.worlds"
 PORTS = "stadimeter.ports"
-GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, MESSENGERS, WORLDS, PORTS)
+GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
 
 
 class Options(BaseModel):
@@ -123,11 +124,14 @@ class Plugin(Generic[OptionsT]):
         build: Makes the driver from its checked options and the run's context, without touching hardware.
         is_simulated: Tells from its options whether the driver acts in a simulated world only. A recording that drives
             anything else is watched more closely.
+        lacks: Names what the driver with these options would lack on this computer, such as a library or a file:
+            sentences that `check` warns of. It touches no hardware and no network.
     """
 
     options: type[OptionsT]
     build: Callable[[OptionsT, DriverContext], Any]
     is_simulated: Callable[[OptionsT], bool] = field(default=lambda _options: False)
+    lacks: Callable[[OptionsT], tuple[str, ...]] = field(default=lambda _options: ())
 
 
 def driver_names(group: str) -> tuple[str, ...]:

@@ -1,255 +1,33 @@
-"""The tables of rules, and how they become the core's rules. Their defaults are those of `stadimeter.core.plan`."""
+"""The table of a rule, and how it becomes the core's rules. Its defaults are those of `stadimeter.core.rule`."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypedDict
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import Field
 
-from stadimeter.config.models import Section, Share
-from stadimeter.config.units import Angle, Duration, Length, LengthOrZero, Speed, TurnRate
-from stadimeter.core import plan
+from stadimeter.config.condition_tables import WhenTable
+from stadimeter.config.follow_tables import FollowTable
+from stadimeter.config.models import DurationAboveZero, Section, Share
+from stadimeter.config.pattern_tables import PatternTable
+from stadimeter.config.ramp_tables import RampTable
+from stadimeter.config.rule_common import FramesTable, LostTable, OnDelay, RuleCommon
+from stadimeter.config.sequence_tables import StepTable
+from stadimeter.config.units import Duration
+from stadimeter.core import condition, rule
 from stadimeter.core.decision import Severity
 
-_RULE = plan.Rule(name="", target="")
-_DISTANCE = plan.DistanceCondition()
-_ALARM = plan.AlarmRule(name="", target="", condition=_DISTANCE)
-_RAMP = plan.RampRule(name="", target="", start_m=1.0, full_m=2.0)
-_FOLLOW = plan.FollowRule(name="", target="", distance_m=1.0)
-_LOST = plan.Lost()
+__all__ = ["KINDS", "FramesTable", "RuleTable", "WhenTable"]
 
-PROBABILITY_FOR_SAFETY = 0.5
-"""A safety rule acts as soon as danger is as likely as not."""
-FRAMES_TO_RAISE = plan.OnDelay(frames=3, of_frames=5)
-"""One wrong frame raises nothing, and one missing frame delays nothing. A safety rule does not wait."""
+_RULE = rule.Rule(name="", target="")
+_DISTANCE = condition.DistanceCondition()
+_ALARM = rule.AlarmRule(name="", target="", condition=_DISTANCE)
+
+FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
+"""One wrong frame raises nothing, and one missing frame delays nothing."""
 
 KINDS = ("when", "ramp", "follow")
 """What a rule can be: exactly one of these keys is in its table."""
-
-
-def _parse_probability(value: object) -> float | None:
-    if value == "none":
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
-        raise ValueError(f"{value!r} is not a probability between 0 and 1, such as 0.8, and not 'none'")
-    return float(value)
-
-
-def _only_true(value: object) -> bool:
-    if value is not True:
-        raise ValueError("only true can be written here; the opposite of 'seen = true' is 'lost = true'")
-    return value
-
-
-Flag = Annotated[bool, BeforeValidator(_only_true)]
-Quantity = plan.Quantity
-Factor = Annotated[float, Field(gt=0)]
-
-
-class _Common(TypedDict):
-    name: str
-    target: str
-    output: str | None
-    priority: int
-    severity: Severity
-    lost: plan.Lost
-
-
-class LostTable(Section):
-    """What a rule does without its target; see `stadimeter.core.plan.Lost`.
-
-    Attributes:
-        grace: In seconds.
-        policy: What happens after it.
-        fault_after: In seconds.
-    """
-
-    grace: Duration = _LOST.grace_s
-    policy: Annotated[plan.LostPolicy, Field(strict=False)] = _LOST.policy
-    fault_after: Duration = _LOST.fault_after_s
-
-    def to_plan(self) -> plan.Lost:
-        """Return the table as the core sees it.
-
-        Returns:
-            What the rule does.
-        """
-        return plan.Lost(grace_s=self.grace, policy=self.policy, fault_after_s=self.fault_after)
-
-
-class FramesTable(Section):
-    """A delay counted in frames.
-
-    Attributes:
-        frames: In this many frames the condition must hold.
-        of: Of this many newest frames.
-    """
-
-    frames: Annotated[int, Field(ge=1)]
-    of: Annotated[int, Field(ge=1)]
-
-
-OnDelay = Annotated[
-    Annotated[FramesTable, Tag("in frames")] | Annotated[Duration, Tag("in time")],
-    Discriminator(lambda value: "in frames" if isinstance(value, dict | FramesTable) else "in time"),
-]
-
-
-class WhenTable(Section):
-    """A condition: on the distance, or on whether the target is in sight.
-
-    Attributes:
-        above: In metres; holds when the target is further.
-        below: In metres; holds when it is nearer.
-        between: In metres, the lower end first.
-        seen: Holds while the target is tracked.
-        lost: Holds while it is not.
-        of: Whether the limits are on the distance or on the depth along the optical axis.
-        deadband: In metres; how far the target must come back.
-        deadband_sigmas: The same in standard deviations.
-        probability: How likely the condition must be to begin; None compares the figures alone.
-        probability_off: How likely it may be at most to end.
-    """
-
-    above: Length | None = None
-    below: Length | None = None
-    between: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
-    seen: Flag | None = None
-    lost: Flag | None = None
-    of: Quantity = _DISTANCE.quantity
-    deadband: LengthOrZero = _DISTANCE.deadband_m
-    deadband_sigmas: Annotated[float, Field(ge=0)] = _DISTANCE.deadband_sigmas
-    probability: Annotated[float | None, BeforeValidator(_parse_probability)] = _DISTANCE.probability_on
-    probability_off: Annotated[float, Field(gt=0, lt=1)] = _DISTANCE.probability_off
-
-    @property
-    def limits_m(self) -> tuple[float | None, float | None]:
-        """What the distance must be above and below, in metres; None for no such limit."""
-        if self.between is not None:
-            return self.between[0], self.between[1]
-        return self.above, self.below
-
-    def probability_for(self, severity: Severity) -> float | None:
-        """Return how likely the condition must be to begin, where that may depend on how much the rule matters.
-
-        Args:
-            severity: The rule's severity.
-
-        Returns:
-            The probability, or None to compare the figures alone.
-        """
-        if severity is Severity.SAFETY and "probability" not in self.model_fields_set:
-            return PROBABILITY_FOR_SAFETY
-        return self.probability
-
-    def to_plan(self, severity: Severity) -> plan.Condition:
-        """Return the condition as the core sees it.
-
-        Args:
-            severity: The rule's severity, on which a default depends.
-
-        Returns:
-            The condition.
-        """
-        if self.seen or self.lost:
-            return plan.PresenceCondition(seen=bool(self.seen))
-        above_m, below_m = self.limits_m
-        return plan.DistanceCondition(
-            above_m=above_m,
-            below_m=below_m,
-            quantity=self.of,
-            deadband_m=self.deadband,
-            deadband_sigmas=self.deadband_sigmas,
-            probability_on=self.probability_for(severity),
-            probability_off=self.probability_off,
-        )
-
-
-class RampTable(Section):
-    """An output that grows with distance or with nearness; see `stadimeter.core.plan.RampRule`.
-
-    Attributes:
-        start: In metres, written ``from``; where the output begins.
-        full: In metres, written ``to``; where it is full.
-        of: Whether these are distances or depths along the optical axis.
-        min: The level right after the start.
-        max: The level at the full end and beyond.
-        gamma: Exponent of the curve.
-        bias: Which way to err within the standard deviation.
-    """
-
-    start: Annotated[LengthOrZero, Field(alias="from")]
-    full: Annotated[LengthOrZero, Field(alias="to")]
-    of: Quantity = _RAMP.quantity
-    min: Share = _RAMP.level_min
-    max: Share = _RAMP.level_max
-    gamma: Factor = _RAMP.gamma
-    bias: plan.Bias = _RAMP.bias
-
-    def to_plan(self, common: _Common) -> plan.RampRule:
-        """Return the rule as the core sees it.
-
-        Args:
-            common: What every rule has.
-
-        Returns:
-            The rule.
-        """
-        return plan.RampRule(
-            **common,
-            start_m=self.start,
-            full_m=self.full,
-            quantity=self.of,
-            level_min=self.min,
-            level_max=self.max,
-            gamma=self.gamma,
-            bias=self.bias,
-        )
-
-
-class FollowTable(Section):
-    """A base that keeps its distance; see `stadimeter.core.plan.FollowRule`.
-
-    Attributes:
-        distance: In metres.
-        gain: Forward speed for each metre of distance error, in 1/s.
-        turn_gain: Rate of turn for each radian of bearing, in 1/s.
-        max_speed: In m/s, forwards.
-        max_reverse_speed: In m/s, backwards; 0 never reverses.
-        max_turn_rate: In rad/s.
-        deadband: In metres.
-        turn_deadband: In radians.
-    """
-
-    distance: Length
-    gain: Factor = _FOLLOW.gain_per_s
-    turn_gain: Factor = _FOLLOW.turn_gain_per_s
-    max_speed: Speed = _FOLLOW.linear_max_mps
-    max_reverse_speed: Speed = _FOLLOW.reverse_max_mps
-    max_turn_rate: TurnRate = _FOLLOW.angular_max_radps
-    deadband: LengthOrZero = _FOLLOW.deadband_m
-    turn_deadband: Angle = _FOLLOW.deadband_rad
-
-    def to_plan(self, common: _Common) -> plan.FollowRule:
-        """Return the rule as the core sees it.
-
-        Args:
-            common: What every rule has.
-
-        Returns:
-            The rule.
-        """
-        return plan.FollowRule(
-            **common,
-            distance_m=self.distance,
-            gain_per_s=self.gain,
-            turn_gain_per_s=self.turn_gain,
-            linear_max_mps=self.max_speed,
-            reverse_max_mps=self.max_reverse_speed,
-            angular_max_radps=self.max_turn_rate,
-            deadband_m=self.deadband,
-            deadband_rad=self.turn_deadband,
-        )
 
 
 class RuleTable(Section):
@@ -257,33 +35,82 @@ class RuleTable(Section):
 
     Attributes:
         target: The target that it watches; may be left out where there is only one.
+        targets: Several targets instead: one alarm for each, named after the rule and the target.
         actuator: The actuator that it drives, or ``base``; None for an alert only.
         priority: Of several rules that ask something of one output, the highest wins.
         severity: How much its events matter.
         lost: What it does without its target.
+        observe: It is judged, recorded and explained like any other, but drives nothing and sends nothing.
         when: A condition to act on.
         ramp: An output that follows the distance.
         follow: A distance that a base keeps.
         on_delay: How long a condition must hold first; in seconds or in frames. None for the default.
         off_delay: How long it must no longer hold; in seconds.
         level: The level of an actuator while the condition holds.
+        pattern: How that level changes while the condition holds.
         at_start: Whether an alarm that is raised by the very first sight of the target moves its output.
+        latch: Whether it stays active until somebody resets it.
+        ack: Whether somebody must acknowledge it.
+        realarm: After being active for this long, in seconds, it is reported again; None for never.
+        cooldown: The least time between two notifications, in seconds. None for the default.
+        shelve_max: The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default.
+        group: Of the alarms of one group, the first one is marked; empty for none.
+        suppress_when: While this holds, it drives nothing and notifies nobody.
+        then: What else it does, and when.
     """
 
     target: str | None = None
+    targets: Annotated[list[str], Field(min_length=1)] | None = None
     actuator: str | None = None
     priority: int = _RULE.priority
     severity: Annotated[Severity, Field(strict=False)] = _RULE.severity
     lost: LostTable = LostTable()
+    observe: bool = _RULE.observe
     when: WhenTable | None = None
     ramp: RampTable | None = None
     follow: FollowTable | None = None
     on_delay: OnDelay | None = None
     off_delay: Duration = _ALARM.off_delay_s
     level: Share = _ALARM.level
+    pattern: PatternTable | None = None
     at_start: Literal["act", "announce"] = "act" if _ALARM.act_at_start else "announce"
+    latch: bool = _ALARM.latch
+    ack: Literal["required", "none"] = "required" if _ALARM.needs_ack else "none"
+    realarm: DurationAboveZero | None = None
+    cooldown: Duration | None = None
+    shelve_max: Duration | None = None
+    group: str = _ALARM.group
+    suppress_when: WhenTable | None = None
+    then: list[StepTable] = Field(default_factory=list)
 
-    def to_plan(self, name: str, target: str) -> plan.AnyRule:
+    def names(self, name: str) -> tuple[str, ...]:
+        """Return the names of the rules that the table stands for.
+
+        Args:
+            name: The table's name.
+
+        Returns:
+            The name itself; with several targets one for each, such as ``near:ball``.
+        """
+        return (name,) if self.targets is None else tuple(f"{name}:{target}" for target in self.targets)
+
+    def to_plans(self, name: str, target: str) -> tuple[rule.AnyRule, ...]:
+        """Return every rule that the table stands for, as the core sees them.
+
+        Args:
+            name: The table's name.
+            target: The target where the table names none.
+
+        Returns:
+            One rule; with several targets one for each.
+
+        Raises:
+            ValueError: It is of no kind; the cross-checks find that first.
+        """
+        targets = self.targets or (self.target or target,)
+        return tuple(self.to_plan(each, watched) for each, watched in zip(self.names(name), targets, strict=True))
+
+    def to_plan(self, name: str, target: str) -> rule.AnyRule:
         """Return the rule as the core sees it.
 
         Args:
@@ -296,13 +123,14 @@ class RuleTable(Section):
         Raises:
             ValueError: It is of no kind; the cross-checks find that first.
         """
-        common = _Common(
+        common = RuleCommon(
             name=name,
             target=target,
             output=self.actuator,
             priority=self.priority,
             severity=self.severity,
             lost=self.lost.to_plan(),
+            observe=self.observe,
         )
         if self.when is not None:
             return self._alarm(common, self.when)
@@ -312,24 +140,65 @@ class RuleTable(Section):
             return self.follow.to_plan(common)
         raise ValueError(f"the rule '{name}' has none of: {', '.join(KINDS)}")
 
-    def delay(self) -> plan.OnDelay:
+    def delay(self, judged: condition.Condition) -> rule.OnDelay:
         """Return how long a condition must hold before the alarm is raised.
 
+        Args:
+            judged: The condition.
+
         Returns:
-            The delay; without a word about it three of five frames, and none at all for safety.
+            The delay. Without a word about it there is none for safety, nor for what is judged with a probability: that
+            has weighed the noise already. Figures that are compared as they are must hold in three of five frames.
         """
         if isinstance(self.on_delay, FramesTable):
-            return plan.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
+            return rule.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
         if self.on_delay is not None:
-            return plan.OnDelay(hold_s=self.on_delay)
-        return plan.OnDelay() if self.severity is Severity.SAFETY else FRAMES_TO_RAISE
+            return rule.OnDelay(hold_s=self.on_delay)
+        is_sure = all(_is_sure(leaf) for leaf in condition.leaves(judged))
+        return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 
-    def _alarm(self, common: _Common, when: WhenTable) -> plan.AlarmRule:
-        return plan.AlarmRule(
+    @property
+    def cooldown_s(self) -> float:
+        """The least time between two notifications; without a word about it none at all for safety."""
+        return self._unless_safety(self.cooldown, _ALARM.cooldown_s)
+
+    @property
+    def shelve_max_s(self) -> float:
+        """The longest time that it can be shelved for; a safety rule cannot be."""
+        return self._unless_safety(self.shelve_max, _ALARM.shelve_max_s)
+
+    def _unless_safety(self, written_s: float | None, default_s: float) -> float:
+        if written_s is not None:
+            return written_s
+        return 0.0 if self.severity is Severity.SAFETY else default_s
+
+    def _alarm(self, common: RuleCommon, when: WhenTable) -> rule.AlarmRule:
+        judged = when.to_plan(self.severity)
+        return rule.AlarmRule(
             **common,
-            condition=when.to_plan(self.severity),
-            on_delay=self.delay(),
+            condition=judged,
+            on_delay=self.delay(judged),
             off_delay_s=self.off_delay,
             level=self.level,
             act_at_start=self.at_start == "act",
+            pattern=self.pattern.to_plan(self.level) if self.pattern else None,
+            latch=self.latch,
+            needs_ack=self.ack == "required",
+            realarm_s=self.realarm,
+            cooldown_s=self.cooldown_s,
+            shelve_max_s=self.shelve_max_s,
+            group=self.group,
+            suppress_when=self.suppress_when.to_plan(self.severity) if self.suppress_when else None,
+            sequence=tuple(step.to_plan() for step in self.then),
         )
+
+
+def _is_sure(leaf: condition.Leaf) -> bool:
+    """Return whether one wrong frame cannot make a condition hold."""
+    match leaf:
+        case condition.RuleCondition() | condition.ScheduleCondition():
+            return True
+        case condition.DirectionCondition() | condition.PresenceCondition() | condition.CountCondition():
+            return False
+        case _:
+            return leaf.probability_on is not None

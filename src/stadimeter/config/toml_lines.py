@@ -208,6 +208,6 @@ class _Scanner:
     def _note(self, path: KeyPath, start: int) -> None:
         line = bisect_right(self.line_starts, start)
         line_start = self.line_starts[line - 1]
-        line_end = self.text.find("\n", start)
-        end = self.at if line_end < 0 else min(self.at, line_end)
+        line_end = self.line_starts[line] - 1 if line < len(self.line_starts) else len(self.text)
+        end = min(self.at, line_end)
         self.places.setdefault(path, Place(line=line, column=start - line_start, end_column=end - line_start))

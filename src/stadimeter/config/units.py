@@ -8,9 +8,10 @@ from __future__ import annotations
 import difflib
 import math
 import re
+from datetime import time
 from typing import Annotated
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, WithJsonSchema
 
 INCH_M = 0.0254
 FOOT_M = 0.3048
@@ -33,6 +34,9 @@ TURN_ACCELERATIONS_RADPS2 = {
 }
 FREQUENCIES_HZ = {"Hz": 1.0, "hz": 1.0, "kHz": 1e3}
 
+DAY_S = 24 * 3600.0
+
+_TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d+)?))?\s*")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
@@ -97,6 +101,11 @@ def parse_speed(text: object) -> float:
     return _not_negative(text, SPEEDS_MPS, "0.4 m/s")
 
 
+def parse_velocity(text: object) -> float:
+    """Read a speed with a direction, such as ``"-0.4 m/s"``, and return it in m/s; raises ValueError if it is none."""
+    return parse_quantity(text, SPEEDS_MPS, "0.4 m/s")
+
+
 def parse_acceleration(text: object) -> float:
     """Read an acceleration such as ``"0.5 m/s2"``, return it in m/s²; raises ValueError if it is none, or below 0."""
     return _not_negative(text, ACCELERATIONS_MPS2, "0.5 m/s2")
@@ -105,6 +114,30 @@ def parse_acceleration(text: object) -> float:
 def parse_angle(text: object) -> float:
     """Read an angle such as ``"30 deg"`` and return it in radians; raises ValueError if it is none."""
     return parse_quantity(text, ANGLES_RAD, "30 deg")
+
+
+def parse_angle_or_zero(text: object) -> float:
+    """Read an angle that has no direction and return it in radians; raises ValueError if it is none, or below 0."""
+    return _not_negative(text, ANGLES_RAD, "1 deg")
+
+
+def parse_time_of_day(text: object) -> float:
+    """Read a time of day such as ``"22:30"``, return the seconds since midnight; raises ValueError if it is none.
+
+    Args:
+        text: Hours and minutes, with seconds if need be; ``24:00`` is the end of the day. TOML's own times will do too.
+
+    Returns:
+        Seconds since midnight, 0 to 86400.
+    """
+    match = _TIME_OF_DAY.fullmatch(str(text)) if isinstance(text, str | time) else None
+    if match is None:
+        raise ValueError(f"{text!r} is not a time of day; write it such as '22:30'")
+    hours, minutes, seconds = int(match[1]), int(match[2]), float(match[3] or 0)
+    second = 3600 * hours + 60 * minutes + seconds
+    if minutes > 59 or seconds >= 60 or second > DAY_S:
+        raise ValueError(f"{text!r} is no time that a clock shows; write it such as '22:30'")
+    return second
 
 
 def parse_turn_rate(text: object) -> float:
@@ -143,14 +176,43 @@ def _parse_pin(value: object) -> int:
     return value
 
 
-Length = Annotated[float, BeforeValidator(parse_length)]
-LengthOrZero = Annotated[float, BeforeValidator(parse_length_or_zero)]
-Duration = Annotated[float, BeforeValidator(parse_duration)]
-Speed = Annotated[float, BeforeValidator(parse_speed)]
-Acceleration = Annotated[float, BeforeValidator(parse_acceleration)]
-Angle = Annotated[float, BeforeValidator(parse_angle)]
-TurnRate = Annotated[float, BeforeValidator(parse_turn_rate)]
-TurnAcceleration = Annotated[float, BeforeValidator(parse_turn_acceleration)]
-Frequency = Annotated[float, BeforeValidator(parse_frequency)]
-Pin = Annotated[int, BeforeValidator(_parse_pin), PinMark()]
+def as_written(units: dict[str, float], example: str, *, is_signed: bool = False) -> WithJsonSchema:
+    """Say to editors how a quantity is written.
+
+    Args:
+        units: The units that are meant, each with its size in the SI unit.
+        example: How such a quantity may look.
+        is_signed: Whether it may be below zero.
+
+    Returns:
+        What to annotate its type with. ``x-unit`` is the SI unit, in which its default is known.
+    """
+    sign = "[+-]?" if is_signed else "[+]?"
+    names = "|".join(re.escape(name) for name in units)
+    pattern = rf"^\s*{sign}([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?\s*({names})\s*$"
+    unit = next(name for name, size in units.items() if size == 1.0)
+    return WithJsonSchema({"type": "string", "pattern": pattern, "examples": [example], "x-unit": unit})
+
+
+Length = Annotated[float, BeforeValidator(parse_length), as_written(LENGTHS_M, "35 cm")]
+LengthOrZero = Annotated[float, BeforeValidator(parse_length_or_zero), as_written(LENGTHS_M, "5 cm")]
+Duration = Annotated[float, BeforeValidator(parse_duration), as_written(DURATIONS_S, "250 ms")]
+Speed = Annotated[float, BeforeValidator(parse_speed), as_written(SPEEDS_MPS, "0.4 m/s")]
+Velocity = Annotated[float, BeforeValidator(parse_velocity), as_written(SPEEDS_MPS, "-0.4 m/s", is_signed=True)]
+Acceleration = Annotated[float, BeforeValidator(parse_acceleration), as_written(ACCELERATIONS_MPS2, "0.5 m/s2")]
+Angle = Annotated[float, BeforeValidator(parse_angle), as_written(ANGLES_RAD, "30 deg", is_signed=True)]
+AngleOrZero = Annotated[float, BeforeValidator(parse_angle_or_zero), as_written(ANGLES_RAD, "1 deg")]
+TimeOfDay = Annotated[
+    float,
+    BeforeValidator(parse_time_of_day),
+    WithJsonSchema({"type": "string", "pattern": r"^\s*[0-9]{1,2}:[0-9]{2}(:[0-9.]+)?\s*$", "examples": ["22:30"]}),
+]
+TurnRate = Annotated[float, BeforeValidator(parse_turn_rate), as_written(TURN_RATES_RADPS, "60 deg/s")]
+TurnAcceleration = Annotated[
+    float, BeforeValidator(parse_turn_acceleration), as_written(TURN_ACCELERATIONS_RADPS2, "200 deg/s2")
+]
+Frequency = Annotated[float, BeforeValidator(parse_frequency), as_written(FREQUENCIES_HZ, "100 Hz")]
+Pin = Annotated[
+    int, BeforeValidator(_parse_pin), WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 27}), PinMark()
+]
 SerialPort = Annotated[str, PortMark()]

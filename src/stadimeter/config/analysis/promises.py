@@ -1,0 +1,133 @@
+"""What a safety rule promises, what a latched alarm asks of people, and what moves a base without seeing."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from stadimeter.config.analysis.subject import DeclaredRule, Subject
+from stadimeter.config.draft import BASE_NAME
+from stadimeter.config.findings import Finding, did_you_mean
+from stadimeter.core.condition import depends_on, targets_of
+from stadimeter.core.decision import Severity
+from stadimeter.core.rule import AlarmRule, FollowRule, LostPolicy
+
+
+def promise_errors(subject: Subject) -> Iterator[Finding]:
+    """Find safety rules that could be late, silent or switched off.
+
+    Args:
+        subject: The configuration.
+
+    Yields:
+        What is wrong.
+    """
+    for declared, alarm in subject.alarms:
+        if alarm.severity is Severity.SAFETY:
+            yield from _safety(declared, alarm)
+
+
+def promise_warnings(subject: Subject) -> Iterator[Finding]:
+    """Find alarms that wait for people who do not know, and bases that move though a rule against it is blind.
+
+    Args:
+        subject: The configuration.
+
+    Yields:
+        What to look at again.
+    """
+    latched = {alarm.name for _, alarm in subject.alarms if alarm.latch}
+    follows = [each.rule for each in subject.rules if isinstance(each.rule, FollowRule) and not each.rule.observe]
+    yield from _groups_of_one(subject)
+    for declared, alarm in subject.alarms:
+        yield from _clears_at_once(declared, alarm)
+        yield from _waits_unheard(subject, declared, alarm)
+        yield from _latch_without_effect(declared, alarm)
+        yield from _latch_suppresses(latched, declared, alarm)
+        yield from _blind_stop(follows, declared, alarm)
+
+
+def _safety(declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+    delay = alarm.on_delay
+    if delay.hold_s > 0 or delay.frames > 1:
+        waits = f"for {delay.hold_s:g} s" if delay.hold_s else f"for {delay.frames} of {delay.of_frames} frames"
+        message = f"a safety rule acts at once, and this one waits {waits}"
+        hint = 'leave on_delay out; against false alarms write a higher probability in when, or severity = "alarm"'
+        yield Finding(declared.at("on_delay"), message, hint, "safety-delayed")
+    if alarm.shelve_max_s > 0 and "shelve_max" in declared.table:
+        message = "a safety rule cannot be shelved"
+        yield Finding(declared.at("shelve_max"), message, 'leave it out, or write severity = "alarm"', "safety-shelved")
+    if alarm.suppress_when is not None:
+        message = "a safety rule cannot be suppressed"
+        hint = 'leave it out, or write severity = "alarm"'
+        yield Finding(declared.at("suppress_when"), message, hint, "safety-suppressed")
+    if alarm.observe:
+        message = "a safety rule cannot merely be observed: it would drive nothing"
+        yield Finding(declared.at("observe"), message, 'leave it out, or write severity = "alarm"', "safety-observed")
+
+
+def _groups_of_one(subject: Subject) -> Iterator[Finding]:
+    sizes = Counter(each.rule.group for each in subject.every_rule if isinstance(each.rule, AlarmRule))
+    for declared, alarm in subject.alarms:
+        if alarm.group and sizes[alarm.group] == 1:
+            message = f"'{declared.section}' is the only alarm of the group '{alarm.group}', and so always its first"
+            others = [group for group in sizes if group and group != alarm.group]
+            hint = did_you_mean(alarm.group, others) or "name the same group in the others, or leave it out"
+            yield Finding(declared.at("group"), message, hint, "group-of-one")
+
+
+def _clears_at_once(declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+    if alarm.severity is Severity.SAFETY and alarm.off_delay_s == 0 and not alarm.latch:
+        message = "a safety rule clears late, and this one clears at the first frame to the contrary"
+        yield Finding(declared.at("off_delay"), message, 'write such as off_delay = "1 s"', "safety-clears-at-once")
+
+
+def _waits_unheard(subject: Subject, declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+    if not (alarm.latch or alarm.needs_ack) or alarm.observe or "messenger" in subject.draft.table:
+        return
+    if any(step.send is not None for step in alarm.sequence):
+        return
+    drives = f" while it drives '{alarm.output}'" if alarm.latch and alarm.output else ""
+    does, command, key = ("reset", "reset", "latch") if alarm.latch else ("acknowledge", "ack", "ack")
+    message = f"once raised, '{alarm.name}' waits for somebody to {does} it{drives}, and nothing tells them"
+    hint = (
+        f"only `stadimeter {command} {alarm.name}` on this computer does; add a section [messenger], or a step with "
+        "notify to then"
+    )
+    yield Finding(declared.at(key), message, hint, "latch-unheard")
+
+
+def _latch_without_effect(declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+    if alarm.observe and (alarm.latch or alarm.needs_ack):
+        does, key = ("reset", "latch") if alarm.latch else ("acknowledge", "ack")
+        message = f"a rule that is only observed drives and sends nothing, and yet waits for somebody to {does} it"
+        yield Finding(declared.at(key), message, "leave one of the two out", "latch-observed")
+
+
+def _latch_suppresses(latched: set[str], declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+    for name in sorted(latched & (depends_on(alarm.suppress_when) if alarm.suppress_when else frozenset())):
+        message = f"'{name}' latches: once raised, it suppresses '{alarm.name}' until somebody resets it"
+        hint = f"leave latch out of '{name}', or suppress by another rule"
+        yield Finding(declared.at("suppress_when"), message, hint, "latch-suppresses")
+
+
+def _blind_stop(follows: list[FollowRule], declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+    """Find rules that stop a base for one target while it follows another, and do not say what to do when blind."""
+    if alarm.output != BASE_NAME or alarm.observe or alarm.lost.policy is not LostPolicy.HOLD:
+        return
+    lost = declared.table.get("lost")
+    if isinstance(lost, dict) and "policy" in lost:
+        return
+    for target in sorted(targets_of(alarm.condition)):
+        others = [rule.name for rule in follows if rule.target != target]
+        if others:
+            message = (
+                f"while '{target}' is out of sight, '{alarm.name}' stays as it was, and '{others[0]}' may drive the "
+                "base all the same"
+            )
+            hint = (
+                'write lost = { policy = "assert" } if not seeing it means danger, and { policy = "hold" } if it does '
+                "not"
+            )
+            yield Finding(declared.at("lost"), message, hint, "motion-blind")
+            return

@@ -1,0 +1,149 @@
+"""Where a rule wants something of its output, as a condition."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from typing import TypeVar
+
+from stadimeter.core.condition import (
+    AllOf,
+    AnyOf,
+    Condition,
+    DirectionCondition,
+    DistanceCondition,
+    Not,
+    PresenceCondition,
+    SeparationCondition,
+)
+from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
+
+_Lengths = TypeVar("_Lengths", DistanceCondition, SeparationCondition)
+
+
+def region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
+    """Return the condition under which a rule begins to want something of its output.
+
+    Args:
+        rule: The rule.
+        is_winner: Whether it must surely hold, as a rule that takes the output from others. Else it must possibly hold.
+
+    Returns:
+        Its condition; where a ramp is above zero; for a rule that follows, that its target is in sight.
+    """
+    match rule:
+        case AlarmRule():
+            return rule.condition
+        case RampRule():
+            return AnyOf(conditions=tuple(_points(rule, is_winner=is_winner) if rule.points else [_curve(rule)]))
+        case _:
+            return PresenceCondition(seen=True, target=rule.target)
+
+
+def widened_region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
+    """Return the condition under which a rule that wants something goes on to.
+
+    Args:
+        rule: The rule.
+        is_winner: As for `region_of`.
+
+    Returns:
+        The same condition, each limit moved by its deadband. Standard deviations are left out: they are not known yet.
+    """
+    return _widened(region_of(rule, is_winner=is_winner))
+
+
+def beginning_of(condition: Condition) -> Condition:
+    """Return when a condition begins, without deadbands: below a ``not`` these delay even the beginning.
+
+    Args:
+        condition: The condition.
+
+    Returns:
+        The same condition, in which each part whose end makes the whole begin has its limits moved by its deadband.
+    """
+    match condition:
+        case AllOf() | AnyOf():
+            return replace(condition, conditions=tuple(beginning_of(part) for part in condition.conditions))
+        case Not(condition=negated):
+            return Not(condition=_ending_of(negated))
+        case _:
+            return condition
+
+
+def _ending_of(condition: Condition) -> Condition:
+    match condition:
+        case AllOf() | AnyOf():
+            return replace(condition, conditions=tuple(_ending_of(part) for part in condition.conditions))
+        case Not(condition=negated):
+            return Not(condition=beginning_of(negated))
+        case _:
+            return _widened(condition)
+
+
+def _widened(condition: Condition) -> Condition:
+    match condition:
+        case AllOf() | AnyOf():
+            return replace(condition, conditions=tuple(_widened(part) for part in condition.conditions))
+        case DistanceCondition():
+            return widened(condition)
+        case SeparationCondition():
+            return widened(condition)
+        case DirectionCondition():
+            above_rad, below_rad = _moved(condition.above_rad, condition.below_rad, condition.deadband_rad)
+            return replace(condition, above_rad=above_rad, below_rad=below_rad)
+        case _:
+            return condition
+
+
+def widened(condition: _Lengths) -> _Lengths:
+    """Return a condition on a length with each of its limits moved by its deadband.
+
+    Args:
+        condition: The condition.
+
+    Returns:
+        The condition.
+    """
+    above_m, below_m = _moved(condition.above_m, condition.below_m, condition.deadband_m)
+    return replace(condition, above_m=above_m, below_m=below_m)
+
+
+def _moved(low: float | None, high: float | None, deadband: float) -> tuple[float | None, float | None]:
+    return None if low is None else low - deadband, None if high is None else high + deadband
+
+
+def _curve(ramp: RampRule) -> DistanceCondition:
+    begins_m = _begins_m(ramp)
+    grows = ramp.full_m > ramp.start_m
+    return _between(ramp, begins_m if grows else None, None if grows else begins_m)
+
+
+def _begins_m(ramp: RampRule) -> float:
+    """Return where the level comes out of the dead zone."""
+    if ramp.dead_zone <= ramp.level_min:
+        return ramp.start_m
+    if ramp.dead_zone >= ramp.level_max:
+        return ramp.full_m
+    share = math.pow((ramp.dead_zone - ramp.level_min) / (ramp.level_max - ramp.level_min), 1 / ramp.gamma)
+    return ramp.start_m + share * (ramp.full_m - ramp.start_m)
+
+
+def _points(ramp: RampRule, *, is_winner: bool) -> list[Condition]:
+    """Return between which points, and beyond which, the level is above zero: surely, or possibly."""
+    least = min if is_winner else max
+    ends_m = [(None, ramp.points[0][0]), *pairwise(at_m for at_m, _ in ramp.points), (ramp.points[-1][0], None)]
+    levels = [ramp.points[0][1], *(least(pair) for pair in pairwise(level for _, level in ramp.points))]
+    levels.append(ramp.points[-1][1])
+    return [
+        _between(ramp, low_m, high_m)
+        for (low_m, high_m), level in zip(ends_m, levels, strict=True)
+        if level > ramp.dead_zone
+    ]
+
+
+def _between(ramp: RampRule, above_m: float | None, below_m: float | None) -> DistanceCondition:
+    return DistanceCondition(
+        above_m=above_m, below_m=below_m, quantity=ramp.quantity, deadband_m=0.0, target=ramp.target
+    )

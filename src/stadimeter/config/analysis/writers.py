@@ -1,0 +1,221 @@
+"""Rules that drive one output: who wins, and who never does."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from stadimeter.config.analysis.delays import ASSUMED_RATE_HZ, delay_s
+from stadimeter.config.analysis.intervals import interval
+from stadimeter.config.analysis.logic import Goal, Wanted
+from stadimeter.config.analysis.regions import region_of, widened, widened_region_of
+from stadimeter.config.analysis.subject import DeclaredRule, Subject
+from stadimeter.config.draft import BASE_NAME
+from stadimeter.config.findings import Finding
+from stadimeter.config.toml_lines import KeyPath
+from stadimeter.core.condition import Condition, DistanceCondition
+from stadimeter.core.decision import Severity
+from stadimeter.core.rule import AlarmRule, AnyRule, LostPolicy
+
+MOMENT_S = 1.0
+"""A rule that wins an output for no longer than this, because the winner waits longer, has hardly any effect."""
+
+MOST_RIVALS = 200
+"""Outputs that more rules drive are not looked at: every rule is held against every other one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Writer:
+    """One place that says that an output is driven.
+
+    Attributes:
+        declared: The rule.
+        output: The output.
+        path: Where that stands.
+    """
+
+    declared: DeclaredRule
+    output: str
+    path: KeyPath
+
+
+def _writers(subject: Subject) -> Iterator[_Writer]:
+    """Go through every place that drives an output that exists."""
+    known = {*subject.draft.names("actuators"), BASE_NAME}
+    return (writer for writer in _written(subject) if writer.output in known)
+
+
+def _written(subject: Subject) -> Iterator[_Writer]:
+    for declared in subject.rules:
+        rule = declared.rule
+        if rule.observe or declared.table.get("priority", rule.priority) != rule.priority:
+            continue  # it drives nothing, or its priority could not be read
+        if rule.output is not None:
+            yield _Writer(declared=declared, output=rule.output, path=declared.at("priority"))
+        for number, step in enumerate(rule.sequence if isinstance(rule, AlarmRule) else ()):
+            if step.output is not None:
+                yield _Writer(declared=declared, output=step.output, path=declared.at("then", number, "actuator"))
+
+
+def priority_errors(subject: Subject) -> Iterator[Finding]:
+    """Find rules that drive one output with one priority, where the output does not say how to combine them.
+
+    Args:
+        subject: The configuration.
+
+    Yields:
+        What is wrong.
+    """
+    first: dict[tuple[str, int], str] = {}
+    for writer in _writers(subject):
+        section, priority = writer.declared.section, writer.declared.rule.priority
+        earlier = first.setdefault((writer.output, priority), section)
+        if earlier == section or subject.combination(writer.output):
+            continue
+        message = f"'{earlier}' and '{section}' both drive '{writer.output}' with priority {priority}"
+        yield Finding(writer.path, message, _way_out(writer), "equal-priority")
+
+
+def _way_out(writer: _Writer) -> str:
+    is_base = writer.output == BASE_NAME
+    combine = 'combine = "most_restrictive" to [base]' if is_base else f'combine = "max" to [actuators.{writer.output}]'
+    higher = writer.declared.rule.priority + 100
+    return f"give the one that shall win a higher one, such as priority = {higher}, or add {combine}"
+
+
+def shadow_errors(subject: Subject) -> Iterator[Finding]:
+    """Find safety rules that never win their output.
+
+    Args:
+        subject: The configuration.
+
+    Yields:
+        What is wrong.
+    """
+    return (finding for loser, finding in _shadowed(subject) if loser.rule.severity is Severity.SAFETY)
+
+
+def shadow_warnings(subject: Subject) -> Iterator[Finding]:
+    """Find other rules that never win their output.
+
+    Args:
+        subject: The configuration.
+
+    Yields:
+        What to look at again.
+    """
+    return (finding for loser, finding in _shadowed(subject) if loser.rule.severity is not Severity.SAFETY)
+
+
+def overlap_warnings(subject: Subject) -> Iterator[Finding]:
+    """Find alarms meant to take turns, one of which goes on through all of the other's because of its deadband.
+
+    Args:
+        subject: The configuration.
+
+    Yields:
+        What to look at again.
+    """
+    for rivals in _rivals(subject):
+        for loser, winner in ((loser, winner) for loser in rivals for winner in rivals):
+            mine, other = _distance_alarm(loser.rule), _distance_alarm(winner.rule)
+            if mine and other and _goes_before(winner.rule, loser.rule) and _swallows(other, mine):
+                yield _swallowed(loser, winner, other)
+
+
+def _distance_alarm(rule: AnyRule) -> DistanceCondition | None:
+    condition = rule.condition if isinstance(rule, AlarmRule) else None
+    return condition if isinstance(condition, DistanceCondition) else None
+
+
+def _swallows(winner: DistanceCondition, loser: DistanceCondition) -> bool:
+    if (winner.target, winner.quantity) != (loser.target, loser.quantity):
+        return False
+    outer = widened(winner)
+    here, there = (interval(each.above_m, each.below_m) for each in (loser, winner))
+    return (here & there).is_empty and (here & ~interval(outer.above_m, outer.below_m)).is_empty
+
+
+def _swallowed(loser: DeclaredRule, winner: DeclaredRule, condition: DistanceCondition) -> Finding:
+    message = (
+        f"with its deadband of {condition.deadband_m:g} m '{winner.rule.name}' goes on wherever '{loser.rule.name}' "
+        f"holds, and wins '{loser.rule.output}': coming from there, '{loser.rule.name}' never drives it"
+    )
+    return Finding(loser.path, message, f"make the deadband of '{winner.rule.name}' smaller", "band-overlap")
+
+
+def _rivals(subject: Subject) -> Iterator[list[DeclaredRule]]:
+    """Go through the outputs, each with the rules that drive it; without those that very many rules drive."""
+    by_output: dict[str, list[DeclaredRule]] = defaultdict(list)
+    for declared in subject.every_rule:
+        if declared.rule.output is not None and not declared.rule.observe:
+            by_output[declared.rule.output].append(declared)
+    return (rivals for rivals in by_output.values() if len(rivals) <= MOST_RIVALS)
+
+
+def _shadowed(subject: Subject) -> Iterator[tuple[DeclaredRule, Finding]]:
+    told: set[str] = set()
+    for rivals in _rivals(subject):
+        for loser in rivals:
+            winners = _winners_over(loser.rule, rivals, subject)
+            if winners and loser.section not in told:
+                told.add(loser.section)
+                yield loser, _loses(loser, winners)
+
+
+def _winners_over(loser: AnyRule, rivals: list[DeclaredRule], subject: Subject) -> list[DeclaredRule]:
+    """Return the rules of which one at least goes before a rule wherever it holds; none if there are no such."""
+    winners = [each for each in rivals if _goes_before(each.rule, loser)]
+    if not winners or not subject.logic.can_be(*_drives(loser, region_of(loser))):  # or it never holds, which is said
+        return []
+    if not _covered(loser, winners, subject):
+        return []
+    for each in list(winners):
+        fewer = [other for other in winners if other is not each]
+        if fewer and _covered(loser, fewer, subject):
+            winners = fewer
+    return winners
+
+
+def _covered(loser: AnyRule, winners: list[DeclaredRule], subject: Subject) -> bool:
+    """Return whether one of the winners holds wherever the loser does: where they begin, and where they end."""
+    for region in (region_of, widened_region_of):
+        goals = _drives(loser, region(loser))
+        against: list[Goal] = [(region(each.rule, is_winner=True), Wanted.NOT_TRUE) for each in winners]
+        if subject.logic.can_be(*goals, *against):
+            return False
+    return True
+
+
+def _drives(rule: AnyRule, region: Condition) -> list[Goal]:
+    goals: list[Goal] = [(region, Wanted.TRUE)]
+    if isinstance(rule, AlarmRule) and rule.suppress_when is not None:
+        goals.append((rule.suppress_when, Wanted.NOT_TRUE))
+    return goals
+
+
+def _goes_before(winner: AnyRule, loser: AnyRule) -> bool:
+    """Return whether a rule that holds surely drives the output in place of another one that holds."""
+    if winner.priority <= loser.priority:
+        return False
+    if isinstance(loser, AlarmRule) and (loser.latch or loser.lost.policy is LostPolicy.ASSERT):
+        return False  # it can be active where its condition does not hold
+    if not isinstance(winner, AlarmRule):
+        return True
+    if winner.suppress_when is not None or not winner.act_at_start:
+        return False
+    waits_s = delay_s(loser, ASSUMED_RATE_HZ) if isinstance(loser, AlarmRule) else 0.0
+    stays_s = loser.off_delay_s if isinstance(loser, AlarmRule) else 0.0
+    return delay_s(winner, ASSUMED_RATE_HZ) <= waits_s + MOMENT_S and stays_s <= winner.off_delay_s + MOMENT_S
+
+
+def _loses(loser: DeclaredRule, winners: list[DeclaredRule]) -> Finding:
+    output = loser.rule.output
+    names = " or ".join(f"'{each.rule.name}'" for each in winners)
+    message = (
+        f"wherever '{loser.section}' holds, {names} holds too and wins '{output}': '{loser.section}' never drives it, "
+        "or for a moment only"
+    )
+    hint = f"give '{loser.section}' the highest priority of them, or make {names} hold in fewer situations"
+    return Finding(loser.path, message, hint, "shadowed")

@@ -1,0 +1,282 @@
+"""The tables inside a condition, one for each kind of figure. Their defaults are those of the core."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, WithJsonSchema
+
+from stadimeter.config.models import DurationAboveZero, Section
+from stadimeter.config.units import Angle, AngleOrZero, Duration, Length, LengthOrZero, Speed, TimeOfDay, Velocity
+from stadimeter.core import condition as core
+from stadimeter.core.decision import Severity
+
+PROBABILITY_FOR_SAFETY = 0.5
+"""A safety rule acts as soon as danger is as likely as not."""
+
+DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
+"""The days of the week as they are written, Monday first."""
+
+_DISTANCE = core.DistanceCondition()
+_DIRECTION = core.DirectionCondition()
+_CLOSING = core.ClosingCondition()
+_CONTACT = core.TimeToContactCondition(below_s=1.0)
+_SEPARATION = core.SeparationCondition(targets=("", ""))
+
+_Bounds = tuple[float | None, float | None]
+
+
+def _parse_probability(value: object) -> float | None:
+    if value == "none":
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
+        raise ValueError(f"{value!r} is not a probability between 0 and 1, such as 0.8, and not 'none'")
+    return float(value)
+
+
+_BETWEEN_0_AND_1 = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
+
+Probability = Annotated[
+    float | None, BeforeValidator(_parse_probability), WithJsonSchema({"anyOf": [_BETWEEN_0_AND_1, {"const": "none"}]})
+]
+ProbabilityOff = Annotated[float, Field(gt=0, lt=1)]
+Sigmas = Annotated[float, Field(ge=0)]
+
+
+class LimitsTable(Section):
+    """Limits on a figure.
+
+    Attributes:
+        above: Holds above this.
+        below: Holds below this.
+        between: The same two at once, the lower end first.
+    """
+
+    above: float | None = None
+    below: float | None = None
+    between: list[float] | None = None
+
+    @property
+    def limits(self) -> _Bounds:
+        """What the figure must be above and below, in the SI unit; None for no such limit."""
+        if self.between is not None:
+            return self.between[0], self.between[1]
+        return self.above, self.below
+
+
+class LikelihoodTable(Section):
+    """How sure it must be that a figure is within its limits.
+
+    Attributes:
+        deadband_sigmas: How many standard deviations the figure must come back before the condition ends.
+        probability: How likely the condition must be to begin; None compares the figures alone.
+        probability_off: How likely it may be at most to end.
+    """
+
+    deadband_sigmas: Sigmas = _DISTANCE.deadband_sigmas
+    probability: Probability = _DISTANCE.probability_on
+    probability_off: ProbabilityOff = _DISTANCE.probability_off
+
+    def probability_for(self, severity: Severity) -> float | None:
+        """Return how likely the condition must be to begin, where that may depend on how much the rule matters.
+
+        Args:
+            severity: The rule's severity.
+
+        Returns:
+            The probability, or None to compare the figures alone.
+        """
+        if severity is Severity.SAFETY and "probability" not in self.model_fields_set:
+            return PROBABILITY_FOR_SAFETY
+        return self.probability
+
+
+class DirectionTable(LimitsTable):
+    """A condition on the bearing, positive to the right, or the elevation, positive upwards.
+
+    Attributes:
+        above: In radians.
+        below: In radians.
+        between: In radians.
+        deadband: In radians; how far the target must come back.
+    """
+
+    above: Angle | None = None
+    below: Angle | None = None
+    between: Annotated[list[Angle], Field(min_length=2, max_length=2)] | None = None
+    deadband: AngleOrZero = _DIRECTION.deadband_rad
+
+    def to_plan(self, quantity: core.Direction, target: str) -> core.DirectionCondition:
+        """Return the condition as the core sees it.
+
+        Args:
+            quantity: Bearing or elevation.
+            target: The target; empty for that of the rule.
+
+        Returns:
+            The condition.
+        """
+        above_rad, below_rad = self.limits
+        return core.DirectionCondition(
+            quantity=quantity, above_rad=above_rad, below_rad=below_rad, deadband_rad=self.deadband, target=target
+        )
+
+
+class ClosingTable(LimitsTable, LikelihoodTable):
+    """A condition on the speed at which a target comes nearer; that of one that goes away is below zero.
+
+    Attributes:
+        above: In m/s.
+        below: In m/s.
+        between: In m/s.
+        deadband: In m/s; how far the speed must come back.
+    """
+
+    above: Velocity | None = None
+    below: Velocity | None = None
+    between: Annotated[list[Velocity], Field(min_length=2, max_length=2)] | None = None
+    deadband: Speed = _CLOSING.deadband_mps
+    deadband_sigmas: Sigmas = _CLOSING.deadband_sigmas
+
+    def to_plan(self, severity: Severity, target: str) -> core.ClosingCondition:
+        """Return the condition as the core sees it.
+
+        Args:
+            severity: The rule's severity.
+            target: The target; empty for that of the rule.
+
+        Returns:
+            The condition.
+        """
+        above_mps, below_mps = self.limits
+        return core.ClosingCondition(
+            above_mps=above_mps,
+            below_mps=below_mps,
+            deadband_mps=self.deadband,
+            deadband_sigmas=self.deadband_sigmas,
+            probability_on=self.probability_for(severity),
+            probability_off=self.probability_off,
+            target=target,
+        )
+
+
+class ContactTable(LikelihoodTable):
+    """A condition on how soon a target will be here, if it goes on as it does.
+
+    Attributes:
+        below: In seconds.
+        contact: In metres; the distance that counts as contact.
+        min_closing_speed: In m/s; a target that is slower does not come at all.
+        speed_sigmas: How many standard deviations the speed must be above zero to be known.
+        deadband: In seconds; how much later the contact must be before the condition ends.
+    """
+
+    below: DurationAboveZero
+    contact: LengthOrZero = _CONTACT.contact_m
+    min_closing_speed: Speed = _CONTACT.closing_min_mps
+    speed_sigmas: Sigmas = _CONTACT.speed_sigmas
+    deadband: Duration = _CONTACT.deadband_s
+    deadband_sigmas: Sigmas = _CONTACT.deadband_sigmas
+
+    def to_plan(self, severity: Severity, target: str) -> core.TimeToContactCondition:
+        """Return the condition as the core sees it.
+
+        Args:
+            severity: The rule's severity.
+            target: The target; empty for that of the rule.
+
+        Returns:
+            The condition.
+        """
+        return core.TimeToContactCondition(
+            below_s=self.below,
+            contact_m=self.contact,
+            closing_min_mps=self.min_closing_speed,
+            speed_sigmas=self.speed_sigmas,
+            deadband_s=self.deadband,
+            deadband_sigmas=self.deadband_sigmas,
+            probability_on=self.probability_for(severity),
+            probability_off=self.probability_off,
+            target=target,
+        )
+
+
+class SeparationTable(LimitsTable, LikelihoodTable):
+    """A condition on how far two targets are from each other.
+
+    Attributes:
+        of: The two targets.
+        above: In metres.
+        below: In metres.
+        between: In metres.
+        deadband: In metres; how far they must come back.
+    """
+
+    of: Annotated[list[str], Field(min_length=2, max_length=2)]
+    above: Length | None = None
+    below: Length | None = None
+    between: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
+    deadband: LengthOrZero = _SEPARATION.deadband_m
+
+    def to_plan(self, severity: Severity) -> core.SeparationCondition:
+        """Return the condition as the core sees it.
+
+        Args:
+            severity: The rule's severity.
+
+        Returns:
+            The condition.
+        """
+        above_m, below_m = self.limits
+        return core.SeparationCondition(
+            targets=(self.of[0], self.of[1]),
+            above_m=above_m,
+            below_m=below_m,
+            deadband_m=self.deadband,
+            deadband_sigmas=self.deadband_sigmas,
+            probability_on=self.probability_for(severity),
+            probability_off=self.probability_off,
+        )
+
+
+class CountTable(Section):
+    """A condition on how many targets are in sight.
+
+    Attributes:
+        at_least: Holds with no fewer.
+        at_most: Holds with no more.
+        of: Of these targets; all if left out.
+    """
+
+    at_least: Annotated[int, Field(ge=1)] | None = None
+    at_most: Annotated[int, Field(ge=0)] | None = None
+    of: Annotated[list[str], Field(min_length=1)] | None = None
+
+    def to_plan(self) -> core.CountCondition:
+        """Return the condition as the core sees it.
+
+        Returns:
+            The condition.
+        """
+        return core.CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
+
+
+class TimeTable(Section):
+    """A condition on the time of day, local time.
+
+    Attributes:
+        between: In seconds since midnight, the beginning first; over midnight if the end is earlier.
+        days: The days on which it begins; every day if left out.
+    """
+
+    between: Annotated[list[TimeOfDay], Field(min_length=2, max_length=2)]
+    days: Annotated[list[Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]], Field(min_length=1)] | None = None
+
+    def to_plan(self) -> core.ScheduleCondition:
+        """Return the condition as the core sees it.
+
+        Returns:
+            The condition.
+        """
+        weekdays = tuple(sorted({DAYS.index(day) for day in self.days or ()}))
+        return core.ScheduleCondition(from_s=self.between[0], to_s=self.between[1], weekdays=weekdays)

@@ -1,0 +1,149 @@
+"""Every class of mistake that `check` finds: a file that has it, and one beside it that has not.
+
+A line that is wrong says so itself in its comment: ``# error CODE: MESSAGE`` or ``# warning CODE: MESSAGE``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.errors import ConfigError, Problem
+
+FOLDER = Path(__file__).parent / "analysis"
+BAD = sorted(FOLDER.glob("*.bad.toml"))
+GOOD = sorted(FOLDER.glob("*.good.toml"))
+SAID = re.compile(r"# (error|warning) ([a-z-]+): (.+)$")
+
+CLASSES = {
+    "always-suppressed", "always-true", "bad-value", "band-inverted", "band-overlap", "band-skipped",
+    "cooldown-hides-realarm", "driver", "empty-interval", "equal-priority", "frames-reversed", "group-of-one", "late",
+    "latch-observed", "latch-suppresses", "latch-unheard", "lost-reversed", "motion-blind", "never-true", "no-effect",
+    "output-unused", "ramp-reversed", "reference-cycle", "safety-clears-at-once", "safety-delayed", "safety-observed",
+    "safety-shelved", "safety-suppressed", "shadowed", "unheard", "unknown-key", "unknown-name", "unreachable",
+    "unresolvable",
+}  # fmt: skip
+"""The codes that programs may rely on."""
+
+Load = Callable[[str], Configuration]
+Problems = Callable[[str], tuple[Problem, ...]]
+Said = tuple[int, str, str, str]
+
+
+def found(file: Path) -> Iterator[tuple[str, Problem]]:
+    try:
+        configuration = load_configuration(file)
+    except ConfigError as error:
+        yield from (("error", problem) for problem in error.problems)
+        yield from (("warning", problem) for problem in error.warnings)
+    else:
+        warnings = (*configuration.warnings, *feasibility_warnings(configuration))
+        yield from (("warning", problem) for problem in warnings)
+
+
+def said_in(file: Path) -> list[Said]:
+    lines = enumerate(file.read_text(encoding="utf-8").splitlines(), start=1)
+    return [(number, *said.groups()) for number, line in lines if (said := SAID.search(line))]
+
+
+@pytest.mark.parametrize("file", BAD, ids=lambda file: file.name)
+def test_each_mistake_is_told_at_its_line_and_nothing_else_is(file: Path) -> None:
+    told = [(problem.line, kind, problem.code, problem.message) for kind, problem in found(file)]
+    assert sorted(told) == said_in(file)
+    assert told
+
+
+@pytest.mark.parametrize("file", GOOD, ids=lambda file: file.name)
+def test_what_looks_alike_and_is_right_is_not_told(file: Path) -> None:
+    assert [str(problem) for _, problem in found(file)] == []
+
+
+def test_each_class_has_a_file_that_fails_and_one_that_passes() -> None:
+    assert {code for file in BAD for _, _, code, _ in said_in(file)} == CLASSES
+    assert [file.name.replace(".bad.", ".good.") for file in BAD] == [file.name for file in GOOD]
+
+
+@pytest.mark.parametrize("file", BAD, ids=lambda file: file.name)
+def test_each_mistake_comes_with_what_to_do(file: Path) -> None:
+    for _, problem in found(file):
+        says_itself = problem.code in {"bad-value", "driver"}
+        assert problem.hint or says_itself, problem
+
+
+def hints(file: str) -> list[str]:
+    return [problem.hint for _, problem in found(FOLDER / f"{file}.bad.toml")]
+
+
+def test_equal_priorities_have_two_ways_out() -> None:
+    last = hints("equal-priority")[-1]
+    assert last.startswith("give the one that shall win a higher one, such as priority = 200, or add combine = ")
+    assert last.endswith('"most_restrictive" to [base]')
+
+
+def test_the_delay_that_is_offered_would_do(tmp_path: Path) -> None:
+    text = (FOLDER / "late.bad.toml").read_text(encoding="utf-8")
+    offered = re.findall(r'write (on_delay = "[^"]+")', "\n".join(hints("late")))
+    assert offered == ['on_delay = "0.35 s"', 'on_delay = "0.4 s"']
+    (tmp_path / "sooner.toml").write_text(text.replace('on_delay = "450 ms"', offered[0]), encoding="utf-8")
+    assert 12 not in [problem.line for _, problem in found(tmp_path / "sooner.toml")]
+
+
+def test_a_table_for_several_targets_is_no_rival_of_itself(load: Load, sound: str) -> None:
+    second = '[targets.sheet]\ndetector = "sheet"\nwidth = "21 cm"\nheight = "29.7 cm"\n'
+    rules = '[rules.near]\ntargets = ["ball", "sheet"]\nactuator = "buzzer"\nwhen = { below = "1 m" }\n'
+    warned = {warning.code for warning in load(f"{sound}{second}{rules}").warnings}
+    assert warned == {"output-unused"}
+
+
+def test_a_broken_rule_hides_neither_errors_nor_warnings_of_the_others(load: Load, sound: str) -> None:
+    text = (
+        f'{sound}[rules.broken]\nactuator = "motor"\nwhen = {{ belwo = "1 m" }}\n'
+        '[rules.lost]\nactuator = "buzer"\nwhen = { lost = true }\n'
+        '[rules.never]\nactuator = "buzzer"\nwhen = { all = [{ below = "1 m" }, { above = "2 m" }] }\n'
+        '[rules.late]\nactuator = "buzzer"\npriority = 200\nwhen = { below = "50 cm" }\non_delay = "1 s"\n'
+    )
+    with pytest.raises(ConfigError) as caught:
+        load(text)
+    assert [problem.code for problem in caught.value.problems] == ["unknown-key", "unknown-name", "never-true"]
+    assert [warning.code for warning in caught.value.warnings] == ["late"]
+
+
+def test_a_rule_that_is_only_tried_out_is_nobodys_rival(load: Load, sound: str) -> None:
+    rules = (
+        '[rules.near]\nactuator = "buzzer"\nwhen = { below = "1 m" }\n'
+        '[rules.new]\nobserve = true\nactuator = "buzzer"\nwhen = { below = "2 m" }\n'
+    )
+    assert {warning.code for warning in load(sound + rules).warnings} == {"output-unused"}
+
+
+def test_a_hundred_rules_that_wait_for_each_other_are_told_once(problems_of: Problems, sound: str) -> None:
+    rules = "".join(f'[rules.r{n}]\nwhen = {{ rule = "r{(n + 1) % 100}" }}\n' for n in range(100))
+    (problem,) = problems_of(sound + rules)
+    assert problem.code == "reference-cycle"
+    assert problem.message.endswith("'r0' → 'r1' → 'r2' → 'r3' → 'r4' → 'r5' → … → 'r0'")
+
+
+def test_a_rule_of_a_family_that_asks_for_its_own_family_asks_for_itself(problems_of: Problems, sound: str) -> None:
+    rules = '[rules.near]\ntargets = ["ball"]\nwhen = { below = "1 m" }\nsuppress_when = { rule = "near:ball" }\n'
+    (problem,) = problems_of(sound + rules)
+    assert (problem.code, problem.message) == ("reference-cycle", "the rule 'near' suppresses itself")
+
+
+def test_a_condition_nested_five_hundred_deep_is_one_clear_error(problems_of: Problems, sound: str) -> None:
+    when = "{ not = " * 500 + '{ below = "1 m" }' + " }" * 500
+    codes = {problem.code for problem in problems_of(f"{sound}[rules.deep]\nwhen = {when}\n")}
+    assert codes == {"too-deep"}
+
+
+@pytest.mark.long
+def test_ten_thousand_rules_are_checked_in_some_seconds(load: Load, sound: str) -> None:
+    """What matters is that it does not grow with the square: that would take hours."""
+    rules = "".join(
+        f'[rules.r{n}]\nactuator = "buzzer"\npriority = {n}\nwhen = {{ below = "{n + 1} mm" }}\n' for n in range(10_000)
+    )
+    assert len(load(sound + rules).plan.rules) == 10_000

@@ -1,0 +1,303 @@
+"""Conditions as they are written become those that the core knows, or are refused with what to write instead."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable
+from datetime import time
+
+import pytest
+
+from stadimeter.config.condition_tables import DEEPEST, WhenTable, simple_tables
+from stadimeter.config.describe import describe
+from stadimeter.config.loader import Configuration
+from stadimeter.config.units import parse_angle_or_zero, parse_duration, parse_time_of_day, parse_velocity
+from stadimeter.core import condition as core
+from stadimeter.core.decision import Severity
+
+Load = Callable[[str], Configuration]
+Told = Callable[[str], list[str]]
+
+
+def table(text: str) -> WhenTable:
+    return WhenTable.model_validate(tomllib.loads(f"when = {text}")["when"])
+
+
+def plan(text: str, severity: Severity = Severity.WARNING) -> core.Condition:
+    return table(text).to_plan(severity)
+
+
+DISTANCE = core.DistanceCondition()
+ENTRIES: list[tuple[str, core.Condition]] = [
+    ('{ below = "50 cm" }', core.DistanceCondition(below_m=0.5)),
+    ('{ above = "1 m", below = "2 m" }', core.DistanceCondition(above_m=1.0, below_m=2.0)),
+    (
+        (
+            '{ between = ["1 m", "2 m"], of = "depth", deadband = "10 cm", deadband_sigmas = 2, probability = "none", '
+            'probability_off = 0.3, target = "tag" }'
+        ),
+        core.DistanceCondition(
+            above_m=1.0,
+            below_m=2.0,
+            quantity="depth",
+            deadband_m=0.1,
+            deadband_sigmas=2.0,
+            probability_on=None,
+            probability_off=0.3,
+            target="tag",
+        ),
+    ),
+    ("{ seen = true }", core.PresenceCondition(seen=True)),
+    ('{ lost = true, target = "tag" }', core.PresenceCondition(seen=False, target="tag")),
+    ('{ seen_for = "5 s" }', core.PresenceCondition(seen=True, for_s=5.0)),
+    ('{ lost_for = "5 min" }', core.PresenceCondition(seen=False, for_s=300.0)),
+    (
+        '{ bearing = { above = "-10 deg", deadband = "2 deg" } }',
+        core.DirectionCondition(above_rad=math.radians(-10), deadband_rad=math.radians(2)),
+    ),
+    (
+        '{ elevation = { between = ["0 deg", "90 deg"] }, target = "tag" }',
+        core.DirectionCondition(quantity="elevation", above_rad=0.0, below_rad=math.pi / 2, target="tag"),
+    ),
+    (
+        '{ closing_speed = { above = "0.5 m/s", deadband = "0.1 m/s", probability = 0.9 } }',
+        core.ClosingCondition(above_mps=0.5, deadband_mps=0.1, probability_on=0.9),
+    ),
+    ('{ closing_speed = { below = "-1 m/s" } }', core.ClosingCondition(below_mps=-1.0)),
+    (
+        (
+            '{ time_to_contact = { below = "2 s", contact = "10 cm", min_closing_speed = "0.3 m/s", deadband = "1 s", '
+            "speed_sigmas = 3 } }"
+        ),
+        core.TimeToContactCondition(below_s=2.0, contact_m=0.1, closing_min_mps=0.3, deadband_s=1.0, speed_sigmas=3.0),
+    ),
+    (
+        '{ separation = { of = ["ball", "tag"], below = "1 m" } }',
+        core.SeparationCondition(targets=("ball", "tag"), below_m=1.0),
+    ),
+    ("{ count = { at_least = 2 } }", core.CountCondition(at_least=2)),
+    (
+        '{ count = { at_most = 1, of = ["ball", "tag"] } }',
+        core.CountCondition(at_most=1, targets=("ball", "tag")),
+    ),
+    ('{ rule = "too-close" }', core.RuleCondition(rule="too-close")),
+    (
+        '{ time = { between = ["22:00", "06:00"], days = ["sun", "mon", "mon"] } }',
+        core.ScheduleCondition(from_s=79200.0, to_s=21600.0, weekdays=(0, 6)),
+    ),
+    (
+        "{ time = { between = [22:00:00, 06:30:00] } }",
+        core.ScheduleCondition(from_s=79200.0, to_s=23400.0),
+    ),
+    (
+        '{ all = [ { below = "1 m" }, { not = { seen = true } } ] }',
+        core.AllOf(
+            conditions=(
+                core.DistanceCondition(below_m=1.0),
+                core.Not(condition=core.PresenceCondition(seen=True)),
+            )
+        ),
+    ),
+    ('{ any = [ { rule = "a" } ] }', core.AnyOf(conditions=(core.RuleCondition(rule="a"),))),
+]
+
+
+@pytest.mark.parametrize(("text", "expected"), ENTRIES)
+def test_a_condition_means_what_is_written(text: str, expected: core.Condition) -> None:
+    assert plan(text) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{ below = "1 m" }',
+        '{ closing_speed = { above = "1 m/s" } }',
+        '{ time_to_contact = { below = "1 s" } }',
+        '{ separation = { of = ["ball", "tag"], below = "1 m" } }',
+    ],
+)
+def test_a_safety_rule_acts_as_soon_as_danger_is_as_likely_as_not(text: str) -> None:
+    assert getattr(plan(text, Severity.SAFETY), "probability_on") == 0.5  # noqa: B009 - not all conditions have it
+    nested = plan(f"{{ all = [ {text} ] }}", Severity.SAFETY)
+    assert getattr(next(core.leaves(nested)), "probability_on") == 0.5  # noqa: B009
+
+
+def test_the_parts_of_a_condition_are_found_with_their_places() -> None:
+    text = '{ all = [ { below = "1 m" }, { any = [ { seen = true }, { not = { rule = "a" } } ] } ] }'
+    places = [place for place, _ in simple_tables(table(text), ("rules", "near", "when"))]
+    at = ("rules", "near", "when", "all")
+    assert places == [(*at, 0), (*at, 1, "any", 0), (*at, 1, "any", 1, "not")]
+    kinds = [type(part.to_plan(Severity.WARNING)) for _, part in simple_tables(table(text), ())]
+    assert kinds == [type(leaf) for leaf in core.leaves(plan(text))]
+
+
+WRONG = [
+    (
+        '{ above = "1 m", seen = true }',
+        ("rules.it.when: a condition cannot have above, seen at once "
+        "(put each into a table of its own: all = [{ … }, { … }], or any)"),
+    ),
+    (
+        '{ all = [ { below = "1 m", rule = "it" } ] }',
+        ("rules.it.when.all.0: a condition cannot have below, rule at once "
+        "(put each into a table of its own: all = [{ … }, { … }], or any)"),
+    ),
+    (
+        '{ seen = true, probability = 0.9 }',
+        "rules.it.when.probability: 'probability' has no meaning beside 'seen' (leave it out)",
+    ),
+    (
+        '{ closing_speed = { above = "1 m/s" }, deadband = "1 m" }',
+        "rules.it.when.deadband: 'deadband' has no meaning beside 'closing_speed' (write it inside closing_speed)",
+    ),
+    (
+        '{ any = [ { seen = true } ], target = "ball" }',
+        ("rules.it.when.target: 'target' has no meaning beside 'any' "
+        "(write it inside each condition that is about another target)"),
+    ),
+    (
+        "{ bearing = {} }",
+        "rules.it.when.bearing: 'bearing' has no limit (write above, below, both of these, or between)",
+    ),
+    (
+        '{ bearing = { above = "1 deg", between = ["2 deg", "3 deg"] } }',
+        ("rules.it.when.bearing: a condition cannot have above, between at once "
+        "(write above, below, both of these, or between)"),
+    ),
+    (
+        '{ bearing = { abov = "1 deg" } }',
+        "rules.it.when.bearing.abov: unknown key 'abov' (did you mean 'above'?)",
+    ),
+    (
+        "{ count = {} }",
+        "rules.it.when.count: how many targets is not said (add at_least, at_most, or both)",
+    ),
+    (
+        "{ count = { at_least = 0 } }",
+        "rules.it.when.count.at_least: 0 is below 1",
+    ),
+    (
+        '{ time = { between = ["22:00", "22:00"] } }',
+        ("rules.it.when.time.between: the time begins and ends at 22:00 "
+        '(write ["00:00", "24:00"] for the whole day)'),
+    ),
+    (
+        '{ time = { between = ["22:00", "25:00"] } }',
+        "rules.it.when.time.between.1: '25:00' is no time that a clock shows; write it such as '22:30'",
+    ),
+    (
+        '{ time = { between = ["22:00", "06:00"], days = ["mon", "tues"] } }',
+        "rules.it.when.time.days.1: 'tues' is not one of: mon, tue, wed, thu, fri, sat, sun (did you mean 'tue'?)",
+    ),
+    (
+        '{ time_to_contact = { contact = "1 m" } }',
+        "rules.it.when.time_to_contact.below: 'below' is missing",
+    ),
+    (
+        '{ time_to_contact = { below = "0 s" } }',
+        "rules.it.when.time_to_contact.below: '0 s' is not a duration above zero",
+    ),
+    (
+        '{ lost = false }',
+        "rules.it.when.lost: only true can be written here; the opposite of 'seen = true' is 'lost = true'",
+    ),
+    (
+        "{ all = [] }",
+        "rules.it.when.all: [] is a list of fewer than 1 entries",
+    ),
+    (
+        '{ not = [ { seen = true } ] }',
+        "rules.it.when.not: [a table] is not a table; write it as { … }",
+    ),
+    (
+        '{ all = [ { bellow = "1 m" } ] }',
+        "rules.it.when.all.0.bellow: unknown key 'bellow' (did you mean 'below'?)",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("when", "line"), WRONG)
+def test_a_condition_that_says_nothing_clear_is_refused(told: Told, sound: str, when: str, line: str) -> None:
+    assert line in told(f'{sound}[rules.it]\nactuator = "buzzer"\nwhen = {when}\n')
+
+
+@pytest.mark.parametrize(("when", "line"), [WRONG[0], WRONG[2]])
+def test_what_suppresses_a_rule_is_checked_like_what_raises_it(told: Told, sound: str, when: str, line: str) -> None:
+    rule = f'[rules.it]\nactuator = "buzzer"\nwhen = {{ below = "1 m" }}\nsuppress_when = {when}\n'
+    assert line.replace("it.when", "it.suppress_when") in told(sound + rule)
+
+
+def nested(depth: int) -> str:
+    return "{ not = " * (depth - 1) + '{ below = "1 m" }' + " }" * (depth - 1)
+
+
+def test_conditions_stand_inside_each_other_so_deep_and_no_deeper(told: Told, load: Load, sound: str) -> None:
+    rule = f'{sound}[rules.it]\nactuator = "buzzer"\nwhen = '
+    assert len(list(core.leaves(load(rule + nested(DEEPEST) + "\n").plan.rules[0].condition))) == 1  # type: ignore[union-attr]
+    (line,) = told(rule + nested(DEEPEST + 1) + "\n")
+    assert line.endswith(
+        "conditions stand inside each other more than 20 deep (make rules of some of them, and ask for those with rule)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("when", "sentence"),
+    [
+        (
+            '{ all = [ { below = "1 m" }, { time = { between = ["22:00", "06:00"] } } ] }',
+            "when `ball` is nearer than 1.00 m (3.3 ft) with a probability of {sure} and it is between 22:00 and 06:00",
+        ),
+        (
+            '{ any = [ { not = { seen = true } }, { rule = "other" } ] }',
+            "when not (`ball` is in sight) or `other` is active",
+        ),
+        ('{ lost_for = "90 s" }', "when `ball` is out of sight for 90 s"),
+        ('{ seen_for = "8 h" }', "when `ball` is in sight for 8 h"),
+        (
+            '{ bearing = { above = "20 deg" } }',
+            "when the bearing of `ball` is above 20.0° in 3 of 5 frames; clears when its bearing is below 18.9°",
+        ),
+        (
+            '{ closing_speed = { above = "0.5 m/s", probability = "none" } }',
+            (
+                "when the closing speed of `ball` is above 0.50 m/s in 3 of 5 frames; clears when its closing speed is "
+                "below 0.50 m/s by 2 standard deviations"
+            ),
+        ),
+        (
+            '{ time_to_contact = { below = "2 s", contact = "10 cm", probability = 0.9 } }',
+            (
+                "when `ball` will be 0.10 m (0.3 ft) away within 2 s (if faster than 0.1 m/s) with a probability of "
+                "90%; clears when contact is later than 2 s by 0.5 s or 2 standard deviations, whichever is more,"
+            ),
+        ),
+        ("{ count = { at_least = 1, at_most = 2 } }", "when 1 to 2 targets are in sight"),
+    ],
+)
+def test_a_check_says_in_words_when_it_begins_and_ends(load: Load, sound: str, when: str, sentence: str) -> None:
+    rule = f'[rules.it]\nactuator = "buzzer"\nwhen = {when}\n[rules.other]\nwhen = {{ seen = true }}\n'
+    told = describe(load(sound + rule))[1]
+    assert sentence.format(sure=f"{DISTANCE.probability_on:.0%}") in told
+
+
+@pytest.mark.parametrize(
+    ("written", "second"),
+    [("22:30", 81000.0), ("6:05", 21900.0), ("24:00", 86400.0), ("00:00:30", 30.0), (time(22, 30), 81000.0)],
+)
+def test_a_time_of_day_is_read(written: object, second: float) -> None:
+    assert parse_time_of_day(written) == second
+
+
+@pytest.mark.parametrize("written", ["22", "22.30", "24:01", "12:60", "noon", 22, None])
+def test_what_no_clock_shows_is_refused(written: object) -> None:
+    with pytest.raises(ValueError, match="write it such as '22:30'"):
+        parse_time_of_day(written)
+
+
+def test_durations_may_be_long_and_speeds_backwards() -> None:
+    assert parse_duration("8 h") == 28800.0
+    assert parse_duration("5 min") == 300.0
+    assert parse_velocity("-2 m/s") == -2.0
+    with pytest.raises(ValueError, match="below zero"):
+        parse_angle_or_zero("-2 deg")

@@ -1,0 +1,66 @@
+"""What `check` warns of about drivers: what they lack here, what wears them out, and what nobody uses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stadimeter.config.loader import load_configuration
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+
+PARTS = f"""{SIMULATED_BALL}
+[actuators.siren]
+driver = "relay"
+pin = 17
+[world]
+"""
+
+
+def warned(tmp_path: Path, text: str) -> list[tuple[str, str, str]]:
+    path = tmp_path / "run.toml"
+    path.write_text(f'{PARTS}\n[rules.far]\nactuator = "motor"\nwhen = {{ above = "1 m" }}\n{text}')
+    warnings = load_configuration(path).warnings
+    codes = ("driver-lacks", "relay-pattern", "output-unused")
+    return [(each.code, each.key, each.message) for each in warnings if each.code in codes]
+
+
+@pytest.mark.parametrize("where", ["rule", "step"])
+def test_a_relay_that_clicks_all_the_time_is_warned_of(tmp_path: Path, where: str) -> None:
+    pattern = 'actuator = "siren"\npattern = { on = "0.5 s", off = "0.5 s" }'
+    rule = '[rules.near]\nwhen = { below = "1 m" }\n'
+    text = rule + (pattern if where == "rule" else f"[[rules.near.then]]\n{pattern}")
+    key = "rules.near.pattern" if where == "rule" else "rules.near.then.0.pattern"
+    message = "'siren' is a relay, and would click every 1 s while the alarm stands"
+    assert ("relay-pattern", key, message) in warned(tmp_path, text)
+
+
+@pytest.mark.parametrize("pattern", ['{ on = "0.5 s", off = "0.5 s", times = 3 }', '{ on = "5 s", off = "5 s" }'])
+def test_a_relay_that_clicks_seldom_is_fine(tmp_path: Path, pattern: str) -> None:
+    text = f'[rules.near]\nactuator = "siren"\nwhen = {{ below = "1 m" }}\npattern = {pattern}\n'
+    assert warned(tmp_path, text) == []
+
+
+def test_a_notifier_that_no_rule_notifies_is_warned_of(tmp_path: Path) -> None:
+    text = (
+        '[notifiers.phone]\ndriver = "simulated"\n[notifiers.mail]\ndriver = "simulated"\n'
+        '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n[[rules.near.then]]\nnotify = "phone"\n'
+    )
+    assert warned(tmp_path, text) == [("output-unused", "notifiers.mail", "no rule notifies 'mail'")]
+
+
+def test_what_a_notifier_would_lack_here_is_warned_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stadimeter.messaging.apprise_notifier.find_spec", lambda _name: None)
+    text = (
+        '[notifiers.phone]\ndriver = "apprise"\nurl_file = "phone.txt"\n'
+        '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n[[rules.near.then]]\nnotify = "phone"\n'
+    )
+    lacks = "the driver 'apprise' will not work here: "
+    assert warned(tmp_path, text) == [
+        (
+            "driver-lacks",
+            "notifiers.phone",
+            f"{lacks}the library apprise is not installed: pip install 'stadimeter[notify]'",
+        ),
+        ("driver-lacks", "notifiers.phone", f"{lacks}there is no file {tmp_path / 'phone.txt'}"),
+    ]

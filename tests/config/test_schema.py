@@ -1,0 +1,169 @@
+"""The JSON Schema that editors complete from says the same as the program that reads a configuration."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from stadimeter.config import plugins
+from stadimeter.config.models import SECTIONS
+from stadimeter.config.plugins import Plugin
+from stadimeter.config.schema import configuration_schema
+from stadimeter.errors import DriverUnavailableError
+
+ROOT = Path(__file__).parents[2]
+SHIPPED = sorted((ROOT / "config").glob("*.toml"))
+SOUND = [*SHIPPED, *sorted((Path(__file__).parent / "analysis").glob("*.good.toml"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "deploy").glob("*.md"))]
+FENCE = re.compile(r"^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
+HEAD = """\
+[camera]
+driver = "simulated"
+[targets.ball]
+detector = "ideal"
+"""
+
+Validator = jsonschema.Draft202012Validator
+
+
+@pytest.fixture(scope="module")
+def schema() -> dict[str, Any]:
+    return configuration_schema()
+
+
+def complaints(schema: dict[str, Any], table: dict[str, Any]) -> list[str]:
+    return [error.message for error in Validator(schema).iter_errors(table)]
+
+
+def test_it_is_a_schema_of_draft_2020_12(schema: dict[str, Any]) -> None:
+    Validator.check_schema(schema)
+    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    assert json.loads(json.dumps(schema, allow_nan=False)) == schema
+
+
+def test_every_section_is_in_it(schema: dict[str, Any]) -> None:
+    assert tuple(schema["properties"]) == SECTIONS
+
+
+@pytest.mark.parametrize("file", SOUND, ids=lambda file: file.name)
+def test_what_the_program_accepts_it_accepts(schema: dict[str, Any], file: Path) -> None:
+    assert complaints(schema, tomllib.loads(file.read_text(encoding="utf-8"))) == []
+
+
+def fragments() -> Iterator[Any]:
+    for page in PAGES:
+        for number, text in enumerate(FENCE.findall(page.read_text(encoding="utf-8"))):
+            if "entry-points" not in text and "kernel-led" not in text:
+                yield pytest.param(text, id=f"{page.name}-{number}")
+
+
+@pytest.mark.parametrize("text", list(fragments()))
+def test_what_the_documentation_shows_it_accepts(schema: dict[str, Any], text: str) -> None:
+    anything = {key: value for key, value in schema.items() if key != "required"}
+    assert complaints(anything, tomllib.loads(text)) == []
+
+
+def tables(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    if isinstance(value, dict):
+        yield path
+    for key, entry in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
+        yield from tables(entry, (*path, key))
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.name)
+def test_a_misspelt_key_is_told_in_whatever_table_it_stands(schema: dict[str, Any], file: Path) -> None:
+    sound = tomllib.loads(file.read_text(encoding="utf-8"))
+    for path in tables(sound):
+        broken = copy.deepcopy(sound)
+        holder = broken
+        for key in path:
+            holder = holder[key]
+        holder["misspelt"] = 1
+        assert complaints(schema, broken), path
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ('[actuators.b]\ndriver = "buzzer"\npin = 3\nkick = "1 s"', "'kick' was unexpected"),
+        ('[actuators.b]\ndriver = "buzzer"', "'pin' is a required property"),
+        ('[actuators.b]\ndriver = "buzer"', "'buzer' is not one of"),
+        ("[actuators.b]\npin = 3", "'driver' is a required property"),
+        ('[actuators."a b"]\ndriver = "simulated"', "'a b' does not match"),
+        ('[rules.near]\nwhen = { below = "1 furlong" }', "'1 furlong' does not match"),
+        ("[rules.near]\nwhen = { below = 1 }", "1 is not of type 'string'"),
+        ('[rules.near]\nwhen = { below = "-1 m" }', "'-1 m' does not match"),
+        ("[rules.near]\nwhen = { seen = false }", "True was expected"),
+        ('[rules.near]\nwhen = { all = [{ any = [{ not = { belwo = "1 m" } }] }] }', "'belwo' was unexpected"),
+        ('[rules.near]\nwhen = { seen = true }\nramp = { from = "1 m", to = "2 m" }', "each of"),
+        ('[rules.near]\nactuator = "motor"', "'when' is a required property"),
+        ('[rules.near]\nwhen = { seen = true }\nseverity = "loud"', "'loud' is not one of"),
+        ('[rules.near]\nwhen = { time = { between = ["22:00"] } }', "is too short"),
+        ('[world]\npath = [{ at = "0 s", x = "2 m", y = "0 m", zz = "1 m" }]', "'zz' was unexpected"),
+        ("[camer]", "'camer' was unexpected"),
+        ('[camera.model]\nwidth_px = 640\nfy = 1', "is not valid under any of the given schemas"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_by_the_driver_and_the_key(schema: dict[str, Any], text: str, complaint: str) -> None:
+    head = HEAD.replace("[targets", f"{text}\n[targets") if text.startswith("[camera.") else f"{HEAD}{text}\n"
+    found = list(Validator(schema).iter_errors(tomllib.loads(head)))
+    inner = [each.message for error in found for each in (error, *leaf_errors(error))]
+    assert any(complaint in message for message in inner), inner
+
+
+def leaf_errors(error: Any) -> Iterator[Any]:
+    for inner in error.context or ():
+        yield inner
+        yield from leaf_errors(inner)
+
+
+def test_keys_are_described_in_words_without_code(schema: dict[str, Any]) -> None:
+    described = list(descriptions(schema))
+    assert not [words for words in described if "None" in words or "``" in words or words.startswith("In metres")]
+    assert "Holds when it is nearer." in described
+
+
+def descriptions(schema: Any) -> Iterator[str]:
+    if isinstance(schema, dict):
+        if isinstance(schema.get("description"), str):
+            yield schema["description"]
+        for inner in schema.values():
+            yield from descriptions(inner)
+    elif isinstance(schema, list):
+        for inner in schema:
+            yield from descriptions(inner)
+
+
+def test_defaults_are_written_as_a_person_would(schema: dict[str, Any]) -> None:
+    buzzer = schema["$defs"]["actuators.buzzer"]["properties"]
+    assert buzzer["lease"]["default"] == "0.3 s"
+    assert buzzer["steady"]["default"] is False
+    assert all(Validator(inner).is_valid(inner["default"]) for inner in buzzer.values() if "default" in inner)
+
+
+def test_editors_that_know_no_conditions_complete_from_the_alternatives(schema: dict[str, Any]) -> None:
+    actuator = schema["properties"]["actuators"]["additionalProperties"]
+    assert {"$ref": "#/$defs/actuators.buzzer"} in actuator["anyOf"]
+    assert set(actuator["properties"]["driver"]["enum"]) == set(plugins.driver_names(plugins.ACTUATORS))
+
+
+def test_a_driver_whose_library_is_missing_may_have_any_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    load = plugins.load_plugin
+
+    def without_buzzer(group: str, name: str) -> Plugin[Any]:
+        if name == "buzzer":
+            raise DriverUnavailableError("no library")
+        return load(group, name)
+
+    monkeypatch.setattr(plugins, "load_plugin", without_buzzer)
+    schema = configuration_schema()
+    assert complaints(schema, tomllib.loads(f'{HEAD}[actuators.b]\ndriver = "buzzer"\nwhatever = 1\n')) == []
+    assert complaints(schema, tomllib.loads(f'{HEAD}[actuators.b]\ndriver = "led"\nwhatever = 1\n'))
