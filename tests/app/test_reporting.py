@@ -4,6 +4,7 @@ import json
 import math
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -241,7 +242,8 @@ def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() 
     assert message == Message(
         topic="event/alarm",
         payload='{"v":1,"ts":"2026-06-01T12:00:00.000+00:00","id":"boot-7","event_type":"raised","rule":"near",'
-        '"severity":"alarm","reason":"0.40 m is below 0.50 m","distance_m":0.4,"sigma_m":0.005}',
+        '"severity":"alarm","reason":"0.40 m is below 0.50 m","distance_m":0.4,"sigma_m":0.005,'
+        '"notify":true,"first_out":false,"by":null}',
         qos=1,
         retain=False,
     )
@@ -251,7 +253,7 @@ def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() 
 def test_every_kind_of_event_is_told(kind: EventKind) -> None:
     (message,) = Listener().decided(decision(events=[happened(kind, source="it")]))
     payload = json.loads(message.payload)
-    of_rule = kind in {EventKind.RAISED, EventKind.CLEARED, EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}
+    of_rule = kind not in {EventKind.TARGET_SEEN, EventKind.TARGET_LOST, EventKind.FAULT, EventKind.FAULT_CLEARED}
     assert message.topic == ("event/alarm" if of_rule else "event/system")
     assert payload["event_type"] == kind.value
     assert payload["rule" if of_rule else "source"] == "it"
@@ -273,6 +275,10 @@ def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do() -> No
         "ts": LATER,
         "active": True,
         "status": "active",
+        "acknowledged": True,
+        "latched": False,
+        "first_out": False,
+        "gates": [],
         "data_lost": False,
         "since": LATER,
         "reason": "2.00 m is not below 0.50 m",
@@ -303,6 +309,46 @@ def test_an_alarm_that_lost_its_target_stands_and_says_that_it_is_blind() -> Non
     assert (listener.payloads[-1]["active"], listener.payloads[-1]["data_lost"]) == (True, False)
     listener.decided(decision(rules=[near(RuleStatus.IDLE)], events=[happened(EventKind.CLEARED)]))
     assert listener.payloads[-1]["active"] is False
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"acknowledged": False},
+        {"gates": ("shelved",)},
+        {"first_out": True},
+        {"status": RuleStatus.LATCHED},
+    ],
+)
+def test_what_somebody_may_have_to_act_on_is_told_at_once(change: dict[str, Any]) -> None:
+    listener = Listener()
+    trace = near(RuleStatus.ACTIVE)
+    listener.decided(decision(rules=[trace], events=[happened(EventKind.RAISED)]))
+    assert len(listener.decided(decision(rules=[replace(trace, **change)]))) == 1
+    (key,) = change
+    expected = {"status": "latched"}.get(key, list(change[key]) if key == "gates" else change[key])
+    assert listener.payloads[-1][key] == expected
+    assert listener.payloads[-1]["active"] is True
+
+
+def test_an_alarm_that_latched_stands_and_says_so() -> None:
+    listener = Listener()
+    listener.decided(decision(rules=[near(RuleStatus.LATCHED)]))
+    assert (listener.payloads[-1]["active"], listener.payloads[-1]["latched"]) == (True, True)
+
+
+def test_an_alarm_that_returned_unacknowledged_is_over_and_waits_for_somebody() -> None:
+    listener = Listener()
+    listener.decided(decision(rules=[replace(near(RuleStatus.RETURNED), acknowledged=False)]))
+    assert (listener.payloads[-1]["active"], listener.payloads[-1]["acknowledged"]) == (False, False)
+
+
+def test_who_did_something_to_an_alarm_is_told() -> None:
+    listener = Listener()
+    event = replace(happened(EventKind.ACKNOWLEDGED), by="ann", notify=False, first_out=True)
+    listener.decided(decision(events=[event]))
+    told = listener.payloads[-1]
+    assert (told["by"], told["notify"], told["first_out"]) == ("ann", False, True)
 
 
 def test_a_rule_that_never_saw_its_target_is_not_active() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +16,7 @@ from stadimeter.core.clock import Clock
 from stadimeter.core.outputs import safe_command
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, Problem
+from stadimeter.messaging.notifier_protocol import Notifier
 from stadimeter.messaging.protocol import Messenger
 
 
@@ -28,6 +30,7 @@ class Parts:
         capture: Where frames come from.
         outputs: The outputs, in the order of the plan.
         messenger: Who tells other programs; None if nobody does.
+        notifiers: Who tells people, by name.
         cycle: One turn of the loop.
         shared: What the drivers share; its closers are called at the end.
         is_live: Whether the camera delivers frames at its own pace, on the computer's clock.
@@ -43,6 +46,7 @@ class Parts:
     shared: Shared = field(default_factory=Shared)
     recording_drives: tuple[str, ...] = ()
     is_live: bool = False
+    notifiers: Mapping[str, Notifier] = field(default_factory=dict)
 
 
 def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
@@ -75,6 +79,7 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
     capture = capture_for(camera, clock)
     detectors: dict[str, Detector] = {target.name: builder.build(target) for target in configuration.targets}
     messenger: Messenger | None = builder.build(configuration.messenger) if configuration.messenger else None
+    notifiers: dict[str, Notifier] = {each.name: builder.build(each) for each in configuration.notifiers}
     cycle = Cycle(
         clock=clock,
         capture=capture,
@@ -89,6 +94,7 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
         capture=capture,
         outputs=outputs,
         messenger=messenger,
+        notifiers=notifiers,
         cycle=cycle,
         shared=builder.shared,
         is_live=camera.is_live,

@@ -5,8 +5,9 @@ topic, below the base       QoS  retain  when
 ==========================  ===  ======  ==========================================================================
 ``target/<name>/state``     0    yes     status changes at once; else at most twice a second when the target moved,
                                          and every 5 s. Expires after 10 s
-``rule/<name>/state``       1    yes     alarm and data-lost changes at once; other changes at most twice a second
-``event/alarm``             1    never   what happened to a rule: raised, cleared, measurement_lost, measurement_back
+``rule/<name>/state``       1    yes     whether it is active, acknowledged, latched, kept quiet or blind at once;
+                                         other changes at most twice a second
+``event/alarm``             1    never   what happened to a rule: raised, cleared, acknowledged, shelved and so on
 ``event/system``            1    never   what happened to a target, camera or output: target_seen, target_lost, fault,
                                          fault_cleared
 ==========================  ===  ======  ==========================================================================
@@ -37,7 +38,8 @@ DEADBAND_SIGMAS = 0.5
 WallClock = Callable[[], str]
 
 _JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-_RULE_EVENTS = {EventKind.RAISED, EventKind.CLEARED, EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}
+_SYSTEM_EVENTS = {EventKind.TARGET_SEEN, EventKind.TARGET_LOST, EventKind.FAULT, EventKind.FAULT_CLEARED}
+_ACTIVE = {RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED}
 
 
 class Reporter:
@@ -185,15 +187,30 @@ class _RuleState:
     """What is told of a rule."""
 
     status: RuleStatus
-    is_active: bool
-    is_data_lost: bool
+    is_active: bool = False
+    is_data_lost: bool = False
+    is_acknowledged: bool = True
+    is_first_out: bool = False
+    gates: tuple[str, ...] = ()
+
+    @property
+    def is_latched(self) -> bool:
+        """Whether it stands only until somebody resets it."""
+        return self.status is RuleStatus.LATCHED
+
+    @property
+    def urgent(self) -> tuple[object, ...]:
+        """What is told at once when it changes."""
+        return (
+            self.is_active, self.is_data_lost, self.is_acknowledged, self.is_latched, self.is_first_out, self.gates
+        )  # fmt: skip
 
 
 class _RuleReports:
     """Decides when the state of one rule is told. The reason alone is not news: its figures change all the time."""
 
     def __init__(self) -> None:
-        self._newest = _RuleState(status=RuleStatus.UNKNOWN, is_active=False, is_data_lost=False)
+        self._newest = _RuleState(status=RuleStatus.UNKNOWN)
         self._told: _RuleState | None = None
         self._told_at_s = -math.inf
         self._is_raised = False
@@ -208,11 +225,11 @@ class _RuleReports:
 
     def is_due(self, now_s: float, wall_clock: str, trace: RuleTrace, events: list[EventKind]) -> bool:
         """Take in a cycle, and return whether it is to be told."""
-        state = self._newest = self._state(trace.status, events)
+        state = self._newest = self._state(trace, events)
         if state.is_active is not self._was_active:
             self._was_active, self._since = state.is_active, wall_clock
         told = self._told
-        if told is None or (state.is_active, state.is_data_lost) != (told.is_active, told.is_data_lost):
+        if told is None or state.urgent != told.urgent:
             return True
         return state != told and now_s - self._told_at_s >= INTERVAL_S
 
@@ -225,28 +242,37 @@ class _RuleReports:
             "ts": wall_clock,
             "active": state.is_active,
             "status": state.status.value,
+            "acknowledged": state.is_acknowledged,
+            "latched": state.is_latched,
+            "first_out": state.is_first_out,
+            "gates": state.gates,
             "data_lost": state.is_data_lost,
             "since": self._since,
             "reason": reason,
         }
         return _message(f"rule/{trace.rule}/state", payload, qos=1, retain=True)
 
-    def _state(self, status: RuleStatus, events: list[EventKind]) -> _RuleState:
+    def _state(self, trace: RuleTrace, events: list[EventKind]) -> _RuleState:
         for kind in events:
             if kind in {EventKind.RAISED, EventKind.CLEARED}:
                 self._is_raised = kind is EventKind.RAISED
             if kind in {EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}:
                 self._is_data_lost = kind is EventKind.MEASUREMENT_LOST
         # A rule that lost its target says "unknown", though an alarm that was raised still stands.
-        is_active = status in {RuleStatus.ACTIVE, RuleStatus.CLEARING} or (
-            status is RuleStatus.UNKNOWN and self._is_raised
+        is_active = trace.status in _ACTIVE or (trace.status is RuleStatus.UNKNOWN and self._is_raised)
+        return _RuleState(
+            status=trace.status,
+            is_active=is_active,
+            is_data_lost=self._is_data_lost,
+            is_acknowledged=trace.acknowledged,
+            is_first_out=trace.first_out,
+            gates=trace.gates,
         )
-        return _RuleState(status=status, is_active=is_active, is_data_lost=self._is_data_lost)
 
 
 def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
-    is_of_rule = event.kind in _RULE_EVENTS
-    payload = {
+    is_of_rule = event.kind not in _SYSTEM_EVENTS
+    payload: dict[str, object] = {
         "v": FORM,
         "ts": wall_clock,
         "id": f"{boot_id}-{event.sequence}",
@@ -257,6 +283,8 @@ def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
         "distance_m": _rounded(event.distance_m),
         "sigma_m": _rounded(event.sigma_m),
     }
+    if is_of_rule:
+        payload |= {"notify": event.notify, "first_out": event.first_out, "by": event.by or None}
     return _message("event/alarm" if is_of_rule else "event/system", payload, qos=1, retain=False)
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from stadimeter.config.plugins import Options
-from stadimeter.config.units import LENGTHS_M, Angle, Duration, Length, LengthOrZero, parse_quantity
+from stadimeter.config.units import LENGTHS_M, Angle, Duration, Length, LengthOrZero, as_written, parse_quantity
 
 
 def parse_coordinate(text: object) -> float:
@@ -17,7 +17,7 @@ def parse_coordinate(text: object) -> float:
     return parse_quantity(text, LENGTHS_M, "-1.5 m")
 
 
-Coordinate = Annotated[float, BeforeValidator(parse_coordinate)]
+Coordinate = Annotated[float, BeforeValidator(parse_coordinate), as_written(LENGTHS_M, "-1.5 m", is_signed=True)]
 
 
 class WayPoint(Options):

@@ -1,0 +1,229 @@
+"""The notifier that reaches every service that the library `apprise` knows: telephones, chats, mail and many more."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Any, Self
+from urllib.parse import unquote
+
+from pydantic import BeforeValidator, SecretStr, model_validator
+
+from stadimeter.config.models import DurationAboveZero
+from stadimeter.config.paths import FilePath
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.secrets import HIDDEN
+from stadimeter.core.decision import Severity
+from stadimeter.core.notification import Notification
+from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, DriverUnavailableError
+from stadimeter.messaging.back_off import Patience
+from stadimeter.messaging.delivery import Delivery
+
+EXTRA = "stadimeter[notify]"
+KINDS = {Severity.INFO: "info", Severity.WARNING: "warning", Severity.ALARM: "failure", Severity.SAFETY: "failure"}
+"""What apprise calls each severity."""
+
+PATIENCE = Patience(goodbye_s=3.0)
+"""A service on the other side of the world takes a second or two."""
+
+_LONGEST_REASON = 200
+_SECRET = re.compile(r"[^/:@?&=,;\s]{3,}")
+
+
+def _has_service(url: object) -> object:
+    """Refuse what is no URL at all, without repeating it."""
+    if not isinstance(url, str) or not re.match(r"[a-z][a-z0-9+.-]*://", url, re.IGNORECASE):
+        raise ValueError(
+            "this is not the URL of a service; apprise's begin such as 'ntfys://', 'tgram://', 'mailtos://'"
+        )
+    return url
+
+
+class AppriseOptions(Options):
+    """The table of an ``apprise`` notifier.
+
+    Attributes:
+        url: The service, as apprise writes it; see https://github.com/caronc/apprise/wiki. It mostly holds a secret:
+            prefer `url_file`.
+        url_file: A text file with the URL on its first line. It may be a systemd credential.
+        retry_for: For how long a notification is tried that the service does not take.
+    """
+
+    url: Annotated[SecretStr, BeforeValidator(_has_service)] | None = None
+    url_file: FilePath | None = None
+    retry_for: DurationAboveZero = 600.0
+
+    @model_validator(mode="after")
+    def _one_place_only(self) -> Self:
+        if (self.url is None) is (self.url_file is None):
+            raise ValueError("a notifier needs either url or url_file")
+        return self
+
+
+class AppriseNotifier:
+    """Tells people through one service.
+
+    Args:
+        options: The configuration.
+        name: The notifier's name in it.
+        patience: How long to wait for what.
+    """
+
+    def __init__(self, options: AppriseOptions, name: str, patience: Patience = PATIENCE) -> None:
+        self._options = options
+        self._name = name
+        self._patience = patience
+        self._service: Any = None
+        self._secrets: frozenset[str] = frozenset()
+        self._delivery: Delivery | None = None
+
+    def open(self) -> None:
+        """Load apprise and understand the URL. Nothing is sent yet.
+
+        Raises:
+            DriverUnavailableError: apprise is not installed.
+            DeviceOpenError: The URL cannot be read, or apprise does not know such a service.
+        """
+        if self._delivery is not None:
+            return
+        url = self._url()
+        self._service = _service(url, self._name)
+        address = url.partition("://")[2]
+        self._secrets = frozenset(_SECRET.findall(f"{address} {unquote(address)}"))
+        self._delivery = Delivery(self._deliver, self._options.retry_for, self._patience)
+        self._delivery.start()
+
+    def notify(self, notification: Notification) -> None:
+        """Hand a notification over and return at once.
+
+        Args:
+            notification: What people are told.
+
+        Raises:
+            DeviceClosedError: The notifier is not open.
+        """
+        if self._delivery is None:
+            raise DeviceClosedError(f"the notifier '{self._name}' is not open; open it first")
+        self._delivery.add(notification)
+
+    def trouble(self) -> str:
+        """Return in words what is wrong, or an empty string if everything was delivered so far."""
+        if self._delivery is None:
+            return f"the notifier '{self._name}' is not open"
+        words = self._delivery.trouble()
+        return f"the notifier '{self._name}': {words}" if words else ""
+
+    def close(self) -> None:
+        """Wait a moment at most for what is on its way, and let go.
+
+        Raises:
+            DriverError: Notifications were given up, now or before.
+        """
+        delivery, self._delivery = self._delivery, None
+        if delivery is None:
+            return
+        delivery.stop()
+        if delivery.given_up:
+            raise DriverError(f"notifications that nobody got: {delivery.given_up}; {delivery.last_reason}")
+
+    def _url(self) -> str:
+        url = self._options.url.get_secret_value() if self._options.url else _read_url(self._options.url_file or Path())
+        if url == HIDDEN:
+            raise DeviceOpenError("its URL was taken out when the configuration was recorded; write url_file with it")
+        return url
+
+    def _deliver(self, notification: Notification) -> str:
+        """Send one notification; return why that failed, without any secret."""
+        with _overheard() as words:
+            try:
+                if self._service.notify(
+                    title=notification.title,
+                    body=notification.body,
+                    notify_type=KINDS[notification.severity],
+                    body_format="text",  # services that speak HTML or Markdown must not take it for that
+                ):
+                    return ""
+            except Exception as error:  # noqa: BLE001 - a hundred services, and none may end the thread
+                words.append(f"{type(error).__name__}: {error}")
+        return self._masked(words[-1] if words else "the service did not take the notification")
+
+    def _masked(self, words: str) -> str:
+        for secret in sorted(self._secrets, key=len, reverse=True):
+            words = words.replace(secret, "…")
+        return " ".join(words.split())[:_LONGEST_REASON].rstrip(".")
+
+
+def _read_url(file: Path) -> str:
+    try:
+        lines = file.read_text(encoding="utf-8").strip().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise DeviceOpenError(f"the file with its URL, {file}, cannot be read: {reason.lower()}") from error
+    if not lines or "://" not in lines[0]:
+        raise DeviceOpenError(f"the first line of {file} is not the URL of a service, such as 'ntfys://…'")
+    return lines[0].strip()
+
+
+def _service(url: str, name: str) -> Any:
+    try:
+        from apprise import Apprise, AppriseAsset  # noqa: PLC0415 - optional, and slow to load
+    except ImportError as error:
+        raise DriverUnavailableError(
+            f"the notifier '{name}' needs the library apprise, which is not installed; "
+            f"install it with: pip install '{EXTRA}'"
+        ) from error
+    settings: dict[str, Any] = {"async_mode": False}
+    if "service_timeout" in inspect.signature(AppriseAsset).parameters:
+        settings["service_timeout"] = 0  # else it sends in threads of its own, which the end of the program waits for
+    service = Apprise(asset=AppriseAsset(**settings))
+    with _overheard():
+        is_known = service.add(url)
+    if not is_known:
+        scheme = url.partition("://")[0]
+        raise DeviceOpenError(f"apprise does not understand the URL of '{name}' ({scheme}://…); see its documentation")
+    return service
+
+
+class _Ear(logging.Handler):
+    """Keeps what apprise says in one thread."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.words: list[str] = []
+        self._thread = threading.get_ident()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.thread == self._thread:
+            self.words.append(record.getMessage())
+
+
+@contextmanager
+def _overheard() -> Iterator[list[str]]:
+    """Collect the warnings of apprise: they say why something failed, and would disturb a live view."""
+    ear = _Ear()
+    logger = logging.getLogger("apprise")
+    logger.addHandler(ear)
+    try:
+        yield ear.words
+    finally:
+        logger.removeHandler(ear)
+
+
+def _build(options: AppriseOptions, context: DriverContext) -> AppriseNotifier:
+    return AppriseNotifier(options, context.name)
+
+
+def _lacks(options: AppriseOptions) -> tuple[str, ...]:
+    lacks = [] if find_spec("apprise") else [f"the library apprise is not installed: pip install '{EXTRA}'"]
+    if options.url_file is not None and not options.url_file.is_file():
+        lacks.append(f"there is no file {options.url_file}")
+    return tuple(lacks)
+
+
+PLUGIN = Plugin(AppriseOptions, _build, lacks=_lacks)

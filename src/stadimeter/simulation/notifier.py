@@ -1,0 +1,122 @@
+"""A notifier without a service: it keeps what was sent."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from pydantic import Field
+
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.core.notification import Notification
+from stadimeter.errors import DeviceClosedError, DriverError
+
+
+class SimulatedNotifierOptions(Options):
+    """What the table of a simulated notifier may hold.
+
+    Attributes:
+        history: How many delivered notifications are kept to look at.
+        queue: How many wait while the service is gone; one more pushes the oldest out.
+    """
+
+    history: int = Field(default=1000, ge=1)
+    queue: int = Field(default=100, ge=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SentNotification:
+    """A notification that was delivered.
+
+    Attributes:
+        at_s: When it was delivered, on the run's clock.
+        notification: The notification.
+    """
+
+    at_s: float
+    notification: Notification
+
+
+class SimulatedNotifier:
+    """A notifier that needs no service, and no world either. What waits is delivered when it is next used.
+
+    Args:
+        options: The notifier's table in the configuration.
+        context: The run that it is part of.
+
+    Attributes:
+        is_gone: The knob: nobody answers where the service was.
+        given_up: How many notifications were pushed out of the queue, or were left in it at the end.
+    """
+
+    def __init__(self, options: SimulatedNotifierOptions, context: DriverContext) -> None:
+        self.is_gone = False
+        self.given_up = 0
+        self._name = context.name
+        self._clock = context.clock
+        self._queue = options.queue
+        self._sent: deque[SentNotification] = deque(maxlen=options.history)
+        self._waiting: deque[Notification] = deque()
+        self._is_open = False
+
+    @property
+    def sent(self) -> tuple[SentNotification, ...]:
+        """The notifications that were delivered, oldest first. Bounded: the oldest are forgotten."""
+        self._deliver()
+        return tuple(self._sent)
+
+    def open(self) -> None:
+        """Get ready. Does nothing when open."""
+        self._is_open = True
+
+    def notify(self, notification: Notification) -> None:
+        """Deliver a notification, or keep it until the service is back.
+
+        Args:
+            notification: What people are told.
+
+        Raises:
+            DeviceClosedError: The notifier is not open.
+        """
+        if not self._is_open:
+            raise DeviceClosedError(f"the simulated notifier '{self._name}' is not open")
+        if len(self._waiting) >= self._queue:
+            self._waiting.popleft()
+            self.given_up += 1
+        self._waiting.append(notification)
+        self._deliver()
+
+    def trouble(self) -> str:
+        """Return in words what is wrong, or an empty string if everything was delivered so far."""
+        if not self._is_open:
+            return f"the simulated notifier '{self._name}' is not open"
+        self._deliver()
+        if not self._waiting:
+            return ""
+        return (
+            f"the simulated notifier '{self._name}': its service is gone; waiting: {len(self._waiting)}, "
+            f"given up so far: {self.given_up}"
+        )
+
+    def close(self) -> None:
+        """Deliver what waits if the service is there. May be called any number of times.
+
+        Raises:
+            DriverError: Notifications were given up.
+        """
+        self._deliver()
+        self._is_open = False
+        self.given_up += len(self._waiting)
+        self._waiting.clear()
+        given_up, self.given_up = self.given_up, 0
+        if given_up:
+            raise DriverError(f"notifications that nobody got: {given_up}; the simulated service is gone")
+
+    def _deliver(self) -> None:
+        if not self._is_open or self.is_gone:
+            return
+        while self._waiting:
+            self._sent.append(SentNotification(at_s=self._clock.now_s(), notification=self._waiting.popleft()))
+
+
+PLUGIN = Plugin(SimulatedNotifierOptions, SimulatedNotifier)

@@ -1,0 +1,131 @@
+"""Notifications on their way: in order, tried again, and never lost without a word."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from stadimeter.core.notification import Notification
+from stadimeter.messaging.back_off import Patience
+from stadimeter.messaging.delivery import QUEUE_MAX, Delivery
+from stadimeter.testing.eventually import eventually
+
+PATIENCE = Patience(first_pause_s=0.01, longest_pause_s=0.02, goodbye_s=10.0)
+
+
+def note(body: str) -> Notification:
+    return Notification(title="t", body=body)
+
+
+class Service:
+    """Takes notifications, or refuses those that it was told to refuse."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+        self.taken: list[str] = []
+        self.refuses: Callable[[str], bool] = lambda _body: False
+        self.is_free = threading.Event()
+        self.is_free.set()
+
+    def deliver(self, notification: Notification) -> str:
+        self.asked.append(notification.body)
+        self.is_free.wait()
+        if self.refuses(notification.body):
+            return "it said no"
+        self.taken.append(notification.body)
+        return ""
+
+
+@pytest.fixture
+def service() -> Service:
+    return Service()
+
+
+def started(service: Service, retry_s: float = 600.0, patience: Patience = PATIENCE) -> Delivery:
+    delivery = Delivery(service.deliver, retry_s, patience)
+    delivery.start()
+    return delivery
+
+
+def test_adding_never_waits_for_the_service(service: Service) -> None:
+    service.is_free.clear()
+    delivery = started(service)
+    for number in range(QUEUE_MAX):
+        delivery.add(note(str(number)))
+    assert not service.taken
+    service.is_free.set()
+    delivery.stop()
+    assert service.taken == [str(number) for number in range(QUEUE_MAX)]
+    assert delivery.delivered == QUEUE_MAX
+
+
+def test_what_failed_is_tried_again_before_what_comes_behind_it(service: Service) -> None:
+    service.refuses = lambda _body: len(service.asked) < 4
+    delivery = started(service)
+    delivery.add(note("first"))
+    delivery.add(note("second"))
+    eventually(lambda: service.taken == ["first", "second"])
+    assert service.asked == ["first"] * 4 + ["second"]
+    delivery.stop()
+    assert delivery.given_up == 0
+
+
+def test_what_is_refused_for_too_long_is_given_up_and_makes_way(service: Service) -> None:
+    service.refuses = lambda body: body == "poison"
+    delivery = started(service, retry_s=0.0)
+    delivery.add(note("poison"))
+    delivery.add(note("fine"))
+    eventually(lambda: service.taken == ["fine"])
+    delivery.stop()
+    assert (delivery.delivered, delivery.given_up) == (1, 1)
+
+
+def test_trouble_says_why_what_waits_and_what_was_given_up_until_the_next_success(service: Service) -> None:
+    service.refuses = lambda _body: True
+    delivery = started(service, patience=Patience(first_pause_s=30.0, longest_pause_s=30.0, goodbye_s=10.0))
+    delivery.add(note("one"))
+    eventually(delivery.trouble)
+    delivery.add(note("two"))
+    assert delivery.trouble() == "it said no; trying again in 30 s; waiting: 2"
+    service.refuses = lambda body: body == "one"
+    delivery.stop()
+    assert service.taken == ["two"]
+    assert delivery.trouble() == ""
+    assert delivery.given_up == 1
+
+
+def test_the_end_does_not_wait_for_a_pause(service: Service) -> None:
+    service.refuses = lambda _body: len(service.asked) < 2
+    delivery = started(service, patience=Patience(first_pause_s=1e6, longest_pause_s=1e6, goodbye_s=10.0))
+    delivery.add(note("now"))
+    eventually(delivery.trouble)
+    delivery.stop()
+    assert service.taken == ["now"]
+
+
+def test_a_service_that_does_not_answer_does_not_hold_up_the_end(service: Service) -> None:
+    service.is_free.clear()
+    delivery = started(service, patience=Patience(goodbye_s=0.01))
+    delivery.add(note("on its way"))
+    delivery.add(note("behind it"))
+    eventually(lambda: service.asked)
+    delivery.stop()
+    assert delivery.given_up == 2
+    assert delivery.last_reason == "it did not answer before the end"
+    service.is_free.set()
+    eventually(lambda: threading.active_count() == 1 or service.taken)
+
+
+def test_the_oldest_make_way_when_too_many_wait(service: Service) -> None:
+    service.is_free.clear()
+    delivery = started(service)
+    delivery.add(note("on its way"))
+    eventually(lambda: service.asked)
+    for number in range(QUEUE_MAX + 3):
+        delivery.add(note(str(number)))
+    service.is_free.set()
+    delivery.stop()
+    assert service.taken == ["on its way", *(str(number) for number in range(3, QUEUE_MAX + 3))]
+    assert delivery.given_up == 3
