@@ -8,6 +8,8 @@
     ├─ CalibrationError (ValueError)         a camera model that cannot be made, or does not fit the pictures
     ├─ PictureError (ValueError)             a picture or video that cannot be read
     ├─ JournalError (OSError)                a journal that cannot be written or read
+    ├─ StateError (OSError)                  a state file that cannot be written or read
+    ├─ ControlError (ConnectionError)        a running instance that is not there, does not answer, or refuses
     ├─ EndOfFramesError                      a recording came to its end: a normal end, not a fault
     └─ DriverError
        ├─ DriverNotFoundError (LookupError)      no driver has that name
@@ -42,6 +44,7 @@ class Problem:
         line: The line in that file, counted from 1, or 0 where it is not known.
         key: The dotted path of the key, such as ``rules.near.when.below``.
         hint: What to do about it, or an empty string.
+        code: The kind of problem, such as ``never-true``, for programs; it stays the same when the words change.
     """
 
     message: str
@@ -49,6 +52,7 @@ class Problem:
     line: int = 0
     key: str = ""
     hint: str = ""
+    code: str = ""
 
     def __str__(self) -> str:
         """Return the problem as one line: ``file:line: key: message (hint)``."""
@@ -62,10 +66,12 @@ class ConfigError(StadimeterError, ValueError):
 
     Attributes:
         problems: Every problem found, in the order of the file.
+        warnings: What else deserves a look, as far as that can be told of a configuration that is wrong.
     """
 
-    def __init__(self, problems: Iterable[Problem] | str) -> None:
+    def __init__(self, problems: Iterable[Problem] | str, warnings: Iterable[Problem] = ()) -> None:
         self.problems = (Problem(problems),) if isinstance(problems, str) else tuple(problems)
+        self.warnings = tuple(warnings)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 
@@ -83,6 +89,14 @@ class PictureError(StadimeterError, ValueError):
 
 class JournalError(StadimeterError, OSError):
     """A journal cannot be written or read."""
+
+
+class StateError(StadimeterError, OSError):
+    """A state file cannot be written or read."""
+
+
+class ControlError(StadimeterError, ConnectionError):
+    """A running instance is not there, does not answer, or refuses what it is told."""
 
 
 class EndOfFramesError(StadimeterError):

@@ -370,3 +370,13 @@ def test_the_documentation_shows_the_real_forms() -> None:
     shown = [json.loads(block) for block in re.findall(r"```json\n(.*?)\n```", page, re.DOTALL)]
     alarm, system, rule, target = listener.payloads
     assert [list(payload) for payload in shown] == [list(payload) for payload in (target, rule, alarm, system)]
+
+
+def test_a_rule_that_is_no_more_is_forgotten_by_the_broker_and_told_anew_when_it_is_back():
+    reporter = Reporter(boot_id="boot")
+    (told,) = reporter.messages(0.0, lambda: NOON, decision(rules=[near(RuleStatus.IDLE)]))
+    (forgotten,) = reporter.forget({"near"})
+    assert (forgotten.topic, forgotten.payload, forgotten.retain) == (told.topic, "", True)
+    assert reporter.messages(1.0, lambda: NOON, decision(rules=[])) == ()
+    (back,) = reporter.messages(2.0, lambda: NOON, decision(rules=[near(RuleStatus.IDLE)]))
+    assert back.topic == told.topic

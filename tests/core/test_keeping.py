@@ -1,4 +1,4 @@
-"""What alarms remember beyond a restart and beyond a change of their configuration."""
+"""What alarms remember beyond a restart: the same happens as without it."""
 
 import math
 from dataclasses import fields, is_dataclass, replace
@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from stadimeter.core.condition import AllOf, DistanceCondition, PresenceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
-from stadimeter.core.rule import AlarmRule, Lost, OnDelay, RampRule, SequenceStep
+from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay, RampRule, SequenceStep
 from stadimeter.core.rules import keeping
 from stadimeter.core.rules.alarm_state import AlarmState, Gates, Leg, Resumed, Timers
 from stadimeter.core.rules.alarm_table import Phase
-from stadimeter.core.rules.keeping import Turn, carried_over, kept, meaning_of, restored, shifted, turn
+from stadimeter.core.rules.keeping import absent, kept, meaning_of, restored, shifted
 from stadimeter.testing.observing import Rehearsal
 
 NEAR = AlarmRule(
@@ -67,13 +67,13 @@ class Life:
             self.run.see(self.distance_m(self.time_s))
 
     def restart(self, down_s, clock_s):
-        memories, saved_s = kept(self.run.state), self.run.now_s
+        memories, absences, saved_s = kept(self.run.state), absent(self.run.state), self.run.now_s
         self.past += self.events_of_this_run()
         self.time_s = round(self.time_s + down_s, 9)
         fresh = Rehearsal(self.plan)
         fresh.now_s = clock_s
         from_s = clock_s - down_s
-        fresh.state = restored(fresh.state, memories, shift_s=from_s - saved_s, from_s=from_s, now_s=clock_s)
+        fresh.state = restored(fresh.state, memories, absences, shift_s=from_s - saved_s, from_s=from_s, now_s=clock_s)
         self.offset_s = clock_s - self.time_s
         self.run = fresh
 
@@ -188,7 +188,7 @@ def test_what_people_have_said_is_remembered():
 
 
 def test_a_target_that_is_out_of_sight_after_the_restart_is_waited_for_before_anything_is_concluded():
-    clear = replace(NEAR, lost=replace(NEAR.lost, policy=keeping_policy("clear")))
+    clear = replace(NEAR, lost=replace(NEAR.lost, policy=LostPolicy.CLEAR))
     life = Life(plan_of(clear), lambda time_s: 0.6 if time_s < 3 else None)
     life.live(2)
     life.restart(2.0, 50.0)
@@ -198,10 +198,49 @@ def test_a_target_that_is_out_of_sight_after_the_restart_is_waited_for_before_an
     assert [kind for _, kind, _ in life.events()] == ["raised", "cleared"]
 
 
-def keeping_policy(name):
-    from stadimeter.core.rule import LostPolicy
+@pytest.mark.parametrize("restart_s", [4.0, 9.0])
+def test_how_long_a_target_has_been_away_is_counted_on(restart_s):
+    rule = replace(NEAR, condition=PresenceCondition(seen=False, for_s=20.0), on_delay=OnDelay())
+    life = Life(plan_of(rule), lambda time_s: 3.0 if time_s < 3 else None)
+    life.live(restart_s)
+    life.restart(2.0, 50.0)
+    life.live(30)
+    ((raised_s, kind, _),) = life.events()
+    assert kind == "raised"
+    assert raised_s == pytest.approx(3.0 + 20, abs=0.3)
 
-    return LostPolicy(name)
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_restart_is_no_reason_to_take_a_target_for_lost(seen):
+    rule = replace(NEAR, condition=PresenceCondition(seen=seen), off_delay_s=0.3)
+    life = Life(plan_of(rule), lambda _time_s: 3.0)
+    life.live(3)
+    before = life.events()
+    life.restart(2.0, 50.0)
+    life.run.wait(1.5)  # the camera is starting
+    life.live(9)
+    assert life.events() == before
+    assert before[-1][1] == ("raised" if seen else "cleared")
+
+
+def test_a_target_that_stays_away_after_a_restart_is_lost_in_the_end():
+    rule = replace(NEAR, condition=PresenceCondition(seen=False))
+    life = Life(plan_of(rule), lambda time_s: 3.0 if time_s < 3 else None)
+    life.live(2.5)
+    life.restart(2.0, 50.0)
+    life.live(20)
+    ((raised_s, kind, _),) = life.events_of_this_run()
+    assert kind == "raised"
+    assert raised_s == pytest.approx(4.5 + 10, abs=0.3)
+
+
+def test_a_safety_rule_does_not_wait_for_its_target_after_a_restart():
+    rule = replace(NEAR, condition=PresenceCondition(seen=False), severity=Severity.SAFETY)
+    life = Life(plan_of(rule), lambda time_s: 3.0 if time_s < 3 else None)
+    life.live(2.5)
+    life.restart(2.0, 50.0)
+    life.live(6)
+    assert [kind for _, kind, _ in life.events_of_this_run()] == ["raised"]
 
 
 def test_an_alarm_that_had_given_up_before_the_restart_says_when_its_target_is_back():
@@ -333,129 +372,3 @@ def test_moving_there_and_back_changes_nothing_that_matters(shift_s):
     there_and_back = shifted(shifted(EVERYTHING, shift_s), -shift_s)
     for (name, value), (_, expected) in zip(everything_in(there_and_back), everything_in(EVERYTHING), strict=True):
         assert math.isclose(value, expected, abs_tol=1e-6), name
-
-
-# What is worth writing down
-
-
-def turns(run, *distances_m, **how):
-    found = []
-    for distance_m in distances_m:
-        before = run.state
-        run.see(distance_m, **how)
-        found.append(turn(before, run.state))
-    return found
-
-
-def test_a_quiet_scene_is_nothing_to_write_down():
-    run = rehearse(NEAR, FAR)
-    run.see(3, 3, 3)
-    assert set(turns(run, *[3.0, 3.01, 2.99] * 20)) == {Turn.NOTHING}
-
-
-def test_a_timer_that_runs_is_nothing_and_one_that_begins_is_passing():
-    run = rehearse(replace(NEAR, on_delay=OnDelay(hold_s=5.0)))
-    run.see(3, 3, 3)
-    found = turns(run, *[0.6] * 10)
-    assert found.count(Turn.PASSING) == 1
-    assert Turn.LASTING not in found
-
-
-def test_what_people_are_told_of_is_lasting():
-    run = rehearse(NEAR)
-    run.see(3, 3, 3)
-    assert max(turns(run, 0.6, 0.6)) is Turn.LASTING
-
-
-def test_what_people_say_is_lasting():
-    run = rehearse(NEAR)
-    run.see(3, 3, 3)
-    before = run.state
-    run.tell("shelve", "near", for_s=60)
-    assert turn(before, run.state) is Turn.LASTING
-
-
-def test_every_field_of_what_alarms_remember_is_judged_to_be_lasting_passing_or_nothing():
-    looked_at = {"phase", "timers", "unknown_since_s", "is_given_up", "held_from_start", "is_announced_only", "leg"}
-    looked_at |= {"raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "gates", "resumed"}
-    assert {field.name for field in fields(AlarmState)} == looked_at
-    gates = {"shelved_until_s", "is_one_shot", "shelved_by", "is_out_of_service", "is_suppressed", "leaves"}
-    assert {field.name for field in fields(Gates)} == gates
-
-
-# A changed configuration
-
-
-def test_rules_that_mean_the_same_go_on_as_if_nothing_had_happened():
-    run = rehearse(NEAR, FAR)
-    run.see(3, 0.6, 0.6, 0.6)
-    steps = run.state.rules.steps
-    taken = carried_over(run.state, plan_of(replace(NEAR, name="other", output=None), NEAR, FAR))
-    assert taken.state.rules.steps[1:] == steps
-    assert (taken.kept, taken.added, taken.changed, taken.removed) == (("near", "far"), ("other",), (), ())
-    run.state = taken.state
-    assert run.see(0.6).commands[0].level == 1.0
-    assert run.events("near") == ["raised"]
-
-
-def test_an_alarm_whose_rule_is_removed_clears_and_lets_its_output_go_at_once():
-    run = rehearse(NEAR, FAR)
-    run.see(3, 0.6, 0.6, 0.6)
-    run.state = carried_over(run.state, plan_of(FAR)).state
-    decision = run.see(0.6)
-    (event,) = [event for event in decision.events if event.source == "near"]
-    assert (event.kind, event.reason) == (EventKind.CLEARED, "removed from the configuration")
-    assert event.sequence == len(run.events()) - 1
-    assert decision.commands[0].level == 0.0
-    assert [trace.rule for trace in decision.rules] == ["far"]
-    run.see(0.6, 0.6)
-    assert run.events("near") == ["raised", "cleared"]
-
-
-def test_an_alarm_whose_rule_is_changed_clears_and_begins_anew():
-    run = rehearse(NEAR)
-    run.see(3, 0.6, 0.6, 0.6)
-    taken = carried_over(run.state, plan_of(replace(NEAR, condition=DistanceCondition(below_m=0.7))))
-    assert taken.changed == ("near",)
-    run.state = taken.state
-    run.see(0.6, 0.6)
-    assert run.events("near") == ["raised", "cleared", "raised"]
-
-
-def test_a_rule_that_did_nothing_is_removed_without_a_word():
-    run = rehearse(NEAR, FAR)
-    run.see(3, 3, 3)
-    run.state = carried_over(run.state, plan_of(FAR)).state
-    run.see(3)
-    assert run.events("near") == []
-
-
-def test_targets_outputs_and_safety_go_on():
-    run = rehearse(NEAR, FAR)
-    run.see(3, 3, 3, 3)
-    before = run.state
-    after = carried_over(before, plan_of(FAR)).state
-    assert (after.tracks, after.outputs, after.safety, after.now_s) == (
-        before.tracks,
-        before.outputs,
-        before.safety,
-        before.now_s,
-    )
-    run.state = after
-    assert run.see(3).commands[1].level == pytest.approx(0.5, abs=0.01)
-
-
-def test_taking_over_the_same_configuration_changes_no_decision():
-    with_reload, without = rehearse(NEAR, FAR), rehearse(NEAR, FAR)
-    for count, distance_m in enumerate([3, 2, 0.6, 0.6, 0.6, 3, 3, 3, None, None, 0.6, 0.6] * 3):
-        with_reload.state = carried_over(with_reload.state, plan_of(NEAR, FAR)).state
-        assert with_reload.see(distance_m) == without.see(distance_m), count
-
-
-def test_rules_that_ask_for_each_other_in_a_circle_are_no_plan():
-    from stadimeter.core.condition import RuleCondition
-
-    run = rehearse(NEAR)
-    circle = replace(NEAR, condition=RuleCondition(rule="near"))
-    with pytest.raises(ValueError, match="circle"):
-        carried_over(run.state, plan_of(circle))

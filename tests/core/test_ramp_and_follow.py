@@ -20,7 +20,7 @@ FOLLOW = FollowRule(name="follow", target="ball", output="base", distance_m=1.0)
 
 
 def level(rule, distance_m, sigma_m=0.0, *, is_on=False):
-    return ramp_level(rule, distance_m, sigma_m, is_on=is_on)
+    return ramp_level(rule, distance_m, sigma_m, sigma_m, is_on=is_on)
 
 
 def test_it_grows_with_distance():

@@ -50,7 +50,7 @@ ramps = tables() | curves()
 
 
 def level(rule, distance_m, sigma_m=0.0, *, is_on=False):
-    return ramp_level(rule, distance_m, sigma_m, is_on=is_on)
+    return ramp_level(rule, distance_m, sigma_m, sigma_m, is_on=is_on)
 
 
 def ball(distance_m, sigma_m=0.0):

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from stadimeter.app.control_places import socket_path
+
 SCRIPTS = ("install.sh", "safe-outputs")
 
 
@@ -72,6 +74,13 @@ class TestUnit:
         assert "ExecStopPost=+/usr/lib/stadimeter/safe-outputs" in lines
         allowed = {line.split("=")[1].split()[0] for line in lines if line.startswith("DeviceAllow=")}
         assert {"char-*gpiomem*", "char-gpiochip", "char-ttyUSB", "char-ttyACM", "char-video4linux"} <= allowed
+
+    def test_a_reload_asks_the_program_that_runs_and_state_and_socket_have_their_folders(self, deploy: Path) -> None:
+        lines = (deploy / "stadimeter.service").read_text().splitlines()
+        assert "ExecReload=/opt/stadimeter/bin/stadimeter reload --socket /run/stadimeter/appliance.sock" in lines
+        assert {"StateDirectory=stadimeter", "RuntimeDirectory=stadimeter"} <= set(lines)
+        run_it = next(line for line in lines if line.startswith("ExecStart="))
+        assert socket_path(Path(run_it.split()[-1]), Path("/run/stadimeter")) == Path("/run/stadimeter/appliance.sock")
 
     def test_what_gpiozero_reads_to_recognise_the_pi_is_not_hidden(self, deploy: Path) -> None:
         assert "\nProcSubset" not in (deploy / "stadimeter.service").read_text()

@@ -17,7 +17,8 @@ from stadimeter.core.decide import State, decide
 from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.observation import FrameStamp, Observation, OutputFault
+from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
+from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
@@ -67,11 +68,15 @@ class Cycle:
     _lens: CameraModel | None = field(default=None)
     _expectations: Expectations = field(default_factory=Expectations)
 
-    def run(self, state: State) -> tuple[State, CycleRecord, Frame | None]:
+    def run(
+        self, state: State, told: tuple[OperatorCommand, ...] = (), wall: WallTime | None = None
+    ) -> tuple[State, CycleRecord, Frame | None]:
         """Turn once.
 
         Args:
             state: What the core remembers.
+            told: What operators want.
+            wall: The local time of day, if a rule asks for it and it is known.
 
         Returns:
             What it remembers now, the record of the cycle, and the frame that was new in it, if any.
@@ -95,6 +100,8 @@ class Cycle:
             output_faults=tuple(
                 OutputFault(output=output.name, reason=output.fault) for output in self.outputs if output.fault
             ),
+            wall=wall,
+            operator_commands=told,
         )
         state, decision = decide(state, observation)
         watch.lap("decide")

@@ -14,15 +14,18 @@ from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.guard import Guard, retire_all
 from stadimeter.app.health import Health
+from stadimeter.app.notifying import Notifying
 from stadimeter.app.reporting import Reporter
+from stadimeter.app.services import Recording, Services
 from stadimeter.app.stall_watch import StallWatch
-from stadimeter.core.decide import State, initial_state
+from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.errors import DriverError, EndOfFramesError
 
-if TYPE_CHECKING:  # few runs have a journal, and what it writes takes long to prepare
+if TYPE_CHECKING:  # few runs have a journal or are reloaded, and what that needs takes long to load
     from stadimeter.app.journal import JournalWriter
+    from stadimeter.app.reloading import Change
 
 
 class _EndedWhileOpening(BaseException):
@@ -70,7 +73,9 @@ class Loop:
         ending: Why the run ended, in words; empty while it runs.
         troubles: What went wrong on the way out.
         reporter: Composes what other programs are told.
+        notifying: Fills in what rules send.
         published: The newest messages with the time of each on the run's clock, newest first.
+        services: What the run has beside its cycles.
     """
 
     parts: Parts
@@ -82,6 +87,13 @@ class Loop:
     reporter: Reporter = field(default_factory=lambda: Reporter(boot_id=uuid.uuid4().hex))
     _is_opening: bool = False
     published: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=PUBLISHED_MAX))
+    services: Services = field(default_factory=Services)
+    _state: State | None = None
+    notifying: Notifying = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Send what the rules of the configuration send."""
+        self.notifying = Notifying(self.parts.configuration.plan.rules)
 
     def run(self, limits: Limits | None = None) -> None:
         """Run until a limit is reached, the frames end, or somebody asks for the end.
@@ -107,6 +119,8 @@ class Loop:
             finally:
                 self.troubles += retire_all(self.parts.outputs)
                 self.parts.clock.sleep_until_s(self.parts.clock.now_s() + SETTLE_S)
+                trouble = self.services.end(self._state) if self._state is not None else ""
+                self.troubles += [trouble] if trouble else []
             self._publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
 
     def stop(self, why: str) -> None:
@@ -125,14 +139,16 @@ class Loop:
             raise _EndedWhileOpening
 
     def trouble(self) -> str:
-        """Return in words what is wrong outside the loop: with the camera, its settings, or the messenger.
+        """Return in words what is wrong outside the loop: with the camera, the messenger, a notifier or the disk.
 
         Returns:
             The words; empty if nothing is wrong.
         """
         messenger = self.parts.messenger
         capture = self.parts.capture
-        troubles = (capture.trouble(), *capture.remarks(), messenger.trouble() if messenger else "")
+        notifiers = [notifier.trouble() for notifier in self.parts.notifiers.values()]
+        others = (messenger.trouble() if messenger else "", *notifiers, self.services.trouble())
+        troubles = (capture.trouble(), *capture.remarks(), *others)
         return "; ".join(trouble for trouble in troubles if trouble)
 
     def _open(self, closing: ExitStack) -> Guard:
@@ -165,16 +181,17 @@ class Loop:
         parts = self.parts
         if parts.messenger is not None:
             yield "messenger", parts.messenger
+        yield from parts.notifiers.items()
         for output in parts.outputs:
             yield output.name, output
         yield "camera", parts.capture
 
     def _turn(self, limits: Limits, guard: Guard) -> None:
         parts = self.parts
-        state: State = initial_state(parts.configuration.plan)
         began_s = parts.clock.now_s()
+        self._state = self.services.begin(parts.configuration.plan, began_s, self._recordings())
         while not self.ending:
-            state, record, frame = parts.cycle.run(state)
+            self._state, record, frame = self._cycle(self._state)
             if self.journal is not None:
                 self.journal.write(record)
             self._report(record)
@@ -184,6 +201,33 @@ class Loop:
             if guard.failure is not None:
                 raise guard.failure
             self.ending = self.ending or self._limit_reached(limits, record.observation.now_s - began_s)
+
+    def _cycle(self, state: State) -> tuple[State, CycleRecord, Frame | None]:
+        """Attend to what people ask, turn once, and remember."""
+        told = self.services.told()
+        change = self.services.change()
+        before = self._taken_over(state, change) if change is not None else state
+        after, record, frame = self.parts.cycle.run(before, told, self.services.wall(self.parts.clock.now_s()))
+        self.services.cycle(before, after, record)
+        return after, record, frame
+
+    def _taken_over(self, state: State, change: Change) -> State:
+        """Let every part that goes by the configuration go by another one."""
+        parts, configuration = self.parts, change.configuration
+        taken = self.services.take_over(state, change)
+        parts.configuration = configuration
+        parts.cycle.max_frame_age_s = configuration.plan.safety.max_frame_age_s
+        self.notifying.take(configuration.plan.rules)
+        now_s = parts.clock.now_s()
+        for recording in self._recordings():
+            recording.reloaded(now_s, change.recorded)
+        self._publish(now_s, self.reporter.forget(taken.removed))
+        self.services.taken_over(change, taken)
+        return taken.state
+
+    def _recordings(self) -> list[Recording]:
+        everybody: list[object] = [self.journal, *self.listeners]
+        return [each for each in everybody if isinstance(each, Recording)]
 
     def _limit_reached(self, limits: Limits, seconds: float) -> str:
         if limits.frames is not None and self.health.frames >= limits.frames:
@@ -195,6 +239,10 @@ class Loop:
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
         self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision))
+        outgoing = self.notifying.outgoing(record.decision, _local_time)
+        self._publish(now_s, outgoing.messages)
+        for name, notification in outgoing.notifications:
+            self.parts.notifiers[name].notify(notification)
 
     def _publish(self, now_s: float, messages: Iterable[Message]) -> None:
         if self.parts.messenger is None:
@@ -217,3 +265,8 @@ class Loop:
 def _wall_clock() -> str:
     """Return the time of day for people to read, RFC 3339 in UTC. Nothing is decided by it."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _local_time() -> str:
+    """Return the local time of day for people to read, RFC 3339. Nothing is decided by it."""
+    return datetime.now(UTC).astimezone().isoformat(timespec="seconds")

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace
@@ -95,6 +95,20 @@ class Reporter:
             return list(decision.rules)
         pairs = zip(decision.rules, before, strict=True)
         return [trace for trace, last in pairs if trace is not last or trace.rule in names]
+
+    def forget(self, rules: Collection[str]) -> tuple[Message, ...]:
+        """Forget rules that are no more, and return what makes a broker forget them too.
+
+        Args:
+            rules: Their names.
+
+        Returns:
+            An empty retained message for each; a broker keeps the state of a rule until it is told to forget it.
+        """
+        for name in rules:
+            self._rules.pop(name, None)
+            self._held_back.discard(name)
+        return tuple(Message(topic=f"rule/{name}/state", payload="", qos=1, retain=True) for name in rules)
 
     def last_messages(self, wall_clock: str) -> tuple[Message, ...]:
         """Return the figures that were held back so far, for the end of a run.

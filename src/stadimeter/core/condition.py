@@ -22,7 +22,8 @@ class DistanceCondition:
         below_m: Holds when nearer than this; None for no such limit. With both, it holds between them.
         quantity: Whether the limits are on the straight-line distance or on the depth along the optical axis.
         deadband_m: How far the target must come back before the condition ends.
-        deadband_sigmas: The same in standard deviations; the larger of the two counts.
+        deadband_sigmas: The same in standard deviations of the noise, the part that differs from frame to frame; the
+            larger of the two counts.
         probability_on: The condition begins when it is at least this likely; None compares the figures alone.
         probability_off: The condition ends when it is, deadband included, at most this likely.
         target: The target; empty for that of the rule.
@@ -95,7 +96,7 @@ class TimeToContactCondition:
             known, to `speed_sigmas`, leaves the condition unknown.
         speed_sigmas: How many standard deviations the speed must be above zero to be known.
         deadband_s: How much later the contact must be before the condition ends.
-        deadband_sigmas: The same in standard deviations of the time; the larger of the two counts.
+        deadband_sigmas: The same in standard deviations of the time's noise; the larger of the two counts.
         probability_on: The condition begins when it is at least this likely; None compares the figures alone.
         probability_off: The condition ends when it is, deadband included, at most this likely.
         target: The target; empty for that of the rule.
@@ -121,7 +122,8 @@ class SeparationCondition:
         above_m: Holds when they are further apart than this; None for no such limit.
         below_m: Holds when they are nearer to each other than this; None for no such limit.
         deadband_m: How far they must come back before the condition ends.
-        deadband_sigmas: The same in standard deviations; the larger of the two counts.
+        deadband_sigmas: The same in standard deviations of the noise, the part that differs from frame to frame; the
+            larger of the two counts.
         probability_on: The condition begins when it is at least this likely; None compares the figures alone.
         probability_off: The condition ends when it is, deadband included, at most this likely.
     """

@@ -12,7 +12,7 @@ from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Sev
 from stadimeter.core.observation import Observation, OutputFault
 from stadimeter.core.outputs import OutputStep, command_all, new_output
 from stadimeter.core.plan import Plan
-from stadimeter.core.rules.alarm import Sample
+from stadimeter.core.rules.alarm_timing import Sample
 from stadimeter.core.rules.judging import Judged, judge, not_judged_yet
 from stadimeter.core.rules.known import Known
 from stadimeter.core.rules.reasons import Reasons

@@ -29,7 +29,8 @@ class Track:
         distance_m: Filtered distance, at `as_of_s`.
         depth_m: The part of it along the optical axis.
         closing_mps: Speed of approach, positive when the distance shrinks.
-        sigma_m: Standard deviation of the distance.
+        sigma_m: Standard deviation of the distance, all known causes included.
+        noise_m: The part of it that differs from frame to frame, after the filter; None if it is not known apart.
         closing_sigma_mps: Standard deviation of the speed of approach.
         bearing_rad: Bearing of the newest sighting, positive to the right.
         elevation_rad: Elevation of the newest sighting, positive upwards.
@@ -47,6 +48,7 @@ class Track:
     depth_m: float | None = None
     closing_mps: float | None = None
     sigma_m: float | None = None
+    noise_m: float | None = None
     closing_sigma_mps: float | None = None
     bearing_rad: float | None = None
     elevation_rad: float | None = None

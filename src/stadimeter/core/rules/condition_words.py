@@ -159,12 +159,14 @@ def _limits(condition: LimitsCondition, known: Known, *, is_on: bool, names_targ
     passed = None if is_on else passed_through(condition, known)
     if passed is not None:
         return f"passed through between two frames: {passed[0]:.2f} m, then {passed[1]:.2f} m", names_target
-    low, high = widened_limits(condition, *figures) if is_on else limits_of(condition)
-    words = f"{figure_in_words(condition, *figures)}, {limits_in_words(condition, low, high)}"
+    value, sigma, noise = figures
+    low, high = widened_limits(condition, value, noise) if is_on else limits_of(condition)
+    words = f"{figure_in_words(condition, value, sigma)}, {limits_in_words(condition, low, high)}"
     likely_on, likely_off = probabilities_of(condition)
     if likely_on is None:
         return words, names_target
-    return words + _likely(probability_between(low, high, *figures), likely_on, likely_off, is_on=is_on), names_target
+    likely = probability_between(low, high, value, sigma)
+    return words + _likely(likely, likely_on, likely_off, is_on=is_on), names_target
 
 
 def _likely(likely: float, likely_on: float, likely_off: float, *, is_on: bool) -> str:

@@ -4,6 +4,9 @@ The time to contact t = (d − c) / v is a ratio, and has no normal distribution
 t < T says the same as d − c − v·T < 0, of which the left side is normally distributed, with the variance
 σ_d² + T²·σ_v² − 2·T·cov(d, v). So the probability is exact, given those of distance and speed. It says nothing while
 the speed may as well be zero: then the time is judged only if even the fastest speed that is plausible is too slow.
+
+These variances are those of the noise. An error of the scale makes distance and speed wrong by the same share: it
+changes d − v·T by that share, and so hardly counts for a target that will be here by then.
 """
 
 from __future__ import annotations
@@ -22,17 +25,24 @@ class Approach(NamedTuple):
 
     Attributes:
         distance_m: Its distance.
-        sigma_m: The standard deviation of that.
+        noise_m: The standard deviation of that as far as it differs from frame to frame.
+        scale_sigma: The rest of it, by which distance and speed may be wrong together, as a share of either.
         closing_mps: Its closing speed.
-        closing_sigma_mps: The standard deviation of that.
-        cov_m2ps: The covariance of the two.
+        closing_sigma_mps: The standard deviation of the noise of that.
+        cov_m2ps: The covariance of the two noises.
     """
 
     distance_m: float
-    sigma_m: float
+    noise_m: float
+    scale_sigma: float
     closing_mps: float
     closing_sigma_mps: float
     cov_m2ps: float
+
+    @property
+    def sigma_m(self) -> float:
+        """The standard deviation of the distance, all known causes included."""
+        return math.hypot(self.noise_m, self.scale_sigma * self.distance_m)
 
     def time_s(self, contact_m: float) -> float:
         """Return the time to contact.
@@ -56,6 +66,17 @@ class Approach(NamedTuple):
         """
         return self.sigma_after_m(at_s) / self.closing_mps if self.closing_mps > 0 else math.inf
 
+    def time_noise_s(self, at_s: float) -> float:
+        """Return the part of `time_sigma_s` that differs from frame to frame.
+
+        Args:
+            at_s: The time to contact.
+
+        Returns:
+            In seconds; infinite for a target that does not come nearer.
+        """
+        return math.sqrt(self._noise_after_m2(at_s)) / self.closing_mps if self.closing_mps > 0 else math.inf
+
     def sigma_after_m(self, after_s: float) -> float:
         """Return how sure it is where the target will be.
 
@@ -65,9 +86,13 @@ class Approach(NamedTuple):
         Returns:
             The standard deviation of its distance then, in metres, for a speed that stays as it is.
         """
+        scale_m = self.scale_sigma * (self.distance_m - after_s * self.closing_mps)
+        return math.sqrt(self._noise_after_m2(after_s) + scale_m * scale_m)
+
+    def _noise_after_m2(self, after_s: float) -> float:
         spread_m = after_s * self.closing_sigma_mps
-        variance_m2 = self.sigma_m * self.sigma_m + spread_m * spread_m - 2 * after_s * self.cov_m2ps
-        return math.sqrt(max(0.0, variance_m2))
+        variance_m2 = self.noise_m * self.noise_m + spread_m * spread_m - 2 * after_s * self.cov_m2ps
+        return max(0.0, variance_m2)
 
 
 class Pace(IntEnum):
@@ -94,8 +119,13 @@ def approach_of(track: Track) -> Approach | None:
     closing_mps, closing_sigma_mps = track.closing_mps, track.closing_sigma_mps
     if not track.is_valid or distance_m is None or sigma_m is None or closing_mps is None or closing_sigma_mps is None:
         return None
-    approach = Approach(distance_m, sigma_m, closing_mps, closing_sigma_mps, track.closing_cov_m2ps or 0.0)
-    return approach if math.isfinite(sum(approach)) else None
+    noise_m = sigma_m if track.noise_m is None else track.noise_m
+    cov_m2ps = track.closing_cov_m2ps or 0.0
+    if not math.isfinite(distance_m + sigma_m + noise_m + closing_mps + closing_sigma_mps + cov_m2ps):
+        return None
+    return Approach(
+        distance_m, noise_m, _scale_sigma(distance_m, sigma_m, noise_m), closing_mps, closing_sigma_mps, cov_m2ps
+    )
 
 
 def pace_of(approach: Approach, closing_min_mps: float, speed_sigmas: float) -> Pace:
@@ -142,7 +172,7 @@ def limit_now_s(condition: TimeToContactCondition, approach: Approach, *, is_on:
         return condition.below_s
     band_s = condition.deadband_s
     if condition.deadband_sigmas and approach.closing_mps > 0:
-        band_s = max(band_s, condition.deadband_sigmas * approach.time_sigma_s(condition.below_s))
+        band_s = max(band_s, condition.deadband_sigmas * approach.time_noise_s(condition.below_s))
     return condition.below_s + band_s
 
 
@@ -185,3 +215,7 @@ def contact_holds(condition: TimeToContactCondition, approach: Approach, *, is_o
         return approach.time_s(condition.contact_m) < limit_s
     likely = probability_of_contact(condition, approach, limit_s)
     return likely >= condition.probability_on or (is_on and likely > condition.probability_off)
+
+
+def _scale_sigma(distance_m: float, sigma_m: float, noise_m: float) -> float:
+    return math.sqrt(max(0.0, sigma_m * sigma_m - noise_m * noise_m)) / distance_m if distance_m > 0 else 0.0

@@ -132,17 +132,18 @@ def _with_limits(found: Evidence, leaf: LimitsCondition, known: Known, *, is_on:
     figures = figures_of(leaf, known)
     if figures is None:
         return found
-    low, high = widened_limits(leaf, *figures) if is_on else limits_of(leaf)
+    value, sigma, noise = figures
+    low, high = widened_limits(leaf, value, noise) if is_on else limits_of(leaf)
     is_plain = probabilities_of(leaf)[0] is None
     return replace(
         found,
-        value=figures[0],
-        sigma=None if isinstance(leaf, DirectionCondition) else figures[1],
+        value=value,
+        sigma=None if isinstance(leaf, DirectionCondition) else sigma,
         low=low if math.isfinite(low) else None,
         high=high if math.isfinite(high) else None,
-        probability=None if is_plain else probability_between(low, high, *figures),
-        begin_points=limit_points(leaf, *figures, is_on=False),
-        end_points=limit_points(leaf, *figures, is_on=True),
+        probability=None if is_plain else probability_between(low, high, value, sigma),
+        begin_points=limit_points(leaf, figures, is_on=False),
+        end_points=limit_points(leaf, figures, is_on=True),
     )
 
 

@@ -20,27 +20,36 @@ _TRACKING, _COASTING = TrackStatus.TRACKING, TrackStatus.COASTING
 
 
 def quantity_of(track: Track, quantity: Quantity) -> Uncertain | None:
-    """Return the figure that a rule is about, and its standard deviation.
+    """Return the figure that a rule is about, and how sure it is.
 
     Args:
         track: The target.
         quantity: Distance or depth.
 
     Returns:
-        Both in metres, or None while there is no finite figure to act on.
+        The figure, its standard deviation and that of its noise, in metres; None while there is no finite figure to act
+        on. Where the noise is not known apart, all is taken for noise.
     """
+    status = track.status
+    if status is not _TRACKING and status is not _COASTING:
+        return None
     figure_m = track.distance_m if quantity == "distance" else track.depth_m
-    return _finite(track, figure_m, track.sigma_m)
+    sigma_m, noise_m = track.sigma_m, track.noise_m
+    if figure_m is None or sigma_m is None:
+        return None
+    if noise_m is None:
+        noise_m = sigma_m
+    return (figure_m, sigma_m, noise_m) if math.isfinite(figure_m + sigma_m + noise_m) else None
 
 
 def closing_of(track: Track) -> Uncertain | None:
-    """Return how fast a target comes nearer, and the standard deviation of that.
+    """Return how fast a target comes nearer, and how sure that is.
 
     Args:
         track: The target.
 
     Returns:
-        Both in m/s, or None while there is no finite figure to act on.
+        The speed and its standard deviation, all of it noise, in m/s; None while there is no finite figure to act on.
     """
     return _finite(track, track.closing_mps, track.closing_sigma_mps)
 
@@ -53,35 +62,37 @@ def direction_of(track: Track, quantity: Direction) -> Uncertain | None:
         quantity: Bearing or elevation.
 
     Returns:
-        The angle in radians and 0, or None while there is no finite figure to act on.
+        The angle in radians, 0 and 0; None while there is no finite figure to act on.
     """
     return _finite(track, track.bearing_rad if quantity == "bearing" else track.elevation_rad, 0.0)
 
 
 def separation_of(first: Track, second: Track) -> Uncertain | None:
-    """Return how far two targets are from each other, and the standard deviation of that.
+    """Return how far two targets are from each other, and how sure that is.
 
-    The standard deviation follows from those of the two distances, taken as independent, along the line between the
-    targets. That of the directions is not known, and does not count.
+    The standard deviations follow from those of the two distances, taken as independent, along the line between the
+    targets. Those of the directions are not known, and do not count.
 
     Args:
         first: A target.
         second: Another one.
 
     Returns:
-        Both in metres, or None while there is no finite figure to act on.
+        The separation, its standard deviation and that of its noise, in metres; None while there is no finite figure to
+        act on.
     """
     here, there = _sight(first), _sight(second)
     if here is None or there is None:
         return None
-    (ax, ay, az), here_m, sigma_here_m = here
-    (bx, by, bz), there_m, sigma_there_m = there
+    (ax, ay, az), (here_m, sigma_here_m, noise_here_m) = here
+    (bx, by, bz), (there_m, sigma_there_m, noise_there_m) = there
     x, y, z = ax * here_m - bx * there_m, ay * here_m - by * there_m, az * here_m - bz * there_m
     apart_m = math.sqrt(x * x + y * y + z * z)
     if apart_m == 0:
-        return 0.0, math.hypot(sigma_here_m, sigma_there_m)
+        return 0.0, math.hypot(sigma_here_m, sigma_there_m), math.hypot(noise_here_m, noise_there_m)
     share_here, share_there = (ax * x + ay * y + az * z) / apart_m, (bx * x + by * y + bz * z) / apart_m
-    return apart_m, math.hypot(share_here * sigma_here_m, share_there * sigma_there_m)
+    sigma_m = math.hypot(share_here * sigma_here_m, share_there * sigma_there_m)
+    return apart_m, sigma_m, math.hypot(share_here * noise_here_m, share_there * noise_there_m)
 
 
 def no_figures(track: Track) -> str:
@@ -229,19 +240,19 @@ def _finite(track: Track, value: float | None, sigma: float | None) -> Uncertain
     status = track.status
     if (status is not _TRACKING and status is not _COASTING) or value is None or sigma is None:
         return None
-    return (value, sigma) if math.isfinite(value) and math.isfinite(sigma) else None
+    return (value, sigma, sigma) if math.isfinite(value + sigma) else None
 
 
 def _value(figures: Uncertain | None) -> float:
     return math.nan if figures is None else figures[0]
 
 
-def _sight(track: Track) -> tuple[tuple[float, float, float], float, float] | None:
-    """Return the direction to a target as a vector of length 1 (right, down, forward), its distance and its sigma."""
+def _sight(track: Track) -> tuple[tuple[float, float, float], Uncertain] | None:
+    """Return the direction to a target as a vector of length 1 (right, down, forward), and its distance."""
     distance = quantity_of(track, "distance")
     bearing, elevation = direction_of(track, "bearing"), direction_of(track, "elevation")
     if distance is None or bearing is None or elevation is None:
         return None
     level = math.cos(elevation[0])
     towards = (level * math.sin(bearing[0]), -math.sin(elevation[0]), level * math.cos(bearing[0]))
-    return towards, *distance
+    return towards, distance

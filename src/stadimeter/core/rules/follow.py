@@ -104,7 +104,7 @@ def why(rule: FollowRule, track: Track) -> str:
     figures = _figures(track)
     if figures is None:
         known = quantity_of(track, "distance")
-        return f"{metres(*known)} is too unsure to drive by" if known else no_figures(track)
+        return f"{metres(*known[:2])} is too unsure to drive by" if known else no_figures(track)
     distance_m, sigma_m, bearing_rad = figures
     where = f"{metres(distance_m, sigma_m)} at {math.degrees(bearing_rad):+.0f}°"
     return f"{where}, to keep {rule.distance_m:.2f} m ahead"
@@ -115,6 +115,5 @@ def _figures(track: Track) -> tuple[float, float, float] | None:
     figures = quantity_of(track, "distance")
     if figures is None or track.bearing_rad is None or not math.isfinite(track.bearing_rad):
         return None
-    if figures[1] > UNSURE_SHARE * figures[0]:
-        return None
-    return *figures, track.bearing_rad
+    distance_m, sigma_m, _ = figures
+    return None if sigma_m > UNSURE_SHARE * distance_m else (distance_m, sigma_m, track.bearing_rad)

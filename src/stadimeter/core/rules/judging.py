@@ -20,7 +20,8 @@ from stadimeter.core.operator import Answer, OperatorCommand
 from stadimeter.core.plan import BaseOutput, Output, Plan
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules import conditions
-from stadimeter.core.rules.alarm import AlarmStep, Sample, Stepped, new_alarm, step_alarm
+from stadimeter.core.rules.alarm import AlarmStep, Stepped, new_alarm, step_alarm
+from stadimeter.core.rules.alarm_timing import Sample
 from stadimeter.core.rules.alarm_turn import AlarmTurn
 from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearranged
 from stadimeter.core.rules.crossings import Crossings, crossings_of

@@ -13,16 +13,19 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import Enum, IntEnum
 from typing import Any, TypeVar
 
+from stadimeter.core.condition import PresenceCondition, leaves
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event, RuleStatus
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
-from stadimeter.core.rules.alarm import AlarmStep, dismissed
+from stadimeter.core.rules.alarm import AlarmStep
 from stadimeter.core.rules.alarm_state import AlarmState, Resumed, Timers
 from stadimeter.core.rules.alarm_table import Phase
+from stadimeter.core.rules.alarm_words import dismissed
 from stadimeter.core.rules.judging import RuleStep, not_judged_yet, with_steps
 from stadimeter.core.rules.known import Known
 from stadimeter.core.rules.step import trace_of
+from stadimeter.core.tracking.life_cycle import TrackState
 
 REMOVED = "removed from the configuration"
 CHANGED = "its rule was changed in the configuration"
@@ -55,6 +58,19 @@ class KeptAlarm:
     meaning: str
     state: AlarmState
     is_first_out: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Absence:
+    """A target that is out of sight. Some conditions go by how long it has been.
+
+    Attributes:
+        target: The target.
+        since_s: Since when, on the run's clock.
+    """
+
+    target: str
+    since_s: float
 
 
 class Turn(IntEnum):
@@ -115,6 +131,23 @@ def kept(state: State) -> tuple[KeptAlarm, ...]:
     )
 
 
+def absent(state: State) -> tuple[Absence, ...]:
+    """Return which targets are out of sight.
+
+    Args:
+        state: What the run remembers.
+
+    Returns:
+        One for each of them.
+    """
+    tracks = [each.track for each in state.tracks]
+    return tuple(
+        Absence(target=track.target, since_s=track.since_s)
+        for track in tracks
+        if track.since_s is not None and not track.is_valid
+    )
+
+
 def turn(before: State, after: State) -> Turn:
     """Return how much a cycle has changed of what alarms remember.
 
@@ -125,13 +158,26 @@ def turn(before: State, after: State) -> Turn:
     Returns:
         The greatest of the changes.
     """
+    found = Turn.PASSING if _begins_an_absence(before, after) else Turn.NOTHING
     if before.rules.steps is after.rules.steps:
-        return Turn.NOTHING
-    found = Turn.NOTHING
+        return found
     for last, step in zip(before.rules.steps, after.rules.steps, strict=True):
         if step is not last and isinstance(step, AlarmStep) and isinstance(last, AlarmStep):
             found = max(found, _turn(last.state, step.state))
     return found
+
+
+def _begins_an_absence(before: State, after: State) -> bool:
+    """Return whether a target went out of sight that a rule counts the time of."""
+    gone = any(
+        last.track.is_valid and not now.track.is_valid for last, now in zip(before.tracks, after.tracks, strict=True)
+    )
+    return gone and any(
+        isinstance(leaf, PresenceCondition) and leaf.for_s > 0
+        for rule in after.plan.rules
+        if isinstance(rule, AlarmRule)
+        for leaf in leaves(rule.condition)
+    )
 
 
 def _turn(before: AlarmState, after: AlarmState) -> Turn:
@@ -164,12 +210,21 @@ def _passing(state: AlarmState) -> tuple[object, ...]:
     return state.phase, is_unknown, state.is_given_up, state.held_from_start, state.gates.is_suppressed
 
 
-def restored(state: State, memories: Iterable[KeptAlarm], *, shift_s: float, from_s: float, now_s: float) -> State:
+def restored(
+    state: State,
+    memories: Iterable[KeptAlarm],
+    absences: Iterable[Absence] = (),
+    *,
+    shift_s: float,
+    from_s: float,
+    now_s: float,
+) -> State:
     """Let the alarms of a run that begins remember what those of an earlier run did.
 
     Args:
         state: The state of a run that has not begun.
         memories: What the earlier alarms remembered. What means something else now is passed over.
+        absences: The targets that were out of sight.
         shift_s: What to add to a time on the earlier run's clock.
         from_s: As of when they remembered it, on this run's clock.
         now_s: This run's clock.
@@ -187,7 +242,13 @@ def restored(state: State, memories: Iterable[KeptAlarm], *, shift_s: float, fro
         steps[index] = _step(rule, moved.of(rule, memory.state))
         if memory.is_first_out:
             first_out[rule.group] = rule.name
-    return replace(state, rules=with_steps(state.plan, tuple(steps), first_out))
+    since_s = {absence.target: absence.since_s + shift_s for absence in absences}
+    tracks = tuple(_absent_since(tracked, since_s.get(tracked.track.target)) for tracked in state.tracks)
+    return replace(state, tracks=tracks, rules=with_steps(state.plan, tuple(steps), first_out))
+
+
+def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
+    return tracked if since_s is None else replace(tracked, track=replace(tracked.track, since_s=since_s))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -87,14 +87,15 @@ def leaf_due_s(condition: Leaf, known: Known) -> float:
 
 
 def figures_of(condition: LimitsCondition, known: Known) -> Uncertain | None:
-    """Return the figure that a condition is about, and its standard deviation.
+    """Return the figure that a condition is about, and how sure it is.
 
     Args:
         condition: The condition.
         known: What is known in this cycle.
 
     Returns:
-        Both in the SI unit, or None while there is no finite figure to act on.
+        The figure, its standard deviation and that of its noise, in the SI unit; None while there is no finite figure
+        to act on.
     """
     tracks = known.tracks
     match condition:
@@ -151,7 +152,7 @@ def _distance(condition: DistanceCondition, known: Known, is_on: bool) -> bool |
     figures = quantity_of(known.tracks[condition.target], condition.quantity)
     if figures is None:
         return None
-    if is_near_or_far(condition, figures[0], figures[1], is_on):
+    if is_near_or_far(condition, *figures, is_on):
         return True
     has_two = condition.above_m is not None and condition.below_m is not None
     return has_two and not is_on and passed_through(condition, known) is not None

@@ -53,7 +53,7 @@ def step_ramp(rule: RampRule, before: RampStep, track: Track) -> RampStep:
         return _step(rule, before, RuleStatus.UNKNOWN, 0.0, rests=True)
     level = ramp_level(rule, *figures, is_on=before.level > 0)
     status = RuleStatus.ACTIVE if level > 0 else RuleStatus.IDLE
-    # A level that is only held against noise ends when the standard deviation changes.
+    # A level that is only held against noise ends when the noise changes.
     rests = is_flat(rule, figures[0]) and (level == 0 or ramp_level(rule, *figures, is_on=False) > 0)
     return _step(rule, before, status, level, rests=rests)
 
@@ -71,11 +71,12 @@ def why(rule: RampRule, track: Track) -> str:
     figures = quantity_of(track, rule.quantity)
     if figures is None:
         return no_figures(track)
+    now = metres(*figures[:2])
     if rule.points:
         (near_m, at_near), (far_m, at_far) = rule.points[0], rule.points[-1]
         table = f"the table from {near_m:.2f} m ({at_near:.0%}) to {far_m:.2f} m ({at_far:.0%})"
-        return f"{metres(*figures)}: {ramp_level(rule, *figures, is_on=False):.0%} by {table}"
-    return f"{metres(*figures)} between {rule.start_m:.2f} m (off) and {rule.full_m:.2f} m (full)"
+        return f"{now}: {ramp_level(rule, *figures, is_on=False):.0%} by {table}"
+    return f"{now} between {rule.start_m:.2f} m (off) and {rule.full_m:.2f} m (full)"
 
 
 def _step(rule: RampRule, before: RampStep, status: RuleStatus, level: float, *, rests: bool) -> RampStep:

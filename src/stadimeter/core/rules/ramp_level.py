@@ -12,10 +12,11 @@ from bisect import bisect_right
 from stadimeter.core.rule import RampRule
 
 HOLD_ON_SIGMAS = 2.0
-"""An output that has begun goes on until the target is this far back: noise at the start must not switch it."""
+"""An output that has begun goes on until the target is this far back, in standard deviations of the noise: noise at the
+start must not switch it."""
 
 
-def ramp_level(rule: RampRule, value_m: float, sigma_m: float, *, is_on: bool) -> float:
+def ramp_level(rule: RampRule, value_m: float, sigma_m: float, noise_m: float, *, is_on: bool) -> float:
     """Return the level that a ramp gives.
 
     Along the curve, with u the share of the way from start to full, limited to 0…1: 0 where u = 0, else
@@ -25,7 +26,8 @@ def ramp_level(rule: RampRule, value_m: float, sigma_m: float, *, is_on: bool) -
     Args:
         rule: The ramp.
         value_m: Distance or depth.
-        sigma_m: Its standard deviation.
+        sigma_m: Its standard deviation; the bias is within that.
+        noise_m: The part of that which differs from frame to frame.
         is_on: Whether the output is above zero now.
 
     Returns:
@@ -39,10 +41,8 @@ def ramp_level(rule: RampRule, value_m: float, sigma_m: float, *, is_on: bool) -
         level = min(_levels_within(rule, value_m, sigma_m))
     if level > 0 or not is_on:
         return level
-    # Where the bias looks, noise may put the target as well.
-    reach_m = HOLD_ON_SIGMAS * sigma_m + {"neutral": 0.0, "cautious": sigma_m, "quiet": -sigma_m}[rule.bias]
-    is_near_start = max(_levels_within(rule, value_m, reach_m)) > 0
-    return max(rule.dead_zone, 0.0 if rule.points else rule.level_min) if is_near_start else 0.0
+    held = max(rule.dead_zone, 0.0 if rule.points else rule.level_min)
+    return held if _is_near_start(rule, value_m, sigma_m, noise_m) else 0.0
 
 
 def limits_m(rule: RampRule) -> tuple[float, ...]:
@@ -74,6 +74,15 @@ def is_flat(rule: RampRule, value_m: float) -> bool:
         return before[1] == after[1] and value_m not in {before[0], after[0]}
     share = (value_m - rule.start_m) / (rule.full_m - rule.start_m)
     return share < 0 or share > 1
+
+
+def _is_near_start(rule: RampRule, value_m: float, sigma_m: float, noise_m: float) -> bool:
+    """Return whether noise alone may have taken a target there from where the output begins."""
+    reach_m = HOLD_ON_SIGMAS * noise_m + {"neutral": 0.0, "cautious": sigma_m, "quiet": -sigma_m}[rule.bias]
+    if reach_m >= 0:
+        return max(_levels_within(rule, value_m, reach_m)) > 0
+    # A quiet ramp begins well within its range, and gives that up only as far as the noise goes.
+    return min(_levels_within(rule, value_m, -reach_m)) > 0
 
 
 def _level(rule: RampRule, value_m: float) -> float:

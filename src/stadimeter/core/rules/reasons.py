@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
-from stadimeter.core.rules import alarm, follow, ramp
+from stadimeter.core.rules import alarm_words, follow, ramp
 from stadimeter.core.rules.alarm import AlarmStep
 from stadimeter.core.rules.judging import Judged, RuleStep
 from stadimeter.core.rules.known import Known
@@ -65,7 +65,7 @@ class Reasons(Mapping[str, str]):
     def _why(self, rule: AnyRule, step: RuleStep) -> str:
         match rule, step:
             case AlarmRule(), AlarmStep():
-                return alarm.why(rule, step.state, self.known_to_rules())
+                return alarm_words.why(rule, step.state, self.known_to_rules())
             case RampRule(), _:
                 return ramp.why(rule, self.known.tracks[rule.target])
             case FollowRule(), _:

@@ -81,6 +81,8 @@ def requests_of(turn: AlarmTurn, before: tuple[Request, ...], bases: frozenset[s
     """
     if turn.is_quiet or turn.state.is_given_up or turn.state.is_announced_only:
         return ()
+    if not turn.rule.sequence and (not turn.state.is_active or (before and turn.rule.pattern is None)):
+        return before if turn.state.is_active else ()  # it asks for nothing, or always for the same
     wanted = {request.output: request for request in _requests(turn, bases)}
     requests = tuple(wanted.values())
     return before if requests == before else requests

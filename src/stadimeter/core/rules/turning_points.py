@@ -1,7 +1,8 @@
 """At which figures a condition would begin, and at which it would end, if all else stayed as it is.
 
-Found by bisection over what `thresholds` and `contact` say, so that there is one place that decides. The standard
-deviation of a distance is taken to grow with its square on the way there; others are taken to stay as they are.
+Found by bisection over what `thresholds` and `contact` say, so that there is one place that decides. The noise of a
+distance is taken to grow with its square on the way there, and the rest of what is unsure, an error of the scale, in
+proportion to it; the standard deviations of other figures are taken to stay as they are.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Callable
 
 from stadimeter.core.condition import DistanceCondition, TimeToContactCondition
 from stadimeter.core.rules.contact import Approach, contact_holds
-from stadimeter.core.rules.thresholds import LimitsCondition, is_within, limits_of, widened_limits
+from stadimeter.core.rules.thresholds import LimitsCondition, Uncertain, is_within, limits_of, widened_limits
 
 _Holds = Callable[[float], bool]
 
@@ -21,26 +22,26 @@ FAR_SIGMAS = 12.0
 _STEPS = 48
 
 
-def limit_points(condition: LimitsCondition, value: float, sigma: float, *, is_on: bool) -> tuple[float, ...]:
+def limit_points(condition: LimitsCondition, figures: Uncertain, *, is_on: bool) -> tuple[float, ...]:
     """Return the figures at which a condition with limits begins, or ends.
 
     Args:
         condition: The condition.
-        value: The figure now.
-        sigma: Its standard deviation.
+        figures: The figure now, its standard deviation and that of its noise.
         is_on: Whether to return where it ends, in place of where it begins.
 
     Returns:
         None, one or two, the smaller first. None if it can never do so: the figure is too unsure everywhere.
     """
+    value, sigma, noise = figures
     is_scaled = isinstance(condition, DistanceCondition) and value > 0
-    grows = sigma / (value * value) if is_scaled else 0.0
+    unsure_at = _scaled(figures) if is_scaled else lambda _: (sigma, noise)
 
     def holds(figure: float) -> bool:
-        return is_within(condition, figure, grows * figure * figure if is_scaled else sigma, is_on=is_on)
+        return is_within(condition, figure, *unsure_at(figure), is_on=is_on)
 
     low, high = limits_of(condition)
-    wide = widened_limits(condition, value, sigma)
+    wide = widened_limits(condition, value, noise)
     points: list[float] = []
     if math.isfinite(low):
         inside = (low + high) / 2 if math.isfinite(high) else 2 * low if is_scaled else low + FAR_SIGMAS * sigma + 1
@@ -69,9 +70,22 @@ def contact_points(condition: TimeToContactCondition, approach: Approach, *, is_
         there = approach._replace(distance_m=condition.contact_m + time_s * approach.closing_mps)
         return contact_holds(condition, there, is_on=is_on) is True
 
-    sigma_s = approach.time_sigma_s(condition.below_s)
+    sigma_s = approach.time_sigma_s(condition.below_s + condition.deadband_s)
     margin_s = condition.deadband_s + (FAR_SIGMAS + condition.deadband_sigmas) * sigma_s + 1
     return tuple(_turn(holds, condition.below_s - margin_s, condition.below_s + margin_s))
+
+
+def _scaled(figures: Uncertain) -> Callable[[float], tuple[float, float]]:
+    """Return how sure a distance would be elsewhere: the standard deviation, and that of the noise."""
+    value_m, sigma_m, noise_m = figures
+    noise_per_m = noise_m / (value_m * value_m)
+    scale_sigma = math.sqrt(max(0.0, sigma_m * sigma_m - noise_m * noise_m)) / value_m
+
+    def unsure_at(distance_m: float) -> tuple[float, float]:
+        there_m = noise_per_m * distance_m * distance_m
+        return math.hypot(there_m, scale_sigma * distance_m), there_m
+
+    return unsure_at
 
 
 def _turn(holds: _Holds, inside: float, outside: float) -> list[float]:

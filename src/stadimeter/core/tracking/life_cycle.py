@@ -263,13 +263,15 @@ def _shown(
     """Put what the filter knows into the track that others see."""
     as_of_s = sighting.at_s if at_s is None else at_s
     together = known.estimate()
+    noise_m = math.sqrt(together.var_distance_m2)
     track = Track(
         target=before.target,
         status=status,
         distance_m=together.distance_m,
         depth_m=together.distance_m * sighting.depth_share,
         closing_mps=-together.rate_mps,
-        sigma_m=math.hypot(math.sqrt(together.var_distance_m2), together.distance_m * sighting.scale_sigma),
+        sigma_m=math.hypot(noise_m, together.distance_m * sighting.scale_sigma),
+        noise_m=noise_m,
         closing_sigma_mps=math.sqrt(together.var_rate_m2ps2),
         bearing_rad=sighting.bearing_rad,
         elevation_rad=sighting.elevation_rad,

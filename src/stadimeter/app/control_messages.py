@@ -1,0 +1,220 @@
+"""What may be asked of a running instance: one JSON object a line, and one line of JSON in answer.
+
+::
+
+    {"transaction": "7", "op": "ack", "args": {"rule": "too-close", "by": "zoe", "why": "seen"}}
+    {"transaction": "7", "status": "ok", "data": {"words": "acknowledged too-close"}}
+    {"transaction": "7", "status": "error", "error": "there is nothing to acknowledge"}
+
+``transaction`` is whatever the one who asks likes, and comes back with the answer. After the requests of Zigbee2MQTT.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+
+from stadimeter.core.operator import OperatorAction, OperatorCommand
+from stadimeter.errors import ControlError
+
+LINE_MAX_BYTES = 64 * 1024
+"""A longer line is no request."""
+
+_Words = Annotated[str, StringConstraints(max_length=500, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+_Name = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+
+class NoArgs(_Strict):
+    """Nothing."""
+
+
+class RuleArgs(_Strict):
+    """What concerns a rule, and who wants it.
+
+    Attributes:
+        rule: The rule; empty for every rule that it applies to.
+        by: Who wants it.
+        why: Why.
+    """
+
+    rule: _Name = ""
+    by: _Name = ""
+    why: _Words = ""
+
+
+class ShelveArgs(RuleArgs):
+    """How to shelve a rule.
+
+    Attributes:
+        for_s: For how long; None for as long as the rule allows.
+        one_shot: Until the alarm has returned to normal, or the time is over.
+    """
+
+    for_s: Annotated[float, Field(gt=0, strict=False)] | None = None
+    one_shot: bool = False
+
+
+class ExplainArgs(_Strict):
+    """What to explain.
+
+    Attributes:
+        rule: The rule; empty for each.
+        at_unix_s: The moment, in seconds since 1970 on the wall clock; None for now.
+    """
+
+    rule: _Name = ""
+    at_unix_s: Annotated[float, Field(strict=False)] | None = None
+
+
+class _Request(_Strict):
+    transaction: Annotated[str, StringConstraints(max_length=200)] | int | None = None
+
+
+class OperatorRequest(_Request):
+    """Something that an operator tells a rule."""
+
+    op: Literal["ack", "reset", "unshelve", "take-out", "put-back"]
+    args: RuleArgs = Field(default_factory=RuleArgs)
+
+
+class ShelveRequest(_Request):
+    """Keep a rule quiet for a while."""
+
+    op: Literal["shelve"]
+    args: ShelveArgs = Field(default_factory=ShelveArgs)
+
+
+class ExplainRequest(_Request):
+    """Say why a rule does what it does."""
+
+    op: Literal["explain"]
+    args: ExplainArgs = Field(default_factory=ExplainArgs)
+
+
+class PlainRequest(_Request):
+    """What needs no more than its name: who are you, how are you, read your configuration again."""
+
+    op: Literal["hello", "status", "reload"]
+    args: NoArgs = Field(default_factory=NoArgs)
+
+
+Transaction = str | int | None
+Request = OperatorRequest | ShelveRequest | ExplainRequest | PlainRequest
+
+OPS = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back", "reload", "explain", "status", "hello")
+
+_REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
+
+_ACTIONS: Mapping[str, OperatorAction] = {
+    "ack": OperatorAction.ACKNOWLEDGE,
+    "reset": OperatorAction.RESET,
+    "shelve": OperatorAction.SHELVE,
+    "unshelve": OperatorAction.UNSHELVE,
+    "take-out": OperatorAction.TAKE_OUT,
+    "put-back": OperatorAction.PUT_BACK,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """An answer.
+
+    Attributes:
+        data: What was asked for; None if there is an error.
+        error: Why it is not done; empty if it is.
+    """
+
+    data: Any = None
+    error: str = ""
+
+    def line(self, transaction: Transaction) -> bytes:
+        """Return it as it goes over the wire.
+
+        Args:
+            transaction: That of the request.
+
+        Returns:
+            One line.
+        """
+        answer: dict[str, Any] = {"transaction": transaction, "status": "error" if self.error else "ok"}
+        answer |= {"error": self.error} if self.error else {"data": self.data}
+        return json.dumps(answer, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
+
+
+def parse_request(line: bytes) -> Request:
+    """Read a request.
+
+    Args:
+        line: One line.
+
+    Returns:
+        What is asked for.
+
+    Raises:
+        ControlError: It is none; the message says what is wrong with it.
+    """
+    try:
+        return _REQUEST.validate_json(line)
+    except ValidationError as error:
+        raise ControlError(_what_is_wrong(error)) from error
+
+
+def transaction_of(line: bytes) -> Transaction:
+    """Return the transaction of a request that may be wrong otherwise.
+
+    Args:
+        line: One line.
+
+    Returns:
+        The transaction; None if there is none to be found.
+    """
+    try:
+        found = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    transaction = found.get("transaction") if isinstance(found, dict) else None
+    is_usable = isinstance(transaction, str | int) and len(str(transaction)) <= 200
+    return transaction if is_usable else None
+
+
+def operator_command(request: OperatorRequest | ShelveRequest, number: str) -> OperatorCommand:
+    """Return what an operator tells a rule, as the core sees it.
+
+    Args:
+        request: The request.
+        number: Identifies it.
+
+    Returns:
+        The command.
+    """
+    args = request.args
+    for_s, one_shot = (args.for_s, args.one_shot) if isinstance(args, ShelveArgs) else (None, False)
+    return OperatorCommand(
+        id=number,
+        action=_ACTIONS[request.op],
+        rule=args.rule,
+        by=args.by,
+        why=args.why,
+        for_s=for_s,
+        one_shot=one_shot,
+    )
+
+
+def _what_is_wrong(error: ValidationError) -> str:
+    detail = error.errors(include_url=False, include_input=False)[0]
+    if detail["type"] == "json_invalid":
+        return f"this is not JSON: {detail['ctx']['error']}"
+    if not detail["loc"] and not detail["type"].startswith("union_tag"):
+        return 'a request is a JSON object, such as {"op": "status"}'
+    if detail["type"].startswith("union_tag"):
+        return f'"op" must be one of: {", ".join(OPS)}'
+    place = ".".join(str(part) for part in detail["loc"][1:])
+    return f"{place}: {detail['msg'][:1].lower()}{detail['msg'][1:]}" if place else detail["msg"]

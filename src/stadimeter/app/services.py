@@ -1,0 +1,150 @@
+"""What a run has beside its cycles: a memory beyond its end, an ear for people, and a clock on the wall."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.wall_time import TimeOfDay, goes_by_the_clock
+from stadimeter.core.decide import State, initial_state
+from stadimeter.core.observation import WallTime
+from stadimeter.core.operator import OperatorCommand
+from stadimeter.core.plan import Plan
+from stadimeter.core.rules.keeping import TakenOver, carried_over
+
+if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
+    from stadimeter.app.alarm_keeper import AlarmKeeper
+    from stadimeter.app.control import Control
+    from stadimeter.app.recorded_configuration import RecordedConfiguration
+    from stadimeter.app.reloading import Change
+
+
+@runtime_checkable
+class Recording(Protocol):
+    """What a journal or a recording must learn, besides the cycles, to be replayed."""
+
+    def resumed(self, text: str) -> None:
+        """Take in what the run takes over from an earlier one, before the first cycle."""
+        ...
+
+    def reloaded(self, now_s: float, configuration: RecordedConfiguration) -> None:
+        """Take in a configuration that was taken over, before its first cycle."""
+        ...
+
+
+@dataclass(slots=True)
+class Services:
+    """What a run has beside its cycles. Each of them may be missing.
+
+    Attributes:
+        control: Attends to what people ask of the run.
+        memory: What alarms remember beyond the end of the run.
+        time_of_day: Tells the time of day, for rules that go by it.
+        tell: Takes a line that somebody should read, such as what became of a damaged state file.
+    """
+
+    control: Control | None = None
+    memory: AlarmKeeper | None = None
+    time_of_day: TimeOfDay | None = None
+    tell: Callable[[str], None] = lambda _words: None
+    _goes_by_the_clock: bool = False
+
+    def begin(self, plan: Plan, now_s: float, recordings: Iterable[Recording]) -> State:
+        """Return the state with which a run begins: alarms remember what they did in an earlier one.
+
+        Args:
+            plan: What the configuration declares.
+            now_s: The run's clock.
+            recordings: What must learn that too.
+
+        Returns:
+            The state.
+        """
+        self._goes_by_the_clock = goes_by_the_clock(plan)
+        state = initial_state(plan)
+        if self.memory is None:
+            return state
+        resumption = self.memory.begin(now_s)
+        if self.memory.warning:
+            self.tell(f"warning: {self.memory.warning}")
+        if resumption is None:
+            return state
+        for recording in recordings:
+            recording.resumed(resumption.text())
+        return resumption.of(state)
+
+    def told(self) -> tuple[OperatorCommand, ...]:
+        """Attend to what was asked since the last cycle; return what operators want of rules. Never waits."""
+        return self.control.told() if self.control is not None else ()
+
+    def change(self) -> Change | None:
+        """Return the configuration to take over before the next cycle, if there is one."""
+        return self.control.change() if self.control is not None else None
+
+    def take_over(self, state: State, change: Change) -> TakenOver:
+        """Let a run go on with a changed configuration.
+
+        Args:
+            state: What it remembers.
+            change: The configuration.
+
+        Returns:
+            What it remembers now, and what became of which rule.
+        """
+        plan = change.configuration.plan
+        taken = carried_over(state, plan)
+        self._goes_by_the_clock = goes_by_the_clock(plan)
+        if self.memory is not None:
+            self.memory.keep(taken.state)
+        return taken
+
+    def taken_over(self, change: Change, taken: TakenOver) -> None:
+        """Tell whoever asked that a configuration was taken over, by all parts.
+
+        Args:
+            change: The configuration.
+            taken: What became of which rule.
+        """
+        if self.control is not None:
+            self.control.changed(change, taken)
+
+    def wall(self, now_s: float) -> WallTime | None:
+        """Return the time of day, if a rule goes by it and somebody vouches for it.
+
+        Args:
+            now_s: The run's clock.
+
+        Returns:
+            The local time, or None.
+        """
+        return self.time_of_day.at(now_s) if self.time_of_day is not None and self._goes_by_the_clock else None
+
+    def cycle(self, before: State, after: State, record: CycleRecord) -> None:
+        """Take in a cycle. Never waits.
+
+        Args:
+            before: What was remembered before it.
+            after: What was remembered after it.
+            record: What was known and decided in it.
+        """
+        if self.memory is not None:
+            self.memory.cycle(before, after)
+        if self.control is not None:
+            self.control.heard(record)
+
+    def trouble(self) -> str:
+        """Return what is wrong with them, in words; empty if nothing is."""
+        return self.memory.trouble() if self.memory is not None else ""
+
+    def end(self, state: State) -> str:
+        """Keep what is remembered at the end of the run.
+
+        Args:
+            state: What is remembered.
+
+        Returns:
+            What went wrong, in words; empty if nothing did.
+        """
+        return self.memory.end(state) if self.memory is not None else ""

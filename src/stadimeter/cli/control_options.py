@@ -1,0 +1,79 @@
+"""What the commands for a running instance have in common: which instance, who asks, and how it is told."""
+
+from __future__ import annotations
+
+import getpass
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from stadimeter.app.control_client import ANSWER_WAIT_S, ask, find
+
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option("--config", metavar="CONFIG", help="The configuration of the instance, if several run."),
+]
+SocketOption = Annotated[
+    Path | None,
+    typer.Option("--socket", metavar="PATH", help="Where the instance listens; found by itself if not said."),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+ByOption = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who says so; by default the login name.")]
+WhyOption = Annotated[str, typer.Option("--why", metavar="TEXT", help="Why; it is recorded with the event.")]
+
+
+def asked(
+    op: str,
+    args: Mapping[str, object],
+    config: Path | None,
+    socket: Path | None,
+    wait_s: float = ANSWER_WAIT_S,
+) -> Any:
+    """Ask the running instance that is meant.
+
+    Args:
+        op: What is wanted.
+        args: The details.
+        config: The configuration of the instance; None if there is but one.
+        socket: Where it listens; None to find out.
+        wait_s: How long to wait for the answer.
+
+    Returns:
+        The data of its answer.
+
+    Raises:
+        ControlError: None runs, several do, or it refuses.
+    """
+    return ask(socket or find(config), op, args, wait_s)
+
+
+def who(by: str | None) -> str:
+    """Return who asks.
+
+    Args:
+        by: What was said; None for the login name.
+
+    Returns:
+        The name; that of the person, also below ``sudo``.
+    """
+    if by is not None:
+        return by
+    try:
+        return os.environ.get("SUDO_USER") or getpass.getuser()
+    except (KeyError, OSError):  # a user without a name
+        return f"user {os.getuid()}"
+
+
+def tell(data: Any, words: str, *, as_json: bool) -> None:
+    """Print an answer.
+
+    Args:
+        data: The answer.
+        words: The same for people.
+        as_json: Which of them.
+    """
+    typer.echo(json.dumps(data, ensure_ascii=False) if as_json else words)

@@ -1,0 +1,153 @@
+"""What a run has beside its cycles: the options for it, and how it is made."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stadimeter.app.loop import Loop
+from stadimeter.app.state_places import state_file
+from stadimeter.app.wall_time import TimeOfDay, is_synchronised
+from stadimeter.errors import ControlError
+
+if TYPE_CHECKING:
+    from stadimeter.app.control import Control
+
+StateFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--state",
+        metavar="FILE",
+        help="Where alarms are remembered beyond the end of the run. A live camera has one by itself.",
+    ),
+]
+NoState = Annotated[bool, typer.Option("--no-state", help="Remember nothing beyond the end of the run.")]
+SocketFile = Annotated[
+    Path | None,
+    typer.Option("--socket", metavar="PATH", help="Where to listen for `stadimeter ack`, `reload` and the like."),
+]
+TrustClock = Annotated[
+    bool,
+    typer.Option("--trust-clock", help="Take the computer's clock for right, though no time server vouches for it."),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Serving:
+    """What a run has beside its cycles.
+
+    Attributes:
+        state: The state file; None for the usual one.
+        no_state: Whether there shall be none.
+        socket: Where to listen; None for the usual place.
+        trust_clock: Whether the computer's clock counts as right.
+        is_unhurried: Whether the run takes time, so that somebody can ask for something meanwhile.
+        is_quiet: Whether nothing is told about it while it runs: the screen is in use.
+    """
+
+    state: Path | None = None
+    no_state: bool = False
+    socket: Path | None = None
+    trust_clock: bool = False
+    is_unhurried: bool = True
+    is_quiet: bool = False
+
+
+@contextmanager
+def served(loop: Loop, serving: Serving) -> Iterator[Callable[[], None] | None]:
+    """Give a run its services.
+
+    Args:
+        loop: The run.
+        serving: Which.
+
+    Yields:
+        What SIGHUP shall do; None to end the run.
+
+    Raises:
+        ControlError: Nobody can listen where it was asked for.
+    """
+    is_right = (lambda: True) if serving.trust_clock else is_synchronised
+    with ExitStack() as closing:
+        services = loop.services
+        late = _Teller(is_quiet=serving.is_quiet)
+        closing.callback(late.tell_all)
+        services.tell = late
+        services.time_of_day = TimeOfDay(is_live=loop.parts.is_live, is_right=is_right)
+        _remember(loop, serving, is_right)
+        control = _listening(loop, serving, closing)
+        yield partial(control.reload, late) if control is not None and not _has_terminal() else None
+
+
+def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> None:
+    configuration = loop.parts.configuration
+    usual = state_file(configuration.path) if loop.parts.is_live else None
+    path = None if serving.no_state else serving.state or usual
+    if path is None:
+        return
+    from stadimeter.app.alarm_keeper import AlarmKeeper  # noqa: PLC0415 - it takes long, and simulations have none
+    from stadimeter.app.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
+    from stadimeter.app.moments import clock_name, moment  # noqa: PLC0415 - likewise
+
+    clock = clock_name(is_live=loop.parts.is_live)
+    loop.services.memory = AlarmKeeper(AlarmStore(path), partial(moment, clock, is_right=is_right))
+
+
+def _listening(loop: Loop, serving: Serving, closing: ExitStack) -> Control | None:
+    """Listen for people; a run that nobody can talk to runs all the same, unless that was asked for."""
+    if serving.socket is None and not serving.is_unhurried:
+        return None
+    from stadimeter.app.control import Control  # noqa: PLC0415 - it takes long, and short runs have none
+    from stadimeter.app.control_places import runtime_folder, socket_path, usable_folder  # noqa: PLC0415 - likewise
+    from stadimeter.app.control_socket import ControlSocket  # noqa: PLC0415 - likewise
+    from stadimeter.app.reloading import Reloader  # noqa: PLC0415 - likewise
+
+    configuration = loop.parts.configuration
+    hello = {"configuration": str(configuration.path.resolve()), "pid": os.getpid()}
+    try:
+        path = serving.socket or socket_path(configuration.path, usable_folder(runtime_folder()))
+        listener = ControlSocket(path, lambda: hello)
+        closing.callback(listener.close)
+        listener.open()
+    except ControlError as error:
+        if serving.socket is not None:
+            raise
+        loop.services.tell(f"warning: {error}; nobody can ask this run for anything")
+        return None
+    loop.services.control = Control(listener, Reloader(configuration))
+    return loop.services.control
+
+
+class _Teller:
+    """Tells on standard error; at the end, if the screen is in use until then."""
+
+    def __init__(self, *, is_quiet: bool) -> None:
+        self._is_quiet = is_quiet
+        self._waiting: list[str] = []
+
+    def __call__(self, words: str) -> None:
+        if self._is_quiet:
+            self._waiting.append(words)
+        else:
+            typer.echo(words, err=True)
+
+    def tell_all(self) -> None:
+        """Tell what has waited."""
+        self._is_quiet = False
+        while self._waiting:
+            self(self._waiting.pop(0))
+
+
+def _has_terminal() -> bool:
+    try:
+        return sys.stdin is not None and sys.stdin.isatty()
+    except ValueError:  # it is closed
+        return False

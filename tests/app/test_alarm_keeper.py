@@ -1,0 +1,211 @@
+"""Alarms are remembered: written seldom, never by the loop itself, and found again after a restart."""
+
+from dataclasses import replace
+from functools import partial
+
+import pytest
+
+from stadimeter.app.alarm_keeper import AlarmKeeper
+from stadimeter.app.alarm_store import AlarmStore
+from stadimeter.app.moments import moment
+from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
+from stadimeter.core.rule import AlarmRule, OnDelay
+from stadimeter.errors import StateError
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.observing import Rehearsal
+
+NEAR = AlarmRule(
+    name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.45
+)
+
+
+def plan_of(*rules):
+    return Plan(
+        targets=("ball",),
+        rules=rules,
+        outputs=(LevelOutput(name="buzzer"),),
+        tracking=Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, correlation=0.0),
+        safety=Safety(good_frames=1),
+    )
+
+
+class Disk:
+    """In place of the file."""
+
+    def __init__(self):
+        self.written = []
+        self.trouble = ""
+        self.warning = ""
+        self.is_closed = False
+
+    def open(self):
+        if self.trouble:
+            raise StateError(self.trouble)
+
+    def write(self, memory):
+        if self.trouble:
+            raise StateError(self.trouble)
+        self.written.append(memory.alarms)
+
+    def close(self):
+        self.is_closed = True
+
+
+class Kept:
+    """A run whose alarms are kept."""
+
+    def __init__(self, store, *rules, clock="boot 1", clock_s=0.0, unix_s=1e9, is_right=True):
+        self.run = Rehearsal(plan_of(*rules))
+        self.run.now_s = clock_s
+        self.keeper = AlarmKeeper(store, partial(moment, clock, unix_s=lambda: unix_s, is_right=lambda: is_right))
+        resumption = self.keeper.begin(clock_s)
+        if resumption is not None:
+            self.run.state = resumption.of(self.run.state)
+
+    def see(self, *distances_m):
+        for distance_m in distances_m:
+            before = self.run.state
+            self.run.see(distance_m)
+            self.keeper.cycle(before, self.run.state)
+
+    def end(self):
+        return self.keeper.end(self.run.state)
+
+
+@pytest.fixture
+def disk():
+    return Disk()
+
+
+def test_a_quiet_hour_is_not_written_at_all_until_its_end(disk):
+    kept = Kept(disk, NEAR)
+    kept.see(*[3.0] * 200)
+    kept.see(*[3.0, 3.02, 2.98, 3.01] * 1000)
+    assert len(disk.written) <= 1  # the first sight of the target
+    kept.end()
+    assert disk.is_closed
+
+
+def test_what_people_are_told_of_is_written_at_once(disk):
+    kept = Kept(disk, NEAR)
+    kept.see(3, 3, 0.6, 0.6, 0.6)
+    assert eventually(lambda: disk.written)
+    assert disk.written[-1][0].state.is_active
+    kept.end()
+
+
+def test_timers_that_noise_begins_and_ends_are_written_every_ten_seconds_at_most(disk):
+    kept = Kept(disk, replace(NEAR, on_delay=OnDelay(hold_s=30.0)))
+    kept.see(*[3.0, 0.6, 3.0, 0.6, 3.0] * 120)
+    kept.end()
+    assert 1 <= len(disk.written) <= 60 / 10 + 2
+
+
+def test_a_disk_that_is_full_is_told_and_does_not_hold_up_the_run(disk):
+    kept = Kept(disk, NEAR)
+    disk.trouble = "run.sqlite3 cannot be written: database or disk is full"
+    kept.see(3, 3, 0.6, 0.6, 0.6)
+    assert eventually(kept.keeper.trouble) == disk.trouble
+    disk.trouble = ""
+    kept.see(3, 3, 3, 3, 3, 3, 3, 3)
+    assert eventually(lambda: not kept.keeper.trouble())
+    assert disk.written[-1][0].state.is_active is False
+    assert kept.end() == ""
+
+
+def test_a_file_that_cannot_be_used_keeps_no_run_from_beginning(disk):
+    disk.trouble = "run.sqlite3 is used by another run"
+    kept = Kept(disk, NEAR)
+    assert kept.keeper.warning == disk.trouble
+    kept.see(3, 3, 0.6, 0.6, 0.6)
+    assert kept.end() == ""
+    assert disk.written == []
+
+
+def test_a_defect_in_writing_is_told_and_does_not_hold_up_the_run(disk, monkeypatch):
+    def defect(*_):
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr(disk, "write", defect)
+    kept = Kept(disk, NEAR)
+    kept.see(3, 3, 0.6, 0.6, 0.6)
+    assert "ZeroDivisionError: a defect" in eventually(kept.keeper.trouble)
+    assert "a defect" in kept.end()
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run.sqlite3"
+
+
+def test_an_alarm_goes_on_in_the_next_run(path):
+    first = Kept(AlarmStore(path), NEAR)
+    first.see(3, 3, 0.6, 0.6, 0.6)
+    first.end()
+    second = Kept(AlarmStore(path), NEAR, clock_s=30.0)
+    second.see(0.6, 0.6, 3, 3, 3, 3, 3, 3, 3)
+    second.end()
+    assert second.run.events("near") == ["cleared"]
+
+
+def test_a_run_that_never_turned_leaves_the_file_as_it_was(path):
+    first = Kept(AlarmStore(path), NEAR)
+    first.see(3, 3, 0.6, 0.6, 0.6)
+    first.end()
+    Kept(AlarmStore(path), NEAR, clock_s=30.0).end()
+    third = Kept(AlarmStore(path), NEAR, clock_s=60.0)
+    assert third.run.state.rules.steps[0].state.is_active
+    third.end()
+
+
+SHELVED_S = 600.0
+
+
+def shelved(path, **clock):
+    first = Kept(AlarmStore(path), NEAR, clock_s=5000.0, **clock)
+    first.see(3, 3)
+    first.run.tell("shelve", "near", for_s=SHELVED_S)
+    first.end()
+
+
+def left_s(path, **clock):
+    """Return for how long the alarm is still shelved in a run that begins now."""
+    kept = Kept(AlarmStore(path), NEAR, **clock)
+    until_s = kept.run.state.rules.steps[0].state.gates.shelved_until_s
+    kept.end()
+    return until_s - clock["clock_s"]
+
+
+@pytest.mark.parametrize("step_s", [3 * 3600.0, -3 * 3600.0])
+def test_a_wall_clock_that_is_set_in_between_moves_no_timer(path, step_s):
+    shelved(path)
+    assert left_s(path, clock_s=5100.2, unix_s=1e9 + 100 + step_s) == pytest.approx(SHELVED_S - 100, abs=0.1)
+
+
+def test_after_a_boot_the_time_that_the_computer_was_off_counts(path):
+    shelved(path)
+    assert left_s(path, clock="boot 2", clock_s=20.0, unix_s=1e9 + 100) == pytest.approx(SHELVED_S - 100, abs=0.1)
+
+
+def test_after_a_boot_without_a_time_server_no_time_has_passed(path):
+    shelved(path)
+    found_s = left_s(path, clock="boot 2", clock_s=20.0, unix_s=1e9 + 100, is_right=False)
+    assert found_s == pytest.approx(SHELVED_S, abs=0.1)
+
+
+def test_a_simulation_that_begins_anew_goes_on_with_what_was_left(path):
+    shelved(path, clock="stepped")
+    assert left_s(path, clock="stepped", clock_s=0.0) == pytest.approx(SHELVED_S, abs=0.1)
+
+
+def test_what_a_run_takes_over_is_text_that_gives_the_same_again(path):
+    from stadimeter.app.resumption import read_resumption
+
+    shelved(path)
+    keeper = AlarmKeeper(AlarmStore(path), partial(moment, "boot 2", unix_s=lambda: 1e9, is_right=lambda: True))
+    resumption = keeper.begin(7.0)
+    keeper.end(Rehearsal(plan_of(NEAR)).state)
+    assert read_resumption(resumption.text()) == resumption
+    with pytest.raises(StateError, match="not what a run takes over"):
+        read_resumption('{"alarms": 7}')

@@ -1,0 +1,261 @@
+"""The control socket: requests in, answers out, and whatever comes in, the loop never waits."""
+
+import contextlib
+import json
+import socket
+import stat
+
+import pytest
+
+from stadimeter.app.control_messages import LINE_MAX_BYTES, Reply
+from stadimeter.app.control_socket import CONNECTIONS_MAX, WAITING_MAX, ControlSocket
+from stadimeter.errors import ControlError
+from stadimeter.testing.eventually import eventually
+
+HELLO = {"configuration": "/etc/stadimeter/run.toml", "pid": 7}
+
+
+@pytest.fixture
+def control(tmp_path):
+    control = ControlSocket(tmp_path / "run.sock", lambda: HELLO)
+    control.open()
+    yield control
+    control.close()
+
+
+class Client:
+    """Somebody who asks, and can do so badly."""
+
+    def __init__(self, control):
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.connect(str(control.path))
+        self.socket.settimeout(10)
+        self.file = self.socket.makefile("rb")
+
+    def send(self, line):
+        self.socket.sendall(line if isinstance(line, bytes) else json.dumps(line).encode() + b"\n")
+
+    def answer(self):
+        line = self.file.readline()
+        return json.loads(line) if line else None
+
+    def ask(self, line):
+        self.send(line)
+        return self.answer()
+
+    def close(self):
+        self.file.close()
+        self.socket.close()
+
+
+@pytest.fixture
+def connect():
+    """Return a function that connects to a socket; everybody hangs up at the end."""
+    clients = []
+
+    def connect(control):
+        clients.append(Client(control))
+        return clients[-1]
+
+    yield connect
+    for client in clients:
+        client.close()
+
+
+@pytest.fixture
+def client(control, connect):
+    return connect(control)
+
+
+def is_heard(client):
+    try:
+        return client.ask({"op": "hello"}).get("data") == HELLO
+    except OSError:  # it was hung up on
+        return False
+
+
+def taken(control, count=1):
+    """Wait until so many requests are there, and take them."""
+    asked = []
+
+    def all_there():
+        asked.extend(control.take())
+        return len(asked) >= count
+
+    assert eventually(all_there)
+    return asked
+
+
+def test_a_request_is_taken_by_the_loop_and_its_answer_comes_back_with_its_transaction(control, client):
+    client.send({"transaction": "7", "op": "ack", "args": {"rule": "near", "by": "zoe"}})
+    (asked,) = taken(control)
+    assert asked.request.args.rule == "near"
+    asked.answer(Reply({"words": "acknowledged"}))
+    assert client.answer() == {"transaction": "7", "status": "ok", "data": {"words": "acknowledged"}}
+
+
+def test_a_refusal_is_an_error_in_words(control, client):
+    client.send({"transaction": 8, "op": "reset"})
+    (asked,) = taken(control)
+    asked.answer(Reply(error="it is not latched"))
+    assert client.answer() == {"transaction": 8, "status": "error", "error": "it is not latched"}
+
+
+def test_several_requests_on_one_connection_are_answered_in_the_order_of_their_answers(control, client):
+    for number in range(3):
+        client.send({"transaction": number, "op": "status"})
+    asked = taken(control, 3)
+    for each in reversed(asked):
+        each.answer(Reply(1))
+    assert [client.answer()["transaction"] for _ in range(3)] == [2, 1, 0]
+
+
+def test_who_it_is_is_told_without_the_loop(client):
+    assert client.ask({"op": "hello"}) == {"transaction": None, "status": "ok", "data": HELLO}
+
+
+def test_whoever_has_said_all_still_gets_the_answer(control, client):
+    client.send({"transaction": 1, "op": "status"})
+    client.socket.shutdown(socket.SHUT_WR)
+    (asked,) = taken(control)
+    asked.answer(Reply([]))
+    assert client.answer() == {"transaction": 1, "status": "ok", "data": []}
+    assert client.answer() is None
+
+
+def test_an_answer_to_somebody_who_is_gone_is_thrown_away(control, client, connect):
+    client.send({"op": "status"})
+    (asked,) = taken(control)
+    client.close()
+    asked.answer(Reply([]))
+    assert connect(control).ask({"op": "hello"})["status"] == "ok"
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        (b"open the door\n", "this is not JSON"),
+        (b"\xff\xfe\x00\n", "this is not JSON"),
+        (b"[" * 5000 + b"\n", "this is not JSON"),
+        (b"7\n", "a request is a JSON object"),
+        (b"{}\n", '"op" must be one of: ack, reset, shelve'),
+        (b'{"op": "explode"}\n', '"op" must be one of'),
+        (b'{"op": ["ack"]}\n', '"op" must be one of'),
+        (b'{"op": "ack", "args": {"rule": 7}}\n', "args.rule: input should be a valid string"),
+        (b'{"op": "ack", "args": {"rul": "near"}}\n', "args.rul: extra inputs are not permitted"),
+        (b'{"op": "ack", "args": {"by": "zoe\\u001b[2J"}}\n', "args.by: "),
+        (b'{"op": "shelve", "args": {"for_s": -1}}\n', "args.for_s: input should be greater than 0"),
+        (b'{"op": "shelve", "args": {"for_s": NaN}}\n', "args.for_s: "),
+        (b'{"op": "shelve", "args": {"for_s": "1 h"}}\n', "args.for_s: "),
+        (b'{"op": "reload", "args": {"file": "/etc/passwd"}}\n', "args.file: extra inputs"),
+    ],
+)
+def test_what_is_no_request_is_answered_and_the_connection_goes_on(control, client, line, expected):
+    answer = client.ask(line)
+    assert answer["status"] == "error"
+    assert expected in answer["error"]
+    assert client.ask({"op": "hello"})["status"] == "ok"
+    assert control.take() == []
+
+
+def test_the_transaction_of_a_wrong_request_comes_back_too(client):
+    assert client.ask({"transaction": "a", "op": "fly"})["transaction"] == "a"
+
+
+def test_a_line_of_a_megabyte_ends_its_connection_and_no_other(control, client, connect):
+    other = connect(control)
+    with contextlib.suppress(OSError):  # it may hang up before it has read all
+        client.socket.sendall(b'{"op": "' + b"a" * 1_000_000)
+        assert f"more than {LINE_MAX_BYTES} bytes" in client.answer()["error"]
+    assert other.ask({"op": "hello"})["status"] == "ok"
+
+
+def test_half_a_line_waits_for_its_other_half(client):
+    client.send(b'{"op": "he')
+    assert client.ask(b'llo"}\n')["status"] == "ok"
+
+
+def test_half_a_line_and_the_end_is_nothing(control, client):
+    client.send(b'{"op": "ack"')
+    client.socket.shutdown(socket.SHUT_WR)
+    assert client.answer() is None
+    assert control.take() == []
+
+
+def test_a_hundred_connections_do_not_keep_the_first_from_being_heard(control, client, connect):
+    assert client.ask({"op": "hello"})["status"] == "ok"
+    others = [connect(control) for _ in range(100)]
+    refused = others[-1].answer()
+    assert refused["error"] == f"{CONNECTIONS_MAX} others are connected already; try again later"
+    assert client.ask({"op": "hello"})["status"] == "ok"
+    for other in others:
+        other.close()
+    assert eventually(lambda: is_heard(connect(control)))
+
+
+def test_more_requests_than_may_wait_are_refused_and_the_others_stay(control, client):
+    for number in range(WAITING_MAX + 5):
+        client.send({"transaction": number, "op": "status"})
+    refused = [client.answer() for _ in range(5)]
+    assert {each["error"] for each in refused} == {f"{WAITING_MAX} requests wait already; try again later"}
+    assert len(taken(control, WAITING_MAX)) == WAITING_MAX
+
+
+def test_whoever_never_reads_is_given_up(control, client, connect):
+    client.send({"op": "status"})
+    (asked,) = taken(control)
+    asked.answer(Reply("a" * 3_000_000))
+    other = connect(control)
+    assert other.ask({"op": "hello"})["status"] == "ok"
+    assert eventually(lambda: len(control._connections) == 1)
+
+
+def test_a_connection_on_which_nothing_is_said_is_closed(tmp_path, connect):
+    control = ControlSocket(tmp_path / "run.sock", lambda: HELLO, idle_max_s=0.0)
+    control.open()
+    try:
+        client = connect(control)
+        assert client.answer() is None
+    finally:
+        control.close()
+
+
+def test_only_our_user_may_ask(control):
+    assert stat.S_IMODE(control.path.stat().st_mode) == 0o600
+
+
+def test_a_socket_that_a_killed_run_left_behind_is_taken_over(tmp_path, connect):
+    path = tmp_path / "run.sock"
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(path))
+    control = ControlSocket(path, lambda: HELLO)
+    control.open()
+    client = connect(control)
+    assert client.ask({"op": "hello"})["status"] == "ok"
+    control.close()
+
+
+@pytest.mark.parametrize("kind", ["file", "alive"])
+def test_what_is_there_and_is_no_left_socket_is_not_touched(tmp_path, kind):
+    path = tmp_path / "run.sock"
+    alive = socket.socket(socket.AF_UNIX)
+    if kind == "file":
+        path.write_text("mine")
+    else:
+        alive.bind(str(path))
+        alive.listen()
+    control = ControlSocket(path, lambda: HELLO)
+    with pytest.raises(ControlError, match="cannot listen there: Address already in use"):
+        control.open()
+    control.close()
+    assert path.exists()
+    alive.close()
+
+
+def test_closing_removes_the_socket_and_hangs_up(control, client):
+    client.send({"op": "status"})
+    taken(control)
+    control.close()
+    control.close()
+    assert client.answer() is None
+    assert not control.path.exists()

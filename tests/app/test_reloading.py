@@ -1,0 +1,219 @@
+"""A changed configuration is checked first, and taken over whole or not at all."""
+
+import pytest
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.control import Control
+from stadimeter.app.control_messages import Reply, parse_request
+from stadimeter.app.control_socket import Asked
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.reloading import Reloader, needs_restart
+from stadimeter.config.loader import load_configuration
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.recording import RecordingMessenger
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+
+NEAR = """
+[rules.near]
+actuator = "motor"
+when = { below = "3 m" }
+on_delay = "0 s"
+cooldown = "0 s"
+"""
+TAIL = """
+[world]
+path = [{ at = "0 s", x = "2 m", y = "0 m" }]
+loop = false
+"""
+FAR = """
+[rules.far]
+when = { above = "1 m" }
+on_delay = "0 s"
+"""
+
+
+class Rig:
+    """A simulated run whose configuration is changed after a second."""
+
+    def __init__(self, folder, *rules):
+        self.path = folder / "run.toml"
+        self.write(*rules)
+        self.loop = Loop(build(load_configuration(self.path), speed=None))
+        self.loop.parts.messenger = self.messenger = RecordingMessenger()
+        self.reloader = Reloader(self.loop.parts.configuration)
+        self.waiting, self.answers, self.decisions = [], [], []
+        self.loop.services.control = Control(self, self.reloader)
+        self.loop.listeners.append(self.listen)
+        self.change = lambda: None
+
+    def write(self, *rules, head=SIMULATED_BALL, tail=TAIL):
+        self.path.write_text("".join((head, *rules, tail)))
+
+    def take(self):
+        taken, self.waiting = self.waiting, []
+        return taken
+
+    def listen(self, record, _frame):
+        self.decisions.append(record.decision)
+        if len(self.decisions) == 30:
+            self.change()
+            self.ask()
+        if len(self.decisions) == 31:  # it is checked in a thread: the simulated time waits for it
+            assert eventually(lambda: self.answers or self.reloader._ready)
+
+    def ask(self):
+        self.waiting.append(Asked(parse_request(b'{"op": "reload"}'), self.answers.append))
+
+    def run(self):
+        self.loop.run(Limits(frames=60))
+        return self.answers[0]
+
+    def events(self, source):
+        return [
+            (event.kind.value, event.reason)
+            for decision in self.decisions
+            for event in decision.events
+            if event.source == source
+        ]
+
+    @property
+    def levels(self):
+        return [decision.commands[0].level for decision in self.decisions]
+
+
+@pytest.fixture
+def rig(tmp_path):
+    return Rig(tmp_path, NEAR)
+
+
+def test_a_new_rule_is_taken_over_and_the_others_go_on(rig):
+    rig.change = lambda: rig.write(NEAR, FAR)
+    answer = rig.run()
+    assert answer.error == ""
+    assert answer.data["kept"] == ("near",)
+    assert answer.data["added"] == ("far",)
+    assert [kind for kind, _ in rig.events("near")] == ["raised"]
+    assert [kind for kind, _ in rig.events("far")] == ["raised"]
+    assert set(rig.levels[10:]) == {1.0}
+
+
+def test_an_alarm_whose_rule_is_removed_clears_and_its_output_goes_to_its_safe_value(rig):
+    rig.change = lambda: rig.write(FAR)
+    assert rig.run().data["removed"] == ("near",)
+    assert rig.events("near")[1] == ("cleared", "removed from the configuration")
+    assert rig.levels[-1] == 0.0
+    topics = [(message.topic, message.payload, message.retain) for message in rig.messenger.messages]
+    assert ("rule/near/state", "", True) in topics
+
+
+def test_a_changed_threshold_begins_anew(rig):
+    rig.change = lambda: rig.write(NEAR.replace("3 m", "1 m"))
+    assert rig.run().data["changed"] == ("near",)
+    assert rig.events("near")[1][0] == "cleared"
+    assert rig.levels[-1] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('"3 m"', '"3 metres"', "unknown unit 'metres'"),
+        ('"motor"', '"moter"', "did you mean 'motor'?"),
+        ("[rules.near]", "[rules.near", "this is not valid TOML"),
+        ("when", "wenn", "rules.near"),
+    ],
+)
+def test_a_bad_file_is_refused_and_the_running_one_stays(rig, old, new, expected):
+    rig.change = lambda: rig.write(NEAR.replace(old, new))
+    answer = rig.run()
+    assert answer.error.startswith("nothing was changed:\n")
+    assert expected in answer.error
+    assert [kind for kind, _ in rig.events("near")] == ["raised"]
+    assert set(rig.levels[10:]) == {1.0}
+
+
+def test_a_file_that_is_gone_is_refused_and_the_running_one_stays(rig):
+    rig.change = rig.path.unlink
+    assert "there is no such file" in rig.run().error
+    assert set(rig.levels[10:]) == {1.0}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sections"),
+    [
+        ('rate = "30 Hz"', 'rate = "25 Hz"', "[camera]"),
+        ("fx_px = 600.0", "fx_px = 610.0", "[camera.model]"),
+        ("[targets.ball]", "[targets.cube]", "[targets]"),
+        ("[actuators.motor]", '[actuators.motor]\nlease = "200 ms"', "[lease of an output]"),
+        ("[actuators.motor]", "[actuators.motor]\nrise_per_s = 2.0", "[actuators or base]"),
+        ("[targets.ball]", '[messenger]\ndriver = "simulated"\n[targets.ball]', "[messenger]"),
+        ("[targets.ball]", '[base]\ndriver = "simulated"\n[targets.ball]', "[base]"),
+    ],
+)
+def test_what_needs_a_restart_is_named_and_nothing_is_changed(rig, old, new, sections):
+    rig.change = lambda: rig.write(NEAR, FAR, head=SIMULATED_BALL.replace(old, new))
+    answer = rig.run()
+    assert answer.error.startswith("nothing was changed: restart to change [")
+    assert sections in answer.error
+    assert rig.events("far") == []
+    assert set(rig.levels[10:]) == {1.0}
+
+
+def test_a_changed_world_needs_a_restart(rig):
+    rig.change = lambda: rig.write(NEAR, tail=TAIL.replace("2 m", "1 m"))
+    assert rig.run().error == "nothing was changed: restart to change [world]"
+
+
+def test_the_same_file_in_other_words_is_taken_over_without_a_trace(rig):
+    rig.change = lambda: rig.write("# a remark\n", NEAR.replace('"3 m"', '"300 cm"'))
+    answer = rig.run()
+    assert answer.data["kept"] == ("near",)
+    assert [kind for kind, _ in rig.events("near")] == ["raised"]
+
+
+def test_safety_and_tracking_are_taken_over_too(rig):
+    rig.change = lambda: rig.write(NEAR, tail=TAIL + '[safety]\nmax_frame_age = "150 ms"\n')
+    assert rig.run().error == ""
+    assert rig.loop.parts.cycle.max_frame_age_s == 0.15
+
+
+def test_warnings_go_to_whoever_asked(rig):
+    rig.change = lambda: rig.write(NEAR.replace('"3 m"', '"3 m", deadband = "2.9 m"'))
+    assert isinstance(rig.run().data["warnings"], tuple)
+
+
+def test_two_who_ask_at_once_are_told_so(tmp_path):
+    rig = Rig(tmp_path, NEAR)
+    rig.reloader._is_busy = True
+    rig.reloader.ask(rig.answers.append)
+    assert rig.answers == [Reply(error="the configuration is being read already")]
+
+
+def test_a_defect_in_a_check_leaves_the_run_as_it_is(rig, monkeypatch):
+    def defect(_path):
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr("stadimeter.app.reloading.load_configuration", defect)
+    assert "ZeroDivisionError: a defect" in rig.run().error
+    assert set(rig.levels[10:]) == {1.0}
+
+
+def test_a_configuration_that_is_read_again_needs_no_restart(rig):
+    path = rig.path
+    assert needs_restart(load_configuration(path), load_configuration(path)) == ()
+
+
+def test_a_journal_of_a_run_that_was_reloaded_replays_to_identical_decisions(tmp_path):
+    from typer.testing import CliRunner
+
+    from stadimeter.app.journal import JournalWriter
+    from stadimeter.app.recorded_configuration import to_be_recorded
+    from stadimeter.cli.main import app
+
+    rig = Rig(tmp_path, NEAR)
+    rig.loop.journal = JournalWriter(tmp_path / "run.jsonl", to_be_recorded(rig.loop.parts.configuration))
+    rig.change = lambda: rig.write(FAR)
+    assert rig.run().error == ""
+    rig.loop.journal.close()
+    done = CliRunner().invoke(app, ["replay", str(tmp_path / "run.jsonl"), "--strict"])
+    assert done.exit_code == 0, done.output
+    assert "60 cycles, 60 decisions identical" in done.output

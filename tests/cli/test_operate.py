@@ -1,0 +1,349 @@
+"""Talking to a running instance, as a user does: with commands in another terminal."""
+
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass
+
+import pytest
+from typer.testing import CliRunner
+
+from stadimeter.cli.main import app
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+
+NEAR = """
+[rules.near]
+actuator = "motor"
+when = { below = "3 m" }
+on_delay = "0 s"
+ack = "required"
+shelve_max = "1 h"
+"""
+FAR = """
+[rules.far]
+when = { above = "1 m" }
+on_delay = "0 s"
+"""
+WORLD = """
+[world]
+path = [{ at = "0 s", x = "2 m", y = "0 m" }]
+loop = false
+"""
+
+
+class Terminal:
+    """A user's environment, in folders of a test."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.config = folder / "door.toml"
+        self.write(NEAR)
+        self.environ = {
+            **os.environ,
+            "NO_COLOR": "1",
+            "COLUMNS": "120",
+            "XDG_RUNTIME_DIR": str(folder / "r"),
+            "XDG_STATE_HOME": str(folder / "s"),
+        }
+        self.environ.pop("RUNTIME_DIRECTORY", None)
+        self.environ.pop("STATE_DIRECTORY", None)
+        self.started = []
+
+    def write(self, *rules):
+        self.config.write_text("".join((SIMULATED_BALL, *rules, WORLD)))
+
+    def type(self, *words):
+        """Type a command and wait for its end. Only a run has a process of its own: that takes a second to start."""
+        if words[0] == "run":
+            command = [sys.executable, "-m", "stadimeter", *map(str, words)]
+            return subprocess.run(command, capture_output=True, text=True, check=False, env=self.environ)
+        done = CliRunner().invoke(app, list(map(str, words)), env=self.environ)
+        return Typed(done.exit_code, done.stdout, done.stderr)
+
+    def start(self, config=None, *words, stdin=subprocess.DEVNULL):
+        """Start a run, and wait until its rule is active."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", "stadimeter", "run", str(config or self.config), *map(str, words)],
+            stdin=stdin,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=self.environ,
+        )
+        instance = Instance(process)
+        self.started.append(instance)
+        instance.wait_for("near raised")
+        return instance
+
+
+@dataclass
+class Typed:
+    """What came of a command."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+class Instance:
+    """A run in the background."""
+
+    def __init__(self, process):
+        self.process = process
+        self.said = {"out": "", "err": ""}
+        streams = (("out", process.stdout), ("err", process.stderr))
+        self.threads = [threading.Thread(target=self._read, args=each, daemon=True) for each in streams]
+        for thread in self.threads:
+            thread.start()
+
+    def _read(self, name, stream):
+        for line in stream:
+            self.said[name] += line
+
+    def wait_for(self, words):
+        assert eventually(lambda: words in self.said["out"] + self.said["err"] or self.process.poll() is not None)
+        assert words in self.said["out"] + self.said["err"], self.said
+
+    def end(self):
+        self.process.terminate()
+        return self.wait()
+
+    def wait(self):
+        code = self.process.wait(30)
+        for thread in self.threads:
+            thread.join(10)
+        self.process.stdout.close()
+        self.process.stderr.close()
+        return code
+
+
+@pytest.fixture
+def terminal(tmp_path_factory):
+    terminal = Terminal(tmp_path_factory.mktemp("t"))
+    yield terminal
+    for instance in terminal.started:
+        if instance.process.poll() is None:
+            instance.process.kill()
+            instance.wait()
+
+
+def test_an_alarm_is_acknowledged_shelved_and_taken_out_while_it_runs(terminal):
+    instance = terminal.start()
+    done = terminal.type("ack", "near", "--by", "Zoë", "--why", "seen")
+    assert (done.returncode, done.stderr) == (0, "")
+    instance.wait_for("near acknowledged")
+    assert terminal.type("shelve", "near", "--for", "30 min").returncode == 0
+    assert "near: active, shelved: " in terminal.type("status").stdout
+    assert terminal.type("unshelve", "--all").returncode == 0
+    assert terminal.type("take-out", "near", "--json").stdout.startswith('{"words": ')
+    assert terminal.type("put-back", "near").returncode == 0
+    assert instance.end() == 0
+    assert "by Zoë: seen" in instance.said["out"]
+
+
+def test_what_is_refused_is_one_clear_line_and_2(terminal):
+    terminal.start()
+    for words, expected in [
+        (("reset", "near"), "near"),
+        (("ack", "nera"), "nera"),
+        (("shelve", "near", "--for", "2 h"), "up to 3600 s"),
+        (("shelve", "near", "--for", "soon"), "'soon' is not a number with a unit"),
+        (("shelve", "near", "--for", "0 s"), "no time at all"),
+    ]:
+        done = terminal.type(*words)
+        assert done.returncode == 2, words
+        (line,) = done.stderr.splitlines()
+        assert line.startswith("error: ")
+        assert expected in line
+
+
+def test_meaning_every_rule_must_be_said(terminal):
+    for words in (("ack",), ("ack", "near", "--all")):
+        done = terminal.type(*words)
+        assert done.returncode == 2
+        assert "name a RULE, or say --all" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["ack", "reload", "status"])
+def test_without_a_running_instance_it_says_so(terminal, command):
+    done = terminal.type(command, *(["near"] if command == "ack" else []))
+    assert done.returncode == 2
+    assert done.stderr == ("error: no instance of stadimeter is running; start one with `stadimeter run CONFIG`\n")
+
+
+def test_of_several_instances_one_must_be_named(terminal):
+    other = terminal.folder / "garage.toml"
+    other.write_text(terminal.config.read_text())
+    terminal.start()
+    terminal.start(other)
+    done = terminal.type("status")
+    assert done.returncode == 2
+    assert "several instances run; say which one with --config or --socket:" in done.stderr
+    assert str(terminal.config) in done.stderr
+    assert str(other) in done.stderr
+    assert terminal.type("ack", "near", "--config", other).returncode == 0
+    assert "near: active, unacknowledged" in terminal.type("status", "--config", terminal.config).stdout
+    assert "near: active: " in terminal.type("status", "--config", other).stdout
+    done = terminal.type("status", "--config", terminal.folder / "none.toml")
+    assert "no instance runs with" in done.stderr
+
+
+def test_two_instances_of_one_configuration_listen_at_two_places(terminal):
+    first, second = terminal.start(), terminal.start()
+    names = sorted(path.name for path in (terminal.folder / "r" / "stadimeter").iterdir())
+    assert names == [f"door-{second.process.pid}.sock", "door.sock"]
+    assert first.end() == second.end() == 0
+    assert list((terminal.folder / "r" / "stadimeter").iterdir()) == []
+
+
+def test_a_reload_takes_over_what_changed_and_keeps_the_rest(terminal):
+    instance = terminal.start()
+    terminal.type("ack", "near")
+    terminal.write(NEAR, FAR)
+    done = terminal.type("reload")
+    assert (done.returncode, done.stdout) == (0, "taken over: 1 rule kept; added: far\n")
+    instance.wait_for("far raised")
+    status = json.loads(terminal.type("status", "--json").stdout)
+    assert [(rule["rule"], rule["status"], rule["acknowledged"]) for rule in status["rules"]] == [
+        ("near", "active", True),
+        ("far", "active", True),
+    ]
+
+
+def test_a_bad_file_is_refused_with_its_line_and_the_running_one_stays(terminal):
+    instance = terminal.start()
+    terminal.config.write_text(terminal.config.read_text().replace('"3 m"', '"3 metres"'))
+    done = terminal.type("reload")
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: nothing was changed:\n")
+    assert "door.toml:" in done.stderr
+    assert "unknown unit 'metres'" in done.stderr
+    assert "near: active" in terminal.type("status").stdout
+    assert instance.end() == 0
+
+
+def test_a_hang_up_reloads_a_service_and_says_what_came_of_it(terminal):
+    instance = terminal.start()
+    terminal.write(NEAR, FAR)
+    instance.process.send_signal(signal.SIGHUP)
+    instance.wait_for("the configuration was taken over: 1 rule kept; added: far")
+    terminal.config.write_text("nothing")
+    instance.process.send_signal(signal.SIGHUP)
+    instance.wait_for("nothing was changed:")
+    assert instance.process.poll() is None
+    assert instance.end() == 0
+
+
+def test_a_hang_up_ends_a_run_whose_terminal_is_gone(terminal):
+    ours, theirs = pty.openpty()
+    instance = terminal.start(stdin=theirs)
+    os.close(theirs)
+    instance.process.send_signal(signal.SIGHUP)
+    assert instance.wait() == 0
+    assert "Ended: SIGHUP" in instance.said["out"]
+    os.close(ours)
+
+
+def test_a_killed_run_leaves_a_socket_that_the_next_one_takes_over(terminal):
+    instance = terminal.start()
+    instance.process.kill()
+    instance.wait()
+    assert terminal.type("status").returncode == 2
+    terminal.start()
+    assert terminal.type("status").returncode == 0
+
+
+def test_alarms_go_on_after_a_kill(terminal):
+    state = terminal.folder / "door.sqlite3"
+    instance = terminal.start(None, "--state", state)
+    terminal.type("ack", "near", "--by", "Zoë")
+    terminal.type("take-out", "near")
+    eventually(lambda: b"out_of_service" in state.with_name("door.sqlite3-wal").read_bytes())
+    instance.process.kill()
+    instance.wait()
+    again = terminal.type("run", terminal.config, "--state", state, "--seconds", 2, "--speed", 0)
+    assert again.returncode == 0
+    assert "near raised" not in again.stdout
+    assert "ACTIVE near" in again.stdout
+    assert again.stderr == ""
+
+
+def test_a_damaged_state_file_is_a_warning_and_the_run_goes_on(terminal):
+    state = terminal.folder / "door.sqlite3"
+    state.write_bytes(b"\xff" * 5000)
+    done = terminal.type("run", terminal.config, "--state", state, "--seconds", 1, "--speed", 0)
+    assert done.returncode == 0
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"warning: {state} is damaged: file is not a database; it is now {state}.damaged-1")
+    assert state.with_name("door.sqlite3.damaged-1").read_bytes() == b"\xff" * 5000
+
+
+def test_a_state_file_that_cannot_be_written_is_a_warning_and_the_run_goes_on(terminal):
+    done = terminal.type("run", terminal.config, "--state", "/proc/none.sqlite3", "--seconds", 1, "--speed", 0)
+    assert done.returncode == 0
+    assert done.stderr.startswith("warning: /proc/none.sqlite3 cannot be written: ")
+
+
+ALL_DAY = """
+[rules.all-day]
+when = { time = { between = ["00:00", "24:00"] } }
+on_delay = "0 s"
+"""
+
+
+def test_a_clock_that_the_user_trusts_is_right_enough_for_a_rule_that_goes_by_it(terminal):
+    terminal.write(ALL_DAY)
+    done = terminal.type("run", terminal.config, "--trust-clock", "--seconds", 1, "--speed", 0)
+    assert done.returncode == 0
+    assert "all-day raised" in done.stdout
+
+
+def test_a_simulation_keeps_no_state_unless_a_file_is_named(terminal):
+    terminal.start().end()
+    assert not (terminal.folder / "s").exists()
+
+
+def test_a_socket_that_cannot_be_made_where_it_was_asked_for_is_one_clear_line_and_2(terminal):
+    done = terminal.type("run", terminal.config, "--socket", "/proc/none.sock", "--seconds", 1)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: /proc/none.sock: cannot listen there: ")
+
+
+def test_somebody_else_behind_the_socket_is_told_apart(terminal):
+    path = terminal.folder / "other.sock"
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(str(path))
+        other.listen()
+
+        def answer():
+            asking, _ = other.accept()
+            with asking:
+                asking.recv(1000)
+                asking.sendall(b"220 mail ready\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        done = terminal.type("status", "--socket", path)
+        thread.join()
+    assert done.returncode == 2
+    assert "that is no instance of stadimeter" in done.stderr
+
+
+def test_nonsense_at_the_socket_does_not_disturb_the_run(terminal):
+    instance = terminal.start()
+    for nonsense in (b"\x00" * 1_000_000, b'{"op": "ack"', b"GET / HTTP/1.1\r\n\r\n", b"[" * 60_000 + b"\n"):
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(str(terminal.folder / "r" / "stadimeter" / "door.sock"))
+            try:
+                client.sendall(nonsense)
+            except OSError:  # it hung up
+                continue
+    assert "near: active" in terminal.type("status").stdout
+    assert instance.end() == 0
+    assert instance.said["err"] == ""

@@ -1,0 +1,175 @@
+"""A changed configuration is taken over by the rules that mean the same; and what of it all is worth writing down."""
+
+from dataclasses import fields, replace
+
+import pytest
+
+from stadimeter.core.condition import DistanceCondition, PresenceCondition, RuleCondition
+from stadimeter.core.decision import EventKind
+from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
+from stadimeter.core.rule import AlarmRule, Lost, OnDelay, RampRule
+from stadimeter.core.rules.alarm_state import AlarmState, Gates
+from stadimeter.core.rules.keeping import Turn, carried_over, turn
+from stadimeter.testing.observing import Rehearsal
+
+NEAR = AlarmRule(
+    name="near",
+    target="ball",
+    output="buzzer",
+    condition=DistanceCondition(below_m=1.0),
+    off_delay_s=1.95,
+    cooldown_s=0.0,
+    lost=Lost(grace_s=0.5, fault_after_s=5.0),
+)
+FAR = RampRule(name="far", target="ball", output="motor", start_m=2.0, full_m=4.0)
+TRACKING = Tracking(confirm_frames=2, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, correlation=0.0)
+
+
+def plan_of(*rules):
+    return Plan(
+        targets=("ball",),
+        rules=rules,
+        outputs=(LevelOutput(name="buzzer"), LevelOutput(name="motor")),
+        tracking=TRACKING,
+        safety=Safety(good_frames=1),
+    )
+
+
+def rehearse(*rules):
+    return Rehearsal(plan_of(*rules))
+
+
+# What is worth writing down
+
+
+def turns(run, *distances_m, **how):
+    found = []
+    for distance_m in distances_m:
+        before = run.state
+        run.see(distance_m, **how)
+        found.append(turn(before, run.state))
+    return found
+
+
+def test_a_quiet_scene_is_nothing_to_write_down():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 3, 3)
+    assert set(turns(run, *[3.0, 3.01, 2.99] * 20)) == {Turn.NOTHING}
+
+
+def test_a_timer_that_runs_is_nothing_and_one_that_begins_is_passing():
+    run = rehearse(replace(NEAR, on_delay=OnDelay(hold_s=5.0)))
+    run.see(3, 3, 3)
+    found = turns(run, *[0.6] * 10)
+    assert found.count(Turn.PASSING) == 1
+    assert Turn.LASTING not in found
+
+
+@pytest.mark.parametrize(("for_s", "expected"), [(20.0, Turn.PASSING), (0.0, Turn.NOTHING)])
+def test_that_a_target_goes_is_worth_it_if_a_rule_counts_the_time(for_s, expected):
+    rule = replace(NEAR, condition=PresenceCondition(seen=False, for_s=for_s), on_delay=OnDelay(hold_s=1e6))
+    run = rehearse(rule)
+    run.see(3, 3, 3)
+    before = run.state
+    while run.state.tracks[0].track.is_valid:
+        before = run.state
+        run.see(None)
+    assert turn(replace(before, rules=run.state.rules), run.state) is expected
+
+
+def test_what_people_are_told_of_is_lasting():
+    run = rehearse(NEAR)
+    run.see(3, 3, 3)
+    assert max(turns(run, 0.6, 0.6)) is Turn.LASTING
+
+
+def test_what_people_say_is_lasting():
+    run = rehearse(NEAR)
+    run.see(3, 3, 3)
+    before = run.state
+    run.tell("shelve", "near", for_s=60)
+    assert turn(before, run.state) is Turn.LASTING
+
+
+def test_every_field_of_what_alarms_remember_is_judged_to_be_lasting_passing_or_nothing():
+    looked_at = {"phase", "timers", "unknown_since_s", "is_given_up", "held_from_start", "is_announced_only", "leg"}
+    looked_at |= {"raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "gates", "resumed"}
+    assert {field.name for field in fields(AlarmState)} == looked_at
+    gates = {"shelved_until_s", "is_one_shot", "shelved_by", "is_out_of_service", "is_suppressed", "leaves"}
+    assert {field.name for field in fields(Gates)} == gates
+
+
+# A changed configuration
+
+
+def test_rules_that_mean_the_same_go_on_as_if_nothing_had_happened():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 0.6, 0.6, 0.6)
+    steps = run.state.rules.steps
+    taken = carried_over(run.state, plan_of(replace(NEAR, name="other", output=None), NEAR, FAR))
+    assert taken.state.rules.steps[1:] == steps
+    assert (taken.kept, taken.added, taken.changed, taken.removed) == (("near", "far"), ("other",), (), ())
+    run.state = taken.state
+    assert run.see(0.6).commands[0].level == 1.0
+    assert run.events("near") == ["raised"]
+
+
+def test_an_alarm_whose_rule_is_removed_clears_and_lets_its_output_go_at_once():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 0.6, 0.6, 0.6)
+    run.state = carried_over(run.state, plan_of(FAR)).state
+    decision = run.see(0.6)
+    (event,) = [event for event in decision.events if event.source == "near"]
+    assert (event.kind, event.reason) == (EventKind.CLEARED, "removed from the configuration")
+    assert event.sequence == len(run.events()) - 1
+    assert decision.commands[0].level == 0.0
+    assert [trace.rule for trace in decision.rules] == ["far"]
+    run.see(0.6, 0.6)
+    assert run.events("near") == ["raised", "cleared"]
+
+
+def test_an_alarm_whose_rule_is_changed_clears_and_begins_anew():
+    run = rehearse(NEAR)
+    run.see(3, 0.6, 0.6, 0.6)
+    taken = carried_over(run.state, plan_of(replace(NEAR, condition=DistanceCondition(below_m=0.7))))
+    assert taken.changed == ("near",)
+    run.state = taken.state
+    run.see(0.6, 0.6)
+    assert run.events("near") == ["raised", "cleared", "raised"]
+
+
+def test_a_rule_that_did_nothing_is_removed_without_a_word():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 3, 3)
+    run.state = carried_over(run.state, plan_of(FAR)).state
+    run.see(3)
+    assert run.events("near") == []
+
+
+def test_targets_outputs_and_safety_go_on():
+    run = rehearse(NEAR, FAR)
+    run.see(3, 3, 3, 3)
+    before = run.state
+    after = carried_over(before, plan_of(FAR)).state
+    assert (after.tracks, after.outputs, after.safety, after.now_s) == (
+        before.tracks,
+        before.outputs,
+        before.safety,
+        before.now_s,
+    )
+    run.state = after
+    assert run.see(3).commands[1].level == pytest.approx(0.5, abs=0.01)
+
+
+def test_taking_over_the_same_configuration_changes_no_decision():
+    with_reload, without = rehearse(NEAR, FAR), rehearse(NEAR, FAR)
+    for count, distance_m in enumerate([3, 2, 0.6, 0.6, 0.6, 3, 3, 3, None, None, 0.6, 0.6] * 3):
+        with_reload.state = carried_over(with_reload.state, plan_of(NEAR, FAR)).state
+        assert with_reload.see(distance_m) == without.see(distance_m), count
+
+
+def test_rules_that_ask_for_each_other_in_a_circle_are_no_plan():
+    run = rehearse(NEAR)
+    circle = replace(NEAR, condition=RuleCondition(rule="near"))
+    with pytest.raises(ValueError, match="circle"):
+        carried_over(run.state, plan_of(circle))
