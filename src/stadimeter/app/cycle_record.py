@@ -27,8 +27,8 @@ class CycleRecord:
         decision: What it decided.
     """
 
-    # What is broken is recorded as it was: null would replay to something else than NaN.
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="constants")
+    # What is broken is recorded as it was: null would replay to something else than NaN, and a bare NaN is no JSON.
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="strings")
 
     observation: Observation
     applied: tuple[Command, ...]

@@ -1,6 +1,7 @@
 """The journal: what was known, decided and done in each cycle, one line of JSON a cycle.
 
-The first line says what wrote the journal and holds the configuration. Every further line is one `CycleRecord`, without
+The first line says what wrote the journal and holds the configuration; where another one was taken over while running,
+a line holds that. Every further line is one `CycleRecord`, without
 the reasons of the rules, which follow from the rest, and without the candidates that were rejected, which decide
 nothing. Its rules are ``"as before"`` while none of them changed: with many rules they would be most of each line, and
 a run of weeks wears out a memory card. Numbers are written so that reading them gives the same bits again; a recording
@@ -10,13 +11,12 @@ which wall-clock time the journal began at.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from io import FileIO
 from pathlib import Path
@@ -24,18 +24,16 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 import stadimeter
+from stadimeter.app.cycle_json import CycleEncoder, RecordedCycle, first_detail, reload_json, reload_of
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.core.decision import RuleTrace
+from stadimeter.app.recorded_configuration import RecordedConfiguration, sha256_of
 from stadimeter.errors import JournalError
+
+__all__ = ["FORMAT", "Journal", "JournalHeader", "JournalWriter", "read_journal", "sha256_of"]
 
 FORMAT = 1
 
-_RECORD = TypeAdapter(CycleRecord)
-_RULES = TypeAdapter(tuple[RuleTrace, ...])
-_LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "rejected": True}
-"""What `_RECORD` does not write. The decision comes last in a record, so the rules can be put at the line's end."""
 _FIRST_BYTES = b'{"stadimeter_journal":'
-_AS_BEFORE = b'"as before"'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +46,8 @@ class JournalHeader:
         began_at: Wall-clock time of its beginning, ISO 8601.
         configuration: The text of the configuration.
         configuration_sha256: Its SHA-256, in hexadecimal.
+        files: The texts of the files that the configuration names, by the path that stands in it.
+        resumed: What the run took over from an earlier one, as text; empty for nothing.
     """
 
     stadimeter_journal: int
@@ -55,21 +55,16 @@ class JournalHeader:
     began_at: str
     configuration: str
     configuration_sha256: str
+    files: Mapping[str, str] = field(default_factory=dict)
+    resumed: str = ""
+
+    @property
+    def recorded_configuration(self) -> RecordedConfiguration:
+        """The configuration with all that it needs."""
+        return RecordedConfiguration(text=self.configuration, files=self.files)
 
 
 _HEADER = TypeAdapter(JournalHeader)
-
-
-def sha256_of(text: str) -> str:
-    """Return the SHA-256 of a text in hexadecimal.
-
-    Args:
-        text: The text.
-
-    Returns:
-        64 hexadecimal digits.
-    """
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 class JournalWriter:
@@ -80,22 +75,26 @@ class JournalWriter:
 
     Args:
         path: The file.
-        configuration: The text of the run's configuration.
+        configuration: The run's configuration, or its text.
+        began_at: When it begins, ISO 8601; None for now.
 
     Raises:
         JournalError: The file cannot be written, or holds something else than a journal.
     """
 
-    def __init__(self, path: Path, configuration: str) -> None:
+    def __init__(self, path: Path, configuration: RecordedConfiguration | str, began_at: str | None = None) -> None:
+        if isinstance(configuration, str):
+            configuration = RecordedConfiguration(text=configuration)
         self._path = path
         self._size = 0
-        self._rules: tuple[RuleTrace, ...] | None = None
+        self._encoder = CycleEncoder(repeats_rules=False)
         self._header = JournalHeader(
             stadimeter_journal=FORMAT,
             version=stadimeter.__version__,
-            began_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
-            configuration=configuration,
-            configuration_sha256=sha256_of(configuration),
+            began_at=began_at or datetime.now(UTC).isoformat(timespec="milliseconds"),
+            configuration=configuration.text,
+            configuration_sha256=sha256_of(configuration.text),
+            files=configuration.files,
         )
         try:
             self._file = FileIO(path, "r+" if path.exists() and not path.is_dir() else "w+")
@@ -117,7 +116,31 @@ class JournalWriter:
         """
         if self._size == 0:
             self._begin()
-        self._append(self._line(record))
+        self._append(self._encoder.encode(record))
+
+    def resumed(self, text: str) -> None:
+        """Take in what the run takes over from an earlier one. Only before the first cycle.
+
+        Args:
+            text: What it takes over.
+        """
+        self._header = replace(self._header, resumed=text)
+
+    def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+        """Add that another configuration was taken over, before the first cycle that it decides.
+
+        Args:
+            now_s: When, on the run's monotonic clock.
+            configuration: The configuration, or its text.
+
+        Raises:
+            JournalError: The line could not be written whole.
+        """
+        if isinstance(configuration, str):
+            configuration = RecordedConfiguration(text=configuration)
+        if self._size == 0:
+            self._begin()
+        self._append(reload_json(now_s, configuration))
 
     def close(self) -> None:
         """Close the file. May be called any number of times."""
@@ -128,13 +151,6 @@ class JournalWriter:
             self._file.seek(0)
             self._file.truncate()
         self._append(_HEADER.dump_json(self._header))
-
-    def _line(self, record: CycleRecord) -> bytes:
-        """Return a cycle as JSON."""
-        decision = record.decision
-        before, self._rules = self._rules, decision.rules
-        rules = _AS_BEFORE if decision.rules is before else _RULES.dump_json(decision.rules)
-        return b'%b,"rules":%b}}' % (_RECORD.dump_json(record, exclude=_LEFT_OUT)[: -len("}}")], rules)
 
     def _append(self, line: bytes) -> None:
         data = line + b"\n"
@@ -173,8 +189,32 @@ class Journal:
     path: Path
     header: JournalHeader
 
-    def records(self) -> Iterator[CycleRecord]:
+    def cycles(self) -> Iterator[RecordedCycle]:
         """Yield every cycle, in order.
+
+        Yields:
+            The cycles, not read yet.
+
+        Raises:
+            JournalError: A configuration that was taken over while running is damaged.
+        """
+        with self.path.open("rb") as file:
+            next(file)
+            rules = b"[]"
+            reloaded = None
+            for number, line in enumerate(file, start=2):
+                if not line.endswith(b"\n"):
+                    return
+                place = f"{self.path}:{number}"
+                if taken_over := reload_of(line, place):
+                    reloaded = taken_over
+                    continue
+                cycle = RecordedCycle(line, rules, place, reloaded)
+                rules, reloaded = cycle.rules_json, None
+                yield cycle
+
+    def records(self) -> Iterator[CycleRecord]:
+        """Yield every cycle, in order, read whole.
 
         Yields:
             The cycles.
@@ -182,18 +222,7 @@ class Journal:
         Raises:
             JournalError: A line is damaged. A last line that was cut off is not an error: the recording ended there.
         """
-        with self.path.open("rb") as file:
-            next(file)
-            rules = b""
-            for number, line in enumerate(file, start=2):
-                if not line.endswith(b"\n"):
-                    return
-                head, key, written = line.rpartition(b',"rules":')
-                rules = rules if written.startswith(_AS_BEFORE) else written
-                try:
-                    yield _RECORD.validate_json(head + key + rules)
-                except ValidationError as error:
-                    raise JournalError(f"{self.path}:{number}: not a cycle of a journal: {_first(error)}") from error
+        return (cycle.record() for cycle in self.cycles())
 
     def is_cut_off(self) -> bool:
         """Return whether the last line is not whole, as after a power cut."""
@@ -229,10 +258,4 @@ def read_journal(path: Path) -> Journal:
     try:
         return Journal(path=path, header=_HEADER.validate_python(found))
     except ValidationError as error:
-        raise JournalError(f"{path}:1: damaged first line: {_first(error)}") from error
-
-
-def _first(error: ValidationError) -> str:
-    detail = error.errors()[0]
-    place = ".".join(str(part) for part in detail["loc"])
-    return f"{place}: {detail['msg']}" if place else detail["msg"]
+        raise JournalError(f"{path}:1: damaged first line: {first_detail(error)}") from error

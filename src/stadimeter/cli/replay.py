@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.journal import read_journal, sha256_of
-from stadimeter.app.replay import ReplayResult, replay
+from stadimeter.app.journal import Journal, JournalWriter, sha256_of
+from stadimeter.app.measured_again import AgainTally, MeasuredAgain
+from stadimeter.app.recordings import Recording, read_recording
+from stadimeter.app.replay import Comparison, Replayed, ReplayResult, replayed_record
+from stadimeter.app.replay_diff import ReplayDiff, compare
+from stadimeter.app.replay_figures import Tally
+from stadimeter.app.replay_run import ReplayRun, replay_run, uncollected
 from stadimeter.cli.exits import NOT_FOUND, told_plainly
-from stadimeter.config.loader import load_configuration
-from stadimeter.core.decision import Event
+from stadimeter.cli.replay_words import again_lines, comparison_lines, diff_lines, event_line
+from stadimeter.errors import JournalError
 
 
 def register(app: typer.Typer) -> None:
@@ -26,8 +33,22 @@ def register(app: typer.Typer) -> None:
 
 
 def replay_command(
-    journal: Annotated[Path, typer.Argument(metavar="JOURNAL", help="What `stadimeter run --journal` recorded.")],
-    config: Annotated[Path, typer.Option("--config", metavar="CONFIG", help="The rules to run over it.")],
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="What `stadimeter run --journal` or `--record` wrote.")
+    ],
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="CONFIG", help="The rules to run over it. Without: those of the recording."),
+    ] = None,
+    diff: Annotated[
+        Path | None, typer.Option("--diff", metavar="OLD", help="Show what CONFIG changes against this configuration.")
+    ] = None,
+    from_images: Annotated[
+        bool, typer.Option("--from-images", help="Measure again in the recorded pictures, as CONFIG says.")
+    ] = False,
+    journal: Annotated[
+        Path | None, typer.Option("--journal", metavar="FILE", help="Write what is decided now to a journal.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 1 if any decision is not the recorded one.")
@@ -37,48 +58,127 @@ def replay_command(
 
     Takes what was observed, decides again with the rules of CONFIG, and prints the events and how many decisions are
     the recorded ones. With the configuration of the recording, all of them are. With changed rules, this shows what
-    they would have done.
+    they would have done; with --diff, against what others would have done: events that come, go and move, how often
+    each rule changes, how late it is, and how near the target came while it was silent.
 
-    **Example**
+    **Examples**
 
     - `stadimeter replay run.jsonl --config config/distance-alert.toml`
 
-    **Exit code**: 0 done; 1 with --strict, a decision differs; 2 the journal or the configuration is wrong.
+    - `stadimeter replay run.jsonl --config new.toml --diff old.toml`
+
+    - `stadimeter replay run.mcap --config new.toml --from-images`
+
+    **Exit code**: 0 done; 1 with --strict, a decision differs; 2 the recording or a configuration is wrong.
     """
     with told_plainly():
-        recording = read_journal(journal)
-        configuration = load_configuration(config)
-        result = replay(recording, configuration.plan)
-    if recording.is_cut_off():
-        typer.echo(f"warning: {journal}: the last line is cut off; the {result.cycles} whole cycles are used", err=True)
-    same_rules = sha256_of(configuration.text) == recording.header.configuration_sha256
+        source = read_recording(recording)
+        new = replay_run(source, config, from_images=from_images)
+        old = replay_run(source, diff, from_images=from_images) if diff is not None else None
+        with uncollected():
+            outcome = _replayed(new, old, journal)
+    result = outcome.result
+    for warning in _warnings(source, new, result):
+        typer.echo(f"warning: {warning}", err=True)
+    same_rules = sha256_of(new.configuration.text) == source.header.configuration_sha256
     if as_json:
-        typer.echo(json.dumps(_figures(result, same_rules=same_rules)))
+        typer.echo(json.dumps(_figures(outcome, same_rules=same_rules)))
+    elif outcome.diff is not None:
+        typer.echo("\n".join([*diff_lines(outcome.diff), *again_lines(outcome.again)]))
     else:
-        _tell(result, same_rules=same_rules)
+        typer.echo("\n".join(_lines(outcome, same_rules=same_rules)))
     if strict and result.identical != result.cycles:
         raise typer.Exit(NOT_FOUND)
 
 
-def _figures(result: ReplayResult, *, same_rules: bool) -> dict[str, object]:
-    return {
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What came of a replay; what was not asked for is None, or nothing."""
+
+    result: ReplayResult
+    diff: ReplayDiff | None
+    again: tuple[MeasuredAgain, ...]
+
+
+def _replayed(new: ReplayRun, old: ReplayRun | None, journal: Path | None) -> _Outcome:
+    before = _tallied(old) if old is not None else None
+    comparison, after, again = Comparison(), Tally(new.configuration.plan), AgainTally()
+    with _written(new, journal) as replayed:
+        for cycle, observation, decision in replayed:
+            comparison.add(cycle, observation, decision)
+            if before is not None:
+                after.add(observation, decision)
+            if new.from_images:
+                again.add(cycle.observation(), observation)
+    diff = compare(before, after) if before is not None else None
+    return _Outcome(comparison.result, diff, again.targets())
+
+
+def _tallied(run: ReplayRun) -> Tally:
+    tally = Tally(run.configuration.plan)
+    for _, observation, decision in run:
+        tally.add(observation, decision)
+    return tally
+
+
+@contextmanager
+def _written(run: ReplayRun, journal: Path | None) -> Iterator[Iterator[Replayed]]:
+    """Go through a replay, and write what is decided to a journal if there is to be one."""
+    if journal is None:
+        yield iter(run)
+        return
+    source = run.recording
+    if journal.exists() and journal.samefile(source.path):
+        raise JournalError(f"{journal} is the recording that is replayed; choose another file")
+    with ExitStack() as closing:
+        writer = JournalWriter(journal, run.to_be_recorded, source.header.began_at)
+        closing.callback(writer.close)
+        writer.resumed(source.header.resumed)
+        yield _writing(run, writer)
+
+
+def _writing(run: ReplayRun, writer: JournalWriter) -> Iterator[Replayed]:
+    for replayed in run:
+        cycle, observation, _ = replayed
+        if run.is_recorded and cycle.reloaded is not None:
+            writer.reloaded(observation.now_s, cycle.reloaded)
+        writer.write(replayed_record(replayed))
+        yield replayed
+
+
+def _warnings(source: Recording, run: ReplayRun, result: ReplayResult) -> Iterator[str]:
+    if source.is_cut_off():
+        end = "the last line is cut off" if isinstance(source, Journal) else "its end is missing"
+        yield f"{source.path}: {end}; the {result.cycles} whole cycles are used"
+    missing = sorted(set(run.configuration.plan.targets) - result.targets)
+    if result.frames and missing:
+        yield f"{source.path}: in no frame anybody looked for {', '.join(repr(name) for name in missing)}"
+    if run.from_images and result.frames < result.recorded_frames:
+        yield (
+            f"{source.path}: only {result.frames} of {result.recorded_frames} frames are recorded with their pictures; "
+            "the others count as missing"
+        )
+
+
+def _figures(outcome: _Outcome, *, same_rules: bool) -> dict[str, Any]:
+    result = outcome.result
+    figures: dict[str, Any] = {
         "cycles": result.cycles,
         "identical": result.identical,
         "same_configuration": same_rules,
         "events": [asdict(event) for event in result.events],
         "differences": [asdict(difference) for difference in result.differences],
     }
+    if outcome.diff is not None:
+        figures["diff"] = outcome.diff.record()
+    if outcome.again:
+        figures["measured_again"] = [asdict(target) for target in outcome.again]
+    return figures
 
 
-def _tell(result: ReplayResult, *, same_rules: bool) -> None:
-    for event in result.events:
-        typer.echo(_line(event))
-    rules = "the configuration of the recording" if same_rules else "another configuration than the recording's"
-    typer.echo(f"{result.cycles} cycles, {result.identical} decisions identical, with {rules}.")
-    for difference in result.differences:
-        what = ", ".join(difference.what)
-        typer.echo(f"differs at {difference.now_s:.3f} s (cycle {difference.cycle}): {what}")
-
-
-def _line(event: Event) -> str:
-    return f"{event.at_s:9.3f} s  {event.kind.value:<16} {event.source:<16} {event.reason}"
+def _lines(outcome: _Outcome, *, same_rules: bool) -> Iterator[str]:
+    yield from map(event_line, outcome.result.events)
+    if outcome.again:
+        yield from again_lines(outcome.again)
+    else:
+        yield from comparison_lines(outcome.result, same_rules=same_rules)

@@ -1,0 +1,219 @@
+"""The messages of a recording besides the cycles: pictures, what was found in them, distances to plot, events."""
+
+from __future__ import annotations
+
+import json
+import math
+from base64 import b64encode
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.decision import Event, Severity
+from stadimeter.core.frame import Image
+from stadimeter.core.measurement import Measurement
+from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, TargetSize
+from stadimeter.core.track import Track
+
+CAMERA_FRAME = "camera"
+_LEVELS = {Severity.INFO: 2, Severity.WARNING: 3, Severity.ALARM: 4, Severity.SAFETY: 5}
+"""Of foxglove.Log: info, warning, error, fatal."""
+
+_GREEN = {"r": 0.2, "g": 0.9, "b": 0.4, "a": 1.0}
+_RED = {"r": 1.0, "g": 0.35, "b": 0.35, "a": 1.0}
+_CLEAR = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
+_SHADE = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.6}
+_THICKNESS_PX = 2.0
+_FONT_PX = 14.0
+_WHOLE_COLOUR = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+"""JPEGs mostly have colour at half the resolution; edges that are told by colour then move by a part of a pixel."""
+
+_FIRST_PIXEL = 0.5
+"""Foxglove has (0, 0) at the corner of the first pixel, not at its centre."""
+
+
+def stamp(time_ns: int) -> dict[str, int]:
+    """Return a time as Foxglove's messages have it.
+
+    Args:
+        time_ns: Nanoseconds since 1970.
+
+    Returns:
+        Seconds, and the nanoseconds beyond them.
+    """
+    sec, nsec = divmod(time_ns, 1_000_000_000)
+    return {"sec": sec, "nsec": nsec}
+
+
+def compressed_image(image: Image, time_ns: int, quality_percent: int) -> bytes | None:
+    """Return a picture as a message.
+
+    Args:
+        image: The picture.
+        time_ns: When it was taken.
+        quality_percent: The quality of the JPEG, 1 to 100.
+
+    Returns:
+        The message; None if there is no JPEG of that picture.
+    """
+    try:
+        is_done, jpeg = cv2.imencode(".jpg", image, [*_WHOLE_COLOUR, cv2.IMWRITE_JPEG_QUALITY, quality_percent])
+    except cv2.error:  # an empty picture, or one that is larger than a JPEG can be
+        return None
+    if not is_done:
+        return None
+    sec, nsec = divmod(time_ns, 1_000_000_000)
+    return b'{"timestamp":{"sec":%d,"nsec":%d},"frame_id":"%b","format":"jpeg","data":"%b"}' % (
+        sec,
+        nsec,
+        CAMERA_FRAME.encode(),
+        b64encode(jpeg.tobytes()),
+    )
+
+
+def log(event: Event, time_ns: int) -> bytes:
+    """Return an event as a line of a log.
+
+    Args:
+        event: The event.
+        time_ns: When it happened.
+
+    Returns:
+        The message.
+    """
+    said = f"{event.source}: {event.kind.value.replace('_', ' ')}"
+    return _json(
+        {
+            "timestamp": stamp(time_ns),
+            "level": _LEVELS.get(event.severity, 2),
+            "message": f"{said}: {event.reason}" if event.reason else said,
+            "name": event.source,
+            "file": "",
+            "line": 0,
+        }
+    )
+
+
+def target(track: Track, measured: Measurement | None) -> bytes:
+    """Return what is known of a target in one cycle, to plot it.
+
+    Args:
+        track: Its track.
+        measured: Its measurement in this cycle, if there is one.
+
+    Returns:
+        The message; figures that are not known are null.
+    """
+    figures = {
+        "measured_m": measured.distance_m if measured else None,
+        "distance_m": track.distance_m,
+        "sigma_m": track.sigma_m,
+        "depth_m": track.depth_m,
+        "closing_mps": track.closing_mps,
+        "bearing_rad": track.bearing_rad,
+        "elevation_rad": track.elevation_rad,
+    }
+    return _json({"status": track.status.value, **{name: _finite(value) for name, value in figures.items()}})
+
+
+def calibration(camera: CameraModel, time_ns: int) -> bytes:
+    """Return a camera model as a message.
+
+    Args:
+        camera: The model, at the resolution of the pictures.
+        time_ns: When the recording began.
+
+    Returns:
+        The message.
+    """
+    matrix = [float(value) for value in camera.matrix().ravel()]
+    return _json(
+        {
+            "timestamp": stamp(time_ns),
+            "frame_id": CAMERA_FRAME,
+            "width": camera.width_px,
+            "height": camera.height_px,
+            "distortion_model": "plumb_bob",
+            "D": [*camera.distortion, *[0.0] * (5 - len(camera.distortion))],
+            "K": matrix,
+            "R": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            "P": [*matrix[0:3], 0.0, *matrix[3:6], 0.0, *matrix[6:9], 0.0],
+        }
+    )
+
+
+def image_annotations(record: CycleRecord, camera: CameraModel, sizes: Mapping[str, TargetSize], time_ns: int) -> bytes:
+    """Return what was found in a picture, to draw it: targets with their distances, and what was rejected.
+
+    Args:
+        record: The cycle in which the picture was new.
+        camera: The camera model, at the resolution of the picture.
+        sizes: The size of each target, by its name.
+        time_ns: When the picture was taken.
+
+    Returns:
+        The message.
+    """
+    when = stamp(time_ns)
+    circles: list[dict[str, Any]] = []
+    texts: list[dict[str, Any]] = []
+    for measured in record.observation.measurements:
+        place = measured.position_m
+        if place is None or measured.distance_m is None or not math.isfinite(measured.distance_m) or place[2] <= 0:
+            continue
+        x_px, y_px = camera.pixel(place[0] / place[2], place[1] / place[2])
+        size = sizes.get(measured.target)
+        across_px = camera.fx_px * _across_m(size) / measured.distance_m if size else 0.0
+        said = f"{measured.target} {measured.distance_m:.2f} m"
+        if math.isfinite(x_px) and math.isfinite(y_px):
+            circles.append(_circle((x_px, y_px), across_px, _GREEN, when))
+            texts.append(_label((x_px, y_px), across_px, said, when))
+    for rejected in (candidate for found in record.rejected.values() for candidate in found):
+        circles.append(_circle(rejected.centre_px, rejected.size_px, _RED, when))
+        texts.append(_label(rejected.centre_px, rejected.size_px, rejected.reason, when))
+    return _json({"circles": circles, "points": [], "texts": texts})
+
+
+def _across_m(size: TargetSize) -> float:
+    match size:
+        case BallSize() | DiscSize():
+            return size.diameter_m
+        case SheetSize():
+            return max(size.width_m, size.height_m)
+        case TagSize():
+            return size.side_m
+
+
+def _circle(centre_px: tuple[float, float], across_px: float, colour: Mapping[str, float], when: Any) -> dict[str, Any]:
+    return {
+        "timestamp": when,
+        "position": {"x": centre_px[0] + _FIRST_PIXEL, "y": centre_px[1] + _FIRST_PIXEL},
+        "diameter": max(across_px, 3 * _THICKNESS_PX),
+        "thickness": _THICKNESS_PX,
+        "fill_color": _CLEAR,
+        "outline_color": colour,
+        "metadata": [],
+    }
+
+
+def _label(centre_px: tuple[float, float], across_px: float, text: str, when: Any) -> dict[str, Any]:
+    return {
+        "timestamp": when,
+        "position": {"x": centre_px[0] + across_px / 2, "y": centre_px[1] - across_px / 2},
+        "text": text,
+        "font_size": _FONT_PX,
+        "text_color": {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0},
+        "background_color": _SHADE,
+        "metadata": [],
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _json(message: Mapping[str, Any]) -> bytes:
+    return json.dumps(message, separators=(",", ":")).encode()

@@ -1,0 +1,97 @@
+"""Recording beside the loop: what the disk does never holds up a run."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from stadimeter.app import recorder as recorder_module
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.recorder import Recorder
+from stadimeter.core.frame import Frame
+from stadimeter.core.observation import Observation
+from stadimeter.core.plan import Plan
+from stadimeter.errors import JournalError
+from stadimeter.testing.observing import Rehearsal
+
+
+class Gate:
+    """A writer whose disk waits until it is let go on, or fails."""
+
+    def __init__(self, failure=None):
+        self.go_on = threading.Event()
+        self.written = []
+        self.failure = failure
+        self.is_closed = self.is_abandoned = False
+
+    def write(self, record, frame):
+        self.go_on.wait()
+        if self.failure:
+            raise self.failure
+        self.written.append((record, frame))
+
+    def reloaded(self, _now_s, configuration):
+        self.written.append(configuration)
+
+    def close(self):
+        self.is_closed = True
+
+    def abandon(self):
+        self.is_abandoned = True
+
+
+RECORD = CycleRecord(
+    observation=Observation(now_s=1.0), decision=Rehearsal(Plan(targets=("ball",))).see(2.0), applied=(), timings_s={}
+)
+FRAME = Frame(np.zeros((48, 64, 3), np.uint8), 1.0, 0)
+
+
+def test_on_a_live_camera_a_slow_disk_costs_pictures_and_no_cycles():
+    gate = Gate()
+    recorder = Recorder(gate, is_live=True)
+    for _ in range(100):
+        recorder(RECORD, FRAME)
+    assert recorder.images_left_out >= 80
+    assert "pictures are left out, since the disk does not keep up" in recorder.trouble()
+    gate.go_on.set()
+    recorder.close()
+    assert len(gate.written) == 100
+    assert gate.is_closed
+
+
+def test_a_disk_that_stands_still_ends_the_recording_and_not_the_run(monkeypatch):
+    monkeypatch.setattr(recorder_module, "WAITING_MAX", 50)
+    gate = Gate()
+    recorder = Recorder(gate, is_live=True)
+    for _ in range(100):
+        recorder(RECORD, FRAME)
+    assert "the disk does not keep up: 50 cycles wait for it; the recording ends here" in recorder.trouble()
+    gate.go_on.set()
+    recorder.close()
+
+
+@pytest.mark.parametrize("is_live", [True, False])
+@pytest.mark.parametrize("failure", [JournalError("run.mcap: the disk is full"), ZeroDivisionError("a mistake")])
+def test_a_recording_that_fails_never_stops_the_run(is_live, failure):
+    gate = Gate(failure)
+    gate.go_on.set()
+    recorder = Recorder(gate, is_live=is_live)
+    for _ in range(200):
+        recorder(RECORD, FRAME)
+    recorder.close()
+    assert str(failure) in recorder.failure
+    assert gate.is_abandoned
+
+
+def test_what_waits_is_written_before_the_end():
+    gate = Gate()
+    gate.go_on.set()
+    recorder = Recorder(gate, is_live=False)
+    for _ in range(5):
+        recorder(RECORD, FRAME)
+    recorder.reloaded(1.0, "# another")
+    recorder(RECORD, None)
+    recorder.close()
+    recorder.close()
+    assert gate.written == [(RECORD, FRAME)] * 5 + ["# another", (RECORD, None)]
+    assert recorder.trouble() == ""

@@ -1,0 +1,299 @@
+"""The command replay, and what run leaves behind for it, as a user types them."""
+
+import json
+import shutil
+import socket
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from stadimeter.cli import replay as replay_module
+from stadimeter.cli import run as run_module
+from stadimeter.config.plugins import (
+    ACTUATORS,
+    BASES,
+    CAMERAS,
+    MESSENGERS,
+    PORTS,
+    WORLDS,
+    Plugin,
+    driver_names,
+    load_plugin,
+)
+
+OPENED = (CAMERAS, ACTUATORS, BASES, MESSENGERS, PORTS, WORLDS)
+
+DRAWN = """
+[camera]
+driver = "simulated"
+rate = "15 Hz"
+model = "lens.toml"
+
+[targets.ball]
+detector = "ball"
+diameter = "20 cm"
+hsv = "29,86,6:64,255,255"
+
+[actuators.motor]
+driver = "simulated"
+
+[rules.near]
+actuator = "motor"
+when = { below = "120 cm" }
+
+[world]
+loop = false
+path = [ { at = "0 s", x = "2 m", y = "0 m" }, { at = "3 s", x = "0.8 m", y = "0 m" } ]
+"""
+
+LENS = """
+width_px = 320
+height_px = 240
+fx_px = 300.0
+"""
+
+
+def stadimeter(*words):
+    app = typer.Typer()
+    run_module.register(app)
+    replay_module.register(app)
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture
+def drawn(tmp_path):
+    folder = tmp_path / "configurations"
+    folder.mkdir()
+    (folder / "lens.toml").write_text(LENS)
+    path = folder / "drawn.toml"
+    path.write_text(DRAWN)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run_once(tmp_path_factory):
+    """A run with a journal and a recording of it."""
+    folder = tmp_path_factory.mktemp("once")
+    (folder / "lens.toml").write_text(LENS)
+    (folder / "drawn.toml").write_text(DRAWN)
+    paths = folder / "run.jsonl", folder / "run.mcap"
+    words = ["--seconds", 3, "--speed", 0, "--journal", paths[0], "--record", paths[1]]
+    done = stadimeter("run", folder / "drawn.toml", *words)
+    assert done.exit_code == 0, done.output
+    return paths
+
+
+@pytest.fixture
+def recorded(run_once, tmp_path):
+    """Copies of the journal and the recording of one run."""
+    return tuple(Path(shutil.copy(path, tmp_path)) for path in run_once)
+
+
+def moved(drawn):
+    """Let nothing of the configuration be found where it was."""
+    drawn.rename(drawn.with_name("another.toml"))
+    (drawn.parent / "lens.toml").unlink()
+
+
+def test_a_recording_replays_with_its_own_configuration_though_the_files_are_gone(recorded, drawn):
+    moved(drawn)
+    for path in recorded:
+        done = stadimeter("replay", path, "--strict")
+        assert done.exit_code == 0, done.output
+        assert "decisions identical, with the configuration of the recording." in done.stdout
+        assert "raised" in done.stdout
+
+
+def test_journal_and_recording_replay_to_the_same_events(recorded):
+    journal, recording = (json.loads(stadimeter("replay", path, "--json").stdout) for path in recorded)
+    assert journal == recording
+    assert journal["identical"] == journal["cycles"] >= 45
+
+
+def test_replaying_twice_gives_the_same_bytes(recorded, tmp_path):
+    for source in recorded:
+        for name in ("first.jsonl", "second.jsonl"):
+            assert stadimeter("replay", source, "--journal", tmp_path / name).exit_code == 0
+        first = (tmp_path / "first.jsonl").read_bytes()
+        assert first == (tmp_path / "second.jsonl").read_bytes()
+        assert first.count(b"\n") >= 46
+
+
+def test_what_a_replay_writes_replays_to_the_same_decisions(recorded, tmp_path):
+    stadimeter("replay", recorded[1], "--journal", tmp_path / "out.jsonl")
+    done = stadimeter("replay", tmp_path / "out.jsonl", "--strict")
+    assert done.exit_code == 0
+    assert stadimeter("replay", recorded[1]).stdout == done.stdout
+
+
+def test_a_replay_does_not_write_over_what_it_reads(recorded):
+    done = stadimeter("replay", recorded[0], "--journal", recorded[0])
+    assert done.exit_code == 2
+    assert "is the recording that is replayed; choose another file" in done.stderr
+
+
+def test_other_rules_are_compared_with_old_ones_in_words(recorded, drawn, tmp_path):
+    new = drawn.with_name("new.toml")
+    new.write_text(DRAWN.replace("120 cm", "150 cm"))
+    done = stadimeter("replay", recorded[0], "--config", new, "--diff", drawn)
+    assert done.exit_code == 0, done.output
+    assert "moved by -" in " ".join(done.stdout.split())
+    assert "raised           near" in done.stdout
+    assert "events are the same, 0 added, 0 lost, 1 moved" in done.stdout
+    assert "nearest while silent" in done.stdout
+
+
+def test_other_rules_are_compared_with_old_ones_for_programs(recorded, drawn):
+    new = drawn.with_name("new.toml")
+    new.write_text(DRAWN.replace("120 cm", "10 cm"))
+    done = stadimeter("replay", recorded[1], "--config", new, "--diff", drawn, "--json")
+    diff = json.loads(done.stdout)["diff"]
+    assert [change["change"] for change in diff["changes"]] == ["lost"]
+    (rule,) = diff["rules"]
+    assert (rule["old"]["raised"], rule["new"]["raised"]) == (1, 0)
+    assert rule["old"]["least_distance_m"] == pytest.approx(1.2, abs=0.1)
+    assert rule["new"]["least_distance_m"] < 1.1
+
+
+def test_a_recording_is_measured_again_with_other_settings(recorded, drawn):
+    new = drawn.with_name("new.toml")
+    new.write_text(DRAWN.replace("20 cm", "10 cm"))  # half the ball at half the distance
+    done = stadimeter("replay", recorded[1], "--config", new, "--from-images", "--journal", drawn.with_name("o.jsonl"))
+    assert done.exit_code == 0, done.output
+    before, after = (
+        [json.loads(line)["observation"]["measurements"][0]["distance_m"] for line in path.read_text().splitlines()[5:]]
+        for path in (recorded[0], drawn.with_name("o.jsonl"))
+    )
+    assert [far_m / near_m for far_m, near_m in zip(before, after, strict=True)] == pytest.approx([2.0] * 41, rel=0.02)
+
+
+def test_measuring_again_with_the_same_settings_gives_almost_the_same(recorded):
+    done = stadimeter("replay", recorded[1], "--from-images")
+    assert done.exit_code == 0, done.output
+    assert "raised           near" in done.stdout
+    assert "pictures, 45 when recorded; the distances differ by" in done.stdout
+    (ball,) = json.loads(stadimeter("replay", recorded[1], "--from-images", "--json").stdout)["measured_again"]
+    assert ball["found_again"] >= 44
+    assert ball["differs_median_m"] < 0.01
+
+
+def test_a_journal_has_no_pictures_and_says_where_to_get_some(recorded):
+    done = stadimeter("replay", recorded[0], "--from-images")
+    assert done.exit_code == 2
+    assert "is a journal, and has no pictures to measure in; record one with" in done.stderr
+
+
+def test_a_recording_without_pictures_says_so(drawn, tmp_path):
+    path = tmp_path / "run.mcap"
+    stadimeter("run", drawn, "--seconds", 1, "--speed", 0, "--record", path, "--record-images", "none")
+    assert stadimeter("replay", path, "--strict").exit_code == 0
+    done = stadimeter("replay", path, "--from-images")
+    assert done.exit_code == 2
+    assert "has no pictures to measure in: it was made with `--record-images none`" in done.stderr
+
+
+def test_a_detector_that_asks_the_simulated_world_cannot_measure_in_pictures_and_says_so(recorded, drawn):
+    ideal = DRAWN.replace('detector = "ball"', 'detector = "ideal"').replace('hsv = "29,86,6:64,255,255"', "")
+    drawn.write_text(ideal)
+    done = stadimeter("replay", recorded[1], "--from-images", "--config", drawn)
+    assert done.exit_code == 2
+    assert "a target cannot be measured in recorded pictures" in done.stderr
+    assert "name a configuration whose detectors look at pictures" in done.stderr
+
+
+def test_a_configuration_taken_over_while_running_is_followed(recorded, tmp_path):
+    path = recorded[0]
+    header, *lines = path.read_text().splitlines()
+    far = DRAWN.replace("120 cm", "150 cm").replace('"lens.toml"', "{ width_px = 320, height_px = 240, fx_px = 300.0 }")
+    reload = json.dumps({"reloaded": {"at_s": 0.1, "configuration": {"text": far, "files": {}}}})
+    path.write_text("\n".join([header, *lines[:5], reload, *lines[5:]]) + "\n")
+    out = tmp_path / "out.jsonl"
+    (event,) = [
+        event
+        for event in json.loads(stadimeter("replay", path, "--json", "--journal", out).stdout)["events"]
+        if event["kind"] == "raised"
+    ]
+    assert "below 1.50 m" in event["reason"]
+    assert stadimeter("replay", out, "--strict").exit_code == 0
+
+
+def test_frames_without_pictures_count_as_missing_and_are_told(drawn, tmp_path):
+    path = tmp_path / "run.mcap"
+    stadimeter("run", drawn, "--seconds", 1, "--speed", 0, "--record", path, "--image-rate", 5)
+    done = stadimeter("replay", path, "--from-images")
+    assert done.exit_code == 0
+    assert "only 5 of 15 frames are recorded with their pictures; the others count as missing" in done.stderr
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_a_recording_that_was_cut_off_is_used_as_far_as_it_goes_and_said_so(recorded, index):
+    path = recorded[index]
+    path.write_bytes(path.read_bytes()[: -path.stat().st_size // 4])
+    done = stadimeter("replay", path, "--strict")
+    assert done.exit_code == 0, done.output
+    assert "whole cycles are used" in done.stderr
+    assert "0 whole" not in done.stderr
+
+
+def test_a_target_that_was_never_looked_for_is_told(recorded, drawn):
+    new = drawn.with_name("new.toml")
+    new.write_text(DRAWN.replace("targets.ball", "targets.bowl"))
+    done = stadimeter("replay", recorded[0], "--config", new)
+    assert done.exit_code == 0
+    assert "in no frame anybody looked for 'bowl'" in done.stderr
+
+
+def test_a_configuration_inside_a_recording_that_cannot_be_used_is_told_with_the_recordings_name(recorded):
+    path = recorded[0]
+    path.write_text(path.read_text().replace("120 cm", "120 yards"))
+    done = stadimeter("replay", path)
+    assert done.exit_code == 2
+    assert f"error: {path} (its configuration):" in done.stderr
+    assert "Traceback" not in done.output
+
+
+@pytest.mark.parametrize("words", [[], ["--from-images"], ["--diff", "old"]])
+def test_a_replay_opens_no_socket_and_builds_no_camera_and_no_output(recorded, drawn, monkeypatch, words):
+    def never(*_, **__):
+        raise AssertionError("a replay opened something")
+
+    real = Plugin.__getattribute__
+    forbidden = {id(load_plugin(group, name)) for group in OPENED for name in driver_names(group)}
+
+    def guarded(plugin, name):
+        return never if name == "build" and id(plugin) in forbidden else real(plugin, name)
+
+    monkeypatch.setattr(Plugin, "__getattribute__", guarded)
+    monkeypatch.setattr(socket, "socket", never)
+    monkeypatch.setattr(socket, "create_connection", never)
+    words = [drawn if word == "old" else word for word in words]
+    done = stadimeter("replay", recorded[1], *words)
+    assert done.exit_code == 0, done.output
+
+
+def test_a_full_disk_under_the_recording_is_a_warning_and_the_run_goes_on(drawn):
+    if not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    done = stadimeter("run", drawn, "--seconds", 1, "--speed", 0, "--record", "/dev/full")
+    assert done.exit_code == 0
+    assert (
+        "warning: /dev/full: No space left on device; the recording ends here, intact; the run goes on" in done.stderr
+    )
+    assert "Ended: 1 s, as asked for." in done.stdout
+
+
+def test_journal_and_recording_need_a_file_each(drawn, tmp_path):
+    path = tmp_path / "run"
+    done = stadimeter("run", drawn, "--seconds", 1, "--speed", 0, "--record", path, "--journal", path)
+    assert done.exit_code == 2
+    assert "they need a file each" in done.stderr
+    assert not path.exists()
+
+
+def test_a_recording_in_a_folder_that_is_not_there_is_one_clear_line_and_2(drawn, tmp_path):
+    done = stadimeter("run", drawn, "--seconds", 1, "--speed", 0, "--record", tmp_path / "none" / "run.mcap")
+    assert done.exit_code == 2
+    assert done.stderr.startswith("error: ")
+    assert "the recording cannot be written: No such file or directory" in done.stderr
