@@ -37,7 +37,7 @@ class Glyphs:
         axis: The vertical axis of a chart.
         tick: A labelled place on it.
         corner: Its lower end.
-        dots: The states of a rule: idle, pending, active, clearing, unknown.
+        dots: The states of a rule: idle, pending, active, clearing, latched, returned, unknown.
     """
 
     ascii_only: bool = False
@@ -58,7 +58,7 @@ class Glyphs:
     axis: str = "│"
     tick: str = "┤"
     corner: str = "└"
-    dots: str = "○◔●◑?"
+    dots: str = "○◔●◑■◇?"
 
     def words(self, text: str) -> str:
         """Return a text as it can be shown: one line, no control characters, ASCII if it must be.
@@ -92,5 +92,5 @@ UNICODE = Glyphs()
 ASCII = Glyphs(
     ascii_only=True, line="-", bar="=", bar_rest=".", left_end="[", right_end="]", middle="|", mark="o",
     beyond_left="<", beyond_right=">", forwards="^", backwards="v", standing="#", turns_left="<", turns_right=">",
-    axis="|", tick="+", corner="+", dots=".o*o?",
+    axis="|", tick="+", corner="+", dots=".o*o#!?",
 )  # fmt: skip

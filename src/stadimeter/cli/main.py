@@ -27,10 +27,44 @@ class Commands(LazyGroup):
             "stadimeter.cli.check",
             "Check a configuration: print every error in one pass, or say in words what it does.",
         ),
-        "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts."),
+        "test": LazyCommand(
+            "stadimeter.cli.test_rules", "Run the tests of a configuration. Nothing is opened and nothing moves."
+        ),
+        "explain": LazyCommand(
+            "stadimeter.cli.explain", "Say why a rule does what it does, and why it does not do more."
+        ),
         "replay": LazyCommand(
             "stadimeter.cli.replay", "Run rules over a recording. Nothing is opened and nothing moves."
         ),
+        "tune": LazyCommand(
+            "stadimeter.cli.tune", "Propose the probability, the delays and the band of an alarm, from recordings."
+        ),
+        "status": LazyCommand(
+            "stadimeter.cli.reload", "Print what every rule of a running instance is doing, and why."
+        ),
+        "reload": LazyCommand(
+            "stadimeter.cli.reload", "Have a running instance take over its changed configuration, without a restart."
+        ),
+        "ack": LazyCommand(
+            "stadimeter.cli.operate", "Acknowledge an alarm of a running instance: somebody has seen it."
+        ),
+        "reset": LazyCommand(
+            "stadimeter.cli.operate", "End an alarm of a running instance that latched. Its condition must be over."
+        ),
+        "shelve": LazyCommand(
+            "stadimeter.cli.operate",
+            "Keep a rule of a running instance quiet for a while: it goes on judging, but drives nothing.",
+        ),
+        "unshelve": LazyCommand("stadimeter.cli.operate", "Let a shelved rule of a running instance act again."),
+        "take-out": LazyCommand(
+            "stadimeter.cli.operate", "Take a rule of a running instance out of service, until somebody puts it back."
+        ),
+        "put-back": LazyCommand("stadimeter.cli.operate", "Put a rule of a running instance back into service."),
+        "schema": LazyCommand(
+            "stadimeter.cli.schema",
+            "Print a JSON Schema of configurations, for editors that complete and check while you write.",
+        ),
+        "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts."),
     }
 
 

@@ -12,14 +12,18 @@ from stadimeter.cli.formatting import LengthUnit, format_age, format_level, form
 from stadimeter.cli.glyphs import Glyphs
 from stadimeter.cli.snapshot import Snapshot
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
-from stadimeter.core.decision import Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.decision import Decision, Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message
+from stadimeter.core.rules.explaining import explain
+from stadimeter.core.rules.reasons import Reasons
 
 RULE_STYLES = {
     RuleStatus.IDLE: "dim",
     RuleStatus.PENDING: "yellow",
     RuleStatus.ACTIVE: "bold red",
     RuleStatus.CLEARING: "cyan",
+    RuleStatus.LATCHED: "bold red",
+    RuleStatus.RETURNED: "yellow",
     RuleStatus.UNKNOWN: "magenta",
 }
 SAFETY_STYLES = {
@@ -87,9 +91,24 @@ def _rule_block(
     return Text.assemble(
         (f" {dot} ", style),
         glyphs.fit(Text(glyphs.words(trace.rule), "bold"), name_width),
-        (f"  {trace.status.value:<8}  ", style),
+        (f"  {trace.status.value:<8}{' ' if trace.acknowledged else '!'} ", style),
         glyphs.fit(Text(glyphs.words(drives), drives_style), output_width),
-    ), Text(glyphs.words(record.decision.reasons.get(trace.rule, "")), "dim" if trace.status is RuleStatus.IDLE else "")
+    ), Text(glyphs.words(why(record.decision, trace.rule)), "dim" if trace.status is RuleStatus.IDLE else "")
+
+
+def why(decision: Decision, rule: str) -> str:
+    """Return why a rule does what it does: the sentence of ``stadimeter explain``.
+
+    Args:
+        decision: What was decided.
+        rule: The rule's name.
+
+    Returns:
+        The sentence; the reason alone where the decision was read from a file.
+    """
+    if isinstance(decision.reasons, Reasons):
+        return explain(decision, rule).sentence
+    return decision.reasons.get(rule, "")
 
 
 def _drives(trace: RuleTrace, outputs: Sequence[OutputTrace]) -> tuple[str, str]:

@@ -13,7 +13,9 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Loop
 from stadimeter.cli.plain_view import PlainView
 from stadimeter.cli.view_thread import ViewThread
-from stadimeter.core.plan import AlarmRule, AnyRule, DistanceCondition, FollowRule, Plan, RampRule
+from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.plan import Plan
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 
 if TYPE_CHECKING:
     from stadimeter.cli.live_view import LiveView

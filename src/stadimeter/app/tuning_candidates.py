@@ -1,0 +1,186 @@
+"""The settings of an alarm that are tried, and how an alarm looks with them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+from stadimeter.config.findings import did_you_mean_or_list
+from stadimeter.config.loader import Configuration
+from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.decision import Severity
+from stadimeter.core.rule import AlarmRule, OnDelay
+from stadimeter.errors import ConfigError, Problem
+
+PROBABILITIES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 0.999)
+ON_DELAYS = (OnDelay(), OnDelay(frames=2, of_frames=3), OnDelay(frames=3, of_frames=5))
+DEADBANDS_SIGMAS = (0.0, 1.0, 2.0, 3.0, 4.0)
+OFF_DELAYS_S = (0.0, 0.5, 1.0, 2.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """What can be tuned of an alarm.
+
+    Attributes:
+        probability: How likely its condition must be to begin; None compares the figures alone.
+        on_delay: How long it must hold first.
+        deadband_sigmas: How far the target must come back, in standard deviations.
+        off_delay_s: How long its condition must no longer hold.
+    """
+
+    probability: float | None
+    on_delay: OnDelay
+    deadband_sigmas: float
+    off_delay_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tuned:
+    """The alarm that is tuned.
+
+    Attributes:
+        rule: The alarm as it is.
+        condition: Its condition.
+        limit_m: The limit that the target may cross.
+        side: 1 if the alarm is raised by a target that is nearer than the limit, -1 if by one that is further.
+    """
+
+    rule: AlarmRule
+    condition: DistanceCondition
+    limit_m: float
+    side: int
+
+    @property
+    def settings(self) -> Settings:
+        """The settings that it has."""
+        return Settings(
+            probability=self.condition.probability_on,
+            on_delay=self.rule.on_delay,
+            deadband_sigmas=self.condition.deadband_sigmas,
+            off_delay_s=self.rule.off_delay_s,
+        )
+
+    def with_settings(self, settings: Settings, name: str) -> AlarmRule:
+        """Return the alarm with other settings, and without all that does not say when it is raised.
+
+        Args:
+            settings: The settings.
+            name: What it is called.
+
+        Returns:
+            The alarm.
+        """
+        on, off = settings.probability, self.condition.probability_off
+        condition = replace(
+            self.condition,
+            probability_on=on,
+            probability_off=off if on is None else min(off, on),
+            deadband_sigmas=settings.deadband_sigmas,
+        )
+        return self._alarm(name, condition, settings.on_delay, settings.off_delay_s)
+
+    def ending_at_once(self, settings: Settings, name: str) -> AlarmRule:
+        """Return the alarm with these settings, but as soon over as it can be: so it can be raised often, and counted.
+
+        Args:
+            settings: The settings.
+            name: What it is called.
+
+        Returns:
+            The alarm.
+        """
+        on = settings.probability
+        condition = replace(
+            self.condition,
+            probability_on=on,
+            probability_off=0.5 if on is None else on,
+            deadband_m=0.0,
+            deadband_sigmas=0.0,
+        )
+        return self._alarm(name, condition, settings.on_delay, off_delay_s=0.0)
+
+    def _alarm(self, name: str, condition: DistanceCondition, on_delay: OnDelay, off_delay_s: float) -> AlarmRule:
+        return AlarmRule(
+            name=name,
+            target=condition.target,
+            severity=self.rule.severity,
+            lost=self.rule.lost,
+            condition=condition,
+            on_delay=on_delay,
+            off_delay_s=off_delay_s,
+        )
+
+
+def beginnings(tuned: Tuned) -> list[Settings]:
+    """Return the settings to try for when the alarm begins: those that it has first.
+
+    Args:
+        tuned: The alarm.
+
+    Returns:
+        The settings; a safety alarm does not wait.
+    """
+    delays = ON_DELAYS[:1] if tuned.rule.severity is Severity.SAFETY else ON_DELAYS
+    tried = [
+        replace(tuned.settings, probability=probability, on_delay=delay)
+        for probability, delay in product(PROBABILITIES, delays)
+    ]
+    return _with_first(tuned.settings, tried)
+
+
+def endings(begin: Settings) -> list[Settings]:
+    """Return the settings to try for when the alarm ends: those that it has first.
+
+    Args:
+        begin: The settings for when it begins.
+
+    Returns:
+        The settings.
+    """
+    tried = [
+        replace(begin, deadband_sigmas=band, off_delay_s=off_s)
+        for band, off_s in product(DEADBANDS_SIGMAS, OFF_DELAYS_S)
+    ]
+    return _with_first(begin, tried)
+
+
+def _with_first(first: Settings, others: Sequence[Settings]) -> list[Settings]:
+    return [first, *(each for each in others if each != first)]
+
+
+def tuned_rule(configuration: Configuration, name: str, typical_m: float | None = None) -> Tuned:
+    """Return the alarm to tune.
+
+    Args:
+        configuration: The configuration.
+        name: The rule's name.
+        typical_m: Where the target mostly is. Of two limits, the one that is nearer to that is tuned.
+
+    Returns:
+        The alarm.
+
+    Raises:
+        ConfigError: There is no such rule, or it is none on a distance alone.
+    """
+    rules = {rule.name: rule for rule in configuration.plan.rules}
+    rule = rules.get(name)
+    if rule is None:
+        raise ConfigError([_problem(configuration, f"there is no rule '{name}'", did_you_mean_or_list(name, rules))])
+    if not isinstance(rule, AlarmRule) or not isinstance(rule.condition, DistanceCondition):
+        what = f"the rule '{name}' is none that a distance alone raises: only such alarms can be tuned"
+        raise ConfigError([_problem(configuration, what, "its `when` must be above, below or between, and no more")])
+    limit_m, side = _limit(rule.condition, typical_m)
+    return Tuned(rule=rule, condition=rule.condition, limit_m=limit_m, side=side)
+
+
+def _limit(condition: DistanceCondition, typical_m: float | None) -> tuple[float, int]:
+    limits = [(condition.below_m, 1), (condition.above_m, -1)]
+    there = [(limit_m, side) for limit_m, side in limits if limit_m is not None]
+    return min(there, key=lambda each: 0.0 if typical_m is None else abs(math.log(each[0] / typical_m)))
+
+
+def _problem(configuration: Configuration, message: str, hint: str) -> Problem:
+    return Problem(message, file=str(configuration.path), hint=hint)

@@ -1,0 +1,340 @@
+"""The command ``tune``."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from stadimeter.app.recordings import read_recording
+from stadimeter.app.tuning import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
+from stadimeter.app.tuning_candidates import Settings, Tuned, tuned_rule
+from stadimeter.app.tuning_noise import Sights, sights_of
+from stadimeter.app.tuning_plot import draw_plot, on_delay_in_words
+from stadimeter.app.tuning_rates import DAY_S
+from stadimeter.cli.exits import NOT_FOUND, told_plainly
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.units import parse_duration, parse_speed
+from stadimeter.core.rule import OnDelay
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command.
+
+    Args:
+        app: The command line.
+    """
+    app.command("tune")(tune_command)
+
+
+def tune_command(
+    rule: Annotated[str, typer.Argument(metavar="RULE", help="The rule: an alarm on a distance.")],
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(metavar="RECORDING", help="What `stadimeter run --journal` or `--record` recorded."),
+    ],
+    config: Annotated[Path, typer.Option("--config", metavar="CONFIG", help="The configuration with the rule.")],
+    false_alarms_per_day: Annotated[
+        float, typer.Option("--false-alarms-per-day", min=1e-3, max=1e4, metavar="N", help="At most so many a day.")
+    ] = 1.0,
+    closing_speed: Annotated[
+        str, typer.Option("--closing-speed", metavar="SPEED", help="How fast a target comes, for lateness.")
+    ] = "2 m/s",
+    events: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--event",
+            metavar="TIME",
+            help='When the alarm was right to be raised, such as "42 s" after the beginning of the recording, besides '
+            "when its target had clearly crossed the limit. May be given more than once.",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Other random numbers.")] = 0,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the trade-off too. Needs matplotlib.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, with all that was tried.")] = False,
+) -> None:
+    """Propose the probability, the delays and the band of an alarm, from recordings.
+
+    Takes the noise of the recordings, as it was, and tries some dozens of settings on it: how often a day the alarm
+    would be raised for nothing while its target stands where it mostly stood, how late it is for a target that comes,
+    whether it flaps at the limit, and how long it holds on. Proposes the earliest that is seldom enough raised for
+    nothing. Says what the recordings alone support, and what rests on the noise going on as it was. Takes some seconds;
+    opens nothing, moves nothing, and changes no file.
+
+    **Example**
+
+    - `stadimeter tune near quiet.jsonl --config config/distance-alert.toml --plot near.png`
+
+    **Exit code**: 0 done; 1 no setting is expected to be raised so seldom, the best is printed; 2 something is wrong
+    with the rule, a recording or the configuration, or the plot cannot be drawn.
+    """
+    with told_plainly():
+        speed_mps = _speed(closing_speed)
+        configuration = load_configuration(config)
+        tuned, sights = _read(configuration, rule, recordings)
+        proposal = tune(
+            tuned,
+            configuration.plan,
+            sights,
+            wanted_a_day=false_alarms_per_day,
+            speed_mps=speed_mps,
+            events_s=_events(events or [], sights),
+            seed=seed,
+        )
+        if as_json:
+            typer.echo(json.dumps(_figures(proposal), ensure_ascii=False))
+        else:
+            _tell(proposal, configuration)
+        if plot is not None:
+            draw_plot(proposal, plot)
+            typer.echo(f"{plot} shows the trade-off.", err=True)
+    if not proposal.is_reached:
+        raise typer.Exit(NOT_FOUND)
+
+
+def _speed(text: str) -> float:
+    try:
+        speed_mps = parse_speed(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--closing-speed") from error
+    if speed_mps <= 0:
+        raise typer.BadParameter(f"{text!r} is not above zero", param_hint="--closing-speed")
+    return speed_mps
+
+
+def _events(texts: Sequence[str], sights: Sequence[Sights]) -> list[float]:
+    if texts and len(sights) > 1:
+        raise typer.BadParameter("with several recordings, it is not clear in which", param_hint="--event")
+    try:
+        return [float(sights[0].times_s[0]) + parse_duration(text) for text in texts]
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--event") from error
+
+
+def _read(configuration: Configuration, name: str, paths: Sequence[Path]) -> tuple[Tuned, list[Sights]]:
+    tuned = tuned_rule(configuration, name)
+    condition = tuned.condition
+    sights = [sights_of(read_recording(path), condition.target, condition.quantity) for path in paths]
+    return tuned_rule(configuration, name, _typical_m(sights)), sights
+
+
+def _typical_m(sights: Sequence[Sights]) -> float | None:
+    seen = sorted(figure_m for each in sights for figure_m in each.figures_m.tolist() if math.isfinite(figure_m))
+    return seen[len(seen) // 2] if seen else None
+
+
+def _tell(proposal: Proposal, configuration: Configuration) -> None:
+    for line in _noise(proposal, configuration):
+        typer.echo(line)
+    console = Console()
+    console.print(_begin_table(proposal))
+    console.print(_end_table(proposal))
+    for line in (*_toml(proposal), "", *_claims(proposal)):
+        typer.echo(line)
+
+
+def _noise(proposal: Proposal, configuration: Configuration) -> Iterator[str]:
+    noise, tuned = proposal.noise, proposal.tuned
+    limit_m, correlation = tuned.limit_m, configuration.plan.tracking.correlation
+    yield (
+        f"Recorded: {_time(noise.recorded_s)}, {1 / noise.frame_s:.0f} frames a second, {_time(noise.calm_s)} of it "
+        f"with '{tuned.condition.target}' calm. Without a true alarm: {_time(proposal.places.quiet_s)}, mostly at "
+        f"{proposal.places.median_m:.2f} m, {proposal.places.clearances.min():.1f} standard deviations or more from "
+        f"{limit_m:.2f} m."
+    )
+    yield (
+        f"Noise: ± {noise.true_m(limit_m):.3f} m at {limit_m:.2f} m, {noise.ratio:.2f} times what is stated; "
+        f"correlated by {noise.correlation:.2f} from frame to frame ([tracking] has {correlation:.2f}); "
+        f"{100 * noise.gross:.1f} % of measurements grossly wrong, {100 * noise.missing:.1f} % of frames without one."
+    )
+
+
+def _time(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def _begin_table(proposal: Proposal) -> Table:
+    table = Table(title="When it begins", title_justify="left")
+    for heading in ("", "probability", "on-delay"):
+        table.add_column(heading)
+    for heading in ("false alarms a day", "at most (95 %)", "in the recordings", "late", "95 in 100 below"):
+        table.add_column(heading, justify="right")
+    for each in worth_showing(proposal):
+        table.add_row(
+            _mark(each is proposal.begin, each is proposal.beginnings[0]),
+            _probability(each.settings),
+            on_delay_in_words(each.settings.on_delay),
+            _a_day(each.rate.a_day),
+            _a_day(each.rate.at_most_a_day),
+            str(each.recorded_raises),
+            f"{each.late_s:.3f} s",
+            f"{each.late_p95_s:.3f} s",
+        )
+    return table
+
+
+def worth_showing(proposal: Proposal) -> list[Beginning]:
+    """Return the settings that no others beat in both, the rule's own and the proposed ones; earliest first.
+
+    Args:
+        proposal: What tuning came to.
+
+    Returns:
+        The settings.
+    """
+    kept: list[Beginning] = []
+    least = float("inf")
+    for each in sorted(proposal.beginnings, key=lambda each: (each.late_s, each.rate.a_day)):
+        is_best = each.rate.a_day < least
+        if is_best or each is proposal.begin or each is proposal.beginnings[0]:
+            kept.append(each)
+        least = min(least, each.rate.a_day)
+    return kept
+
+
+def _end_table(proposal: Proposal) -> Table:
+    table = Table(title="When it ends", title_justify="left")
+    for heading in ("", "band", "off-delay"):
+        table.add_column(heading)
+    for heading in ("flaps a minute at the limit", "ends after"):
+        table.add_column(heading, justify="right")
+    for each in sorted(proposal.endings, key=lambda each: (each.settings.deadband_sigmas, each.settings.off_delay_s)):
+        table.add_row(
+            _mark(each is proposal.end, each is proposal.endings[0]),
+            f"{each.settings.deadband_sigmas:g} σ",
+            f"{each.settings.off_delay_s:g} s",
+            f"{each.flaps_a_minute:.2f}",
+            f"{each.ends_after_s:.2f} s",
+        )
+    return table
+
+
+def _mark(is_proposed: bool, is_own: bool) -> str:
+    return "→" if is_proposed else "as it is" if is_own else ""
+
+
+def _a_day(rate: float) -> str:
+    return f"{rate:.2g}" if rate < 100 else f"{rate:.0f}"
+
+
+def _probability(settings: Settings) -> str:
+    return '"none"' if settings.probability is None else f"{settings.probability:g}"
+
+
+def _toml(proposal: Proposal) -> Iterator[str]:
+    settings, tuned = proposal.end.settings, proposal.tuned
+    yield f"For [rules.{tuned.rule.name}]:"
+    yield f"when = {{ {', '.join(_when(tuned, settings))} }}"
+    yield f"on_delay = {_on_delay(settings.on_delay)}"
+    yield f'off_delay = "{settings.off_delay_s:g} s"'
+
+
+def _when(tuned: Tuned, settings: Settings) -> Iterator[str]:
+    condition = tuned.condition
+    if condition.above_m is not None and condition.below_m is not None:
+        yield f'between = ["{condition.above_m:g} m", "{condition.below_m:g} m"]'
+    elif condition.below_m is not None:
+        yield f'below = "{condition.below_m:g} m"'
+    else:
+        yield f'above = "{condition.above_m:g} m"'
+    if condition.quantity == "depth":
+        yield 'of = "depth"'
+    if condition.target != tuned.rule.target:
+        yield f'target = "{condition.target}"'
+    yield f"probability = {_probability(settings)}"
+    if condition.probability_off != 0.5:
+        yield f"probability_off = {condition.probability_off:g}"
+    yield f"deadband_sigmas = {settings.deadband_sigmas:g}"
+    if condition.deadband_m:
+        yield f'deadband = "{condition.deadband_m:g} m"'
+
+
+def _on_delay(delay: OnDelay) -> str:
+    return f"{{ frames = {delay.frames}, of = {delay.of_frames} }}" if delay.frames else f'"{delay.hold_s:g} s"'
+
+
+def _claims(proposal: Proposal) -> Iterator[str]:
+    begin, wanted = proposal.begin, proposal.wanted_a_day
+    most = _a_day(begin.rate.at_most_a_day)
+    rate = f"{_a_day(begin.rate.a_day)} false alarms a day, at most {most} with 95 % confidence"
+    if proposal.is_reached:
+        yield f"Expected: {rate}, if the noise goes on as it was recorded."
+    else:
+        yield (
+            f"No setting that was tried is expected to keep to {wanted:g} false alarms a day. "
+            f"This is the best: {rate}. A limit further from where the target stands, or less noise, would help."
+        )
+    if proposal.is_extrapolated:
+        yield "The target stood further away than where false alarms could be counted; the figures are extrapolated."
+    if not proposal.is_supported:
+        needed_s = 3.0 / wanted * DAY_S
+        yield (
+            f"The recordings alone support no better than {_a_day(proposal.supported_a_day)} a day with 95 % "
+            f"confidence: {begin.recorded_raises} in {_time(proposal.places.quiet_s)}. For {wanted:g} a day, "
+            f"{_time(needed_s)} without a true alarm would have to be recorded."
+        )
+    if proposal.end.flaps_a_minute > FLAPS_A_MINUTE:
+        yield "It flaps at the limit whatever is tried; a fixed `deadband` would help."
+
+
+def _figures(proposal: Proposal) -> dict[str, Any]:
+    noise, places = proposal.noise, proposal.places
+    return {
+        "rule": proposal.tuned.rule.name,
+        "limit_m": proposal.tuned.limit_m,
+        "wanted_a_day": proposal.wanted_a_day,
+        "closing_speed_mps": proposal.speed_mps,
+        "reached": proposal.is_reached,
+        "supported_by_recordings": proposal.is_supported,
+        "supported_a_day": proposal.supported_a_day,
+        "extrapolated": proposal.is_extrapolated,
+        "noise": {
+            "recorded_s": noise.recorded_s,
+            "calm_s": noise.calm_s,
+            "frame_s": noise.frame_s,
+            "sigma_at_limit_m": noise.true_m(proposal.tuned.limit_m),
+            "ratio_to_stated": noise.ratio,
+            "correlation": noise.correlation,
+            "gross": noise.gross,
+            "missing": noise.missing,
+        },
+        "quiet_s": places.quiet_s,
+        "standing_m": places.median_m,
+        "clearance_sigmas": float(places.clearances.min()),
+        "proposed": _begin_figures(proposal.begin) | _end_figures(proposal.end),
+        "toml": list(_toml(proposal))[1:],
+        "beginnings": [_begin_figures(each) for each in proposal.beginnings],
+        "endings": [_end_figures(each) for each in proposal.endings],
+    }
+
+
+def _begin_figures(each: Beginning) -> dict[str, Any]:
+    delay = each.settings.on_delay
+    return {
+        "probability": each.settings.probability,
+        "on_delay": {"frames": delay.frames, "of": delay.of_frames} if delay.frames else delay.hold_s,
+        "false_alarms_a_day": each.rate.a_day,
+        "at_most_a_day": each.rate.at_most_a_day,
+        "in_the_recordings": each.recorded_raises,
+        "late_s": each.late_s,
+        "late_p95_s": each.late_p95_s,
+    }
+
+
+def _end_figures(each: Ending) -> dict[str, Any]:
+    return {
+        "deadband_sigmas": each.settings.deadband_sigmas,
+        "off_delay_s": each.settings.off_delay_s,
+        "flaps_a_minute": each.flaps_a_minute,
+        "ends_after_s": each.ends_after_s,
+    }

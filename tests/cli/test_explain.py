@@ -1,0 +1,168 @@
+"""``stadimeter explain``: what is said of a rule at a moment of a recording, or of a running instance."""
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.explaining import seconds_ago, seconds_since_the_beginning
+from stadimeter.app.journal import JournalWriter
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.config.loader import load_configuration
+from stadimeter.errors import ConfigError
+
+CONFIG = """
+[camera]
+driver = "simulated"
+rate = "10 Hz"
+render = false
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+fy_px = 600.0
+cx_px = 319.5
+cy_px = 239.5
+[targets.ball]
+detector = "ideal"
+diameter = "20 cm"
+[actuators.buzzer]
+driver = "simulated"
+[rules.near]
+actuator = "buzzer"
+when = { below = "2 m" }
+[rules.both]
+when = { all = [ { below = "2 m" }, { not = { lost = true } } ] }
+[world]
+ball_diameter = "20 cm"
+loop = false
+path = [ { at = "0 s", x = "4 m", y = "0 m" }, { at = "4 s", x = "1 m", y = "0 m" } ]
+"""
+
+
+@pytest.fixture(scope="module")
+def journal(tmp_path_factory):
+    """The journal of a ball that rolls from 4 m to 1 m in four seconds."""
+    folder = tmp_path_factory.mktemp("explain")
+    (folder / "rules.toml").write_text(CONFIG)
+    loop = Loop(build(load_configuration(folder / "rules.toml"), speed=None))
+    loop.journal = JournalWriter(folder / "run.jsonl", CONFIG)
+    loop.run(Limits(seconds=6))
+    loop.journal.close()
+    return folder / "run.jsonl"
+
+
+def stadimeter(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "stadimeter", *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+def explained(journal, *arguments):
+    done = stadimeter("explain", *arguments, "--journal", journal)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_it_says_why_a_rule_was_not_raised_and_what_it_would_have_taken(journal):
+    words = explained(journal, "near", "--at", "2 s")
+    assert re.match(r"At 2\.00 s: near: not raised: 2\.\d+ m ± [\d.]+, below 2\.00 m: P 0\.00, begins at ", words)
+    assert re.search(r"would raise at [12]\.\d\d m$", words.strip())
+
+
+def test_without_a_moment_it_is_about_the_end(journal):
+    words = explained(journal, "near")
+    assert re.match(r"At (5\.9|6\.)\d+ s: near: raised ", words)
+    assert "it commands 'buzzer'" in words
+
+
+def test_a_condition_with_parts_is_shown_part_by_part(journal):
+    lines = explained(journal, "both", "--at", "5").splitlines()
+    assert lines[0].startswith("At 5.00 s: both: raised ")
+    assert [line.split()[0] for line in lines[1:]] == ["yes", "no"]
+
+
+def test_as_json_it_has_every_figure(journal):
+    found = json.loads(explained(journal, "near", "--at", "5 s", "--json"))
+    assert (found["rule"], found["status"], found["winner"], found["losers"]) == ("near", "active", "near", [])
+    (figures,) = found["evidence"]
+    assert figures["value"] == pytest.approx(1.0, abs=0.02)
+    assert figures["probability"] == pytest.approx(1.0)
+    assert figures["end_points"][0] > 2.0
+
+
+def test_other_rules_than_the_recorded_ones_can_be_asked(journal, tmp_path):
+    other = tmp_path / "other.toml"
+    other.write_text(
+        CONFIG.replace('when = { below = "2 m" }\n[rules.both]', 'when = { below = "50 cm" }\n[rules.both]')
+    )
+    assert "not raised" in explained(journal, "near", "--config", other)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("neer",), "there is no rule 'neer' (did you mean 'near'?)"),
+        (("near", "--at", "noon"), "'noon' is no moment"),
+        (("near", "--at", "100 s"), "and the recording ends after"),
+        (("near", "--at", "-3 s"), "-3 s"),
+    ],
+)
+def test_a_wrong_question_is_answered_with_what_is_wrong_with_it(journal, arguments, words):
+    done = stadimeter("explain", *arguments, "--journal", journal)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_without_a_running_instance_it_says_so(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    done = stadimeter("explain", "near", "--socket", tmp_path / "none.sock")
+    assert done.returncode == 2
+    assert "nobody listens there" in done.stderr
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path):
+    (tmp_path / "x.jsonl").write_text("hello\n")
+    done = stadimeter("explain", "near", "--journal", tmp_path / "x.jsonl")
+    assert done.returncode == 2
+    assert "not a journal" in done.stderr
+
+
+BEGAN = "2026-06-01T23:59:30+00:00"
+
+
+@pytest.mark.parametrize(
+    ("at", "seconds"),
+    [("12.5", 12.5), ("12.5 s", 12.5), ("250 ms", 0.25), ("2 min", 120.0), ("2026-06-01T23:59:40+00:00", 10.0)],
+)
+def test_moments_are_read_in_several_forms(at, seconds):
+    assert seconds_since_the_beginning(at, BEGAN) == pytest.approx(seconds)
+
+
+def test_a_time_of_day_is_the_first_one_after_the_beginning(monkeypatch):
+    monkeypatch.setenv("TZ", "UTC")
+    import time
+
+    time.tzset()
+    assert seconds_since_the_beginning("23:59:40", BEGAN) == pytest.approx(10)
+    assert seconds_since_the_beginning("00:00:10", BEGAN) == pytest.approx(40)
+
+
+def test_a_moment_that_is_over_is_read_as_a_time_of_day_or_as_how_long_ago():
+    from datetime import datetime
+
+    now = datetime.fromisoformat("2026-06-02T00:00:10+00:00").astimezone()
+    assert seconds_ago("5 s", now) == 5
+    just = now.replace(microsecond=0)
+    assert seconds_ago(f"{just:%H:%M:%S}", now) == pytest.approx(0, abs=1)
+
+
+@pytest.mark.parametrize("at", ["noon", "", "25:00", "12 m", "nan"])
+def test_what_is_no_moment_is_refused(at):
+    with pytest.raises(ConfigError, match="is no moment"):
+        seconds_since_the_beginning(at, BEGAN)

@@ -1,0 +1,182 @@
+"""The command ``tune``."""
+
+import json
+import sys
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from stadimeter.app import tuning, tuning_candidates
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.journal import JournalWriter
+from stadimeter.cli import tune
+from stadimeter.core.decide import decide, initial_state
+from stadimeter.core.observation import Observation
+from stadimeter.core.plan import Plan
+from stadimeter.testing.noisy_journal import KnownNoise, write_noisy_journal
+
+CONFIGURATION = """
+[camera]
+driver = "simulated"
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 1000.0
+fy_px = 1000.0
+cx_px = 319.5
+cy_px = 239.5
+[targets.ball]
+detector = "ideal"
+[world]
+path = [{ at = "0 s", x = "2 m", y = "0 m" }]
+[rules.near]
+when = { below = "2 m", deadband = "5 cm" }
+[rules.gone]
+when = { lost = true }
+"""
+
+
+@pytest.fixture
+def app():
+    app = typer.Typer()
+    tune.register(app)
+    return app
+
+
+@pytest.fixture
+def config(tmp_path):
+    path = tmp_path / "rules.toml"
+    path.write_text(CONFIGURATION)
+    return path
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(tuning, "FRAMES_A_CLEARANCE", 300)
+    monkeypatch.setattr(tuning_candidates, "PROBABILITIES", (0.5, 0.7, 0.9, 0.99))
+    monkeypatch.setattr(tuning_candidates, "OFF_DELAYS_S", (0.0, 1.0))
+    monkeypatch.setattr(tuning, "CROSSINGS", 4)
+    monkeypatch.setattr(tuning, "HOVER_FRAMES", 300)
+
+
+@pytest.fixture
+def recording(tmp_path):
+    return write_noisy_journal(tmp_path / "quiet.jsonl", lambda _: 3.0, KnownNoise(), seconds=40)
+
+
+def run(app, *arguments):
+    return CliRunner().invoke(app, [str(each) for each in arguments])
+
+
+def test_the_lines_for_the_rule_and_what_they_rest_on_are_printed(app, config, recording, quick):
+    done = run(app, "near", recording, "--config", config)
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    begin = lines.index("For [rules.near]:")
+    assert lines[begin + 1].startswith('when = { below = "2 m", probability = 0.5, deadband_sigmas = ')
+    assert lines[begin + 1].endswith(', deadband = "0.05 m" }')
+    assert lines[begin + 2] == 'on_delay = "0 s"'
+    assert lines[begin + 3].startswith('off_delay = "')
+    assert "The recordings alone support no better than" in done.output
+    assert "For 1 a day, 72.0 h without a true alarm would have to be recorded." in done.output
+    assert "the figures are extrapolated" in done.output
+    assert "Noise: ±" in done.output
+
+
+def test_what_is_proposed_can_be_put_into_the_rule(app, config, recording, quick):
+    from stadimeter.config.loader import load_configuration
+
+    told = json.loads(run(app, "near", recording, "--config", config, "--json").output)
+    when, *others = told["toml"]
+    changed = CONFIGURATION.replace('when = { below = "2 m", deadband = "5 cm" }', "\n".join((when, *others)))
+    config.write_text(changed)
+    (near, _) = load_configuration(config).plan.rules
+    assert near.condition.probability_on == told["proposed"]["probability"]
+    assert near.condition.deadband_sigmas == told["proposed"]["deadband_sigmas"]
+    assert near.condition.deadband_m == pytest.approx(0.05)
+    assert near.off_delay_s == told["proposed"]["off_delay_s"]
+
+
+def test_as_json_all_that_was_tried_is_told(app, config, recording, quick):
+    done = run(app, "near", recording, "--config", config, "--json", "--closing-speed", "1 m/s")
+    told = json.loads(done.output)
+    assert told["closing_speed_mps"] == 1.0
+    assert told["reached"] is True
+    assert told["supported_by_recordings"] is False
+    assert 20 < len(told["beginnings"]) + len(told["endings"]) <= 60
+    assert told["beginnings"][0]["probability"] == 0.7, "the rule's own settings come first"
+
+
+def test_when_nothing_is_seldom_enough_the_best_is_printed_and_the_exit_code_says_so(app, config, tmp_path, quick):
+    close = write_noisy_journal(tmp_path / "close.jsonl", lambda _: 2.02, KnownNoise(), seconds=40)
+    done = run(app, "near", close, "--config", config, "--false-alarms-per-day", "0.01")
+    assert done.exit_code == 1
+    assert "This is the best" in done.output
+
+
+def test_the_plot_is_a_picture(app, config, recording, tmp_path, quick):
+    pytest.importorskip("matplotlib")
+    done = run(app, "near", recording, "--config", config, "--plot", tmp_path / "near.png")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "near.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_matplotlib_the_table_is_printed_still(app, config, recording, tmp_path, quick, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    done = run(app, "near", recording, "--config", config, "--plot", tmp_path / "near.png")
+    assert done.exit_code == 2
+    assert "For [rules.near]:" in done.output
+    assert "pip install 'stadimeter[plots]'" in done.output
+    assert not (tmp_path / "near.png").exists()
+
+
+def test_a_plot_that_cannot_be_written_is_said(app, config, recording, tmp_path, quick):
+    pytest.importorskip("matplotlib")
+    done = run(app, "near", recording, "--config", config, "--plot", tmp_path / "no-folder" / "near.png")
+    assert done.exit_code == 2
+    assert "the plot cannot be written" in done.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["neer"], "did you mean 'near'?"),
+        (["gone"], "only such alarms can be tuned"),
+        (["near", "--closing-speed", "2"], "has no unit"),
+        (["near", "--closing-speed", "0 m/s"], "not above zero"),
+        (["near", "--event", "soon"], "not a number with a unit"),
+    ],
+)
+def test_what_cannot_be_tuned_is_said(app, config, recording, quick, arguments, says):
+    done = run(app, arguments[0], recording, "--config", config, *arguments[1:])
+    assert done.exit_code == 2
+    assert says in done.output
+
+
+def test_events_in_one_of_several_recordings_are_refused(app, config, recording, quick):
+    done = run(app, "near", recording, recording, "--config", config, "--event", "3 s")
+    assert done.exit_code == 2
+    assert "not clear in which" in " ".join(done.output.split())
+
+
+def test_recordings_that_tell_nothing_are_refused(app, config, tmp_path, quick):
+    cup = write_noisy_journal(tmp_path / "cup.jsonl", lambda _: 3.0, KnownNoise(), seconds=2, target="cup")
+    assert "its targets are: cup" in run(app, "near", cup, "--config", config).output
+    short = write_noisy_journal(tmp_path / "short.jsonl", lambda _: 3.0, KnownNoise(), seconds=7)
+    assert "at least 20 s are needed" in run(app, "near", short, "--config", config).output
+    (tmp_path / "none.txt").write_text("hello")
+    done = run(app, "near", tmp_path / "none.txt", "--config", config)
+    assert (done.exit_code, "not a journal" in done.output) == (2, True)
+
+
+def test_a_recording_without_a_frame_is_refused(app, config, tmp_path, quick):
+    writer = JournalWriter(tmp_path / "dark.jsonl", "")
+    state = initial_state(Plan(targets=("ball",)))
+    observation = Observation(now_s=1.0, camera_fault="no camera")
+    _, decision = decide(state, observation)
+    writer.write(CycleRecord(observation=observation, applied=(), timings_s={}, decision=decision))
+    writer.close()
+    done = run(app, "near", tmp_path / "dark.jsonl", "--config", config)
+    assert done.exit_code == 2
+    assert "no frame was recorded" in done.output
