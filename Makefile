@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OLD_VENV := .venv-opencv-4.10
 ARGS ?=
 
-.PHONY: help demo test test-long test-opencv-4.10 check bench pictures format clean
+.PHONY: help demo test test-long test-opencv-4.10 check bench bench-rules pictures format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -34,6 +34,9 @@ format: $(VENV)/.dev ## put the code in order
 
 bench: $(VENV)/.bench ## measure accuracy and speed on rendered pictures; ARGS="--only ball --frames 60" for a part
 	$(BIN)/python tests/benchmarks/run.py $(ARGS)
+
+bench-rules: $(VENV)/.dev ## measure rules: on noise, by the thousand, and an hour replayed
+	$(BIN)/python tests/benchmarks/rules_report.py $(ARGS)
 
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	$(BIN)/python docs/pictures/make_pictures.py

@@ -56,7 +56,7 @@ def loop(tmp_path: Path) -> Loop:
 
 def listening(loop: Loop) -> Listening:
     detector = Listening(loop.parts.cycle.detectors["ball"])
-    loop.parts.cycle.detectors = {"ball": detector}
+    loop.parts.cycle.looking.detectors = {"ball": detector}
     return detector
 
 
@@ -79,7 +79,7 @@ def test_about_once_a_second_the_whole_frame_is_searched(loop: Loop) -> None:
 
 def test_expecting_changes_no_decision_where_the_detector_finds_the_same(tmp_path: Path, loop: Loop) -> None:
     other = Loop(build(load_configuration(tmp_path / "run.toml"), speed=None))
-    other.parts.cycle._expectations.of = lambda *_: None  # type: ignore[method-assign]
+    other.parts.cycle.looking.expectations.of = lambda *_: None  # type: ignore[method-assign]
     decisions = [recorded(each) for each in (loop, other)]
     assert decisions[0] == decisions[1]
 
@@ -92,7 +92,7 @@ def recorded(loop: Loop) -> list[object]:
 
 
 def test_what_was_rejected_is_told_with_the_cycle(loop: Loop) -> None:
-    loop.parts.cycle.detectors = {"ball": Blind()}
+    loop.parts.cycle.looking.detectors = {"ball": Blind()}
     records: list[CycleRecord] = []
     loop.listeners.append(lambda record, _frame: records.append(record))
     loop.run(Limits(frames=5))

@@ -51,10 +51,23 @@ def test_the_larger_end_of_a_ramp_counts(tmp_path: Path) -> None:
     assert small.key == "rules.far.ramp"
 
 
-def test_a_limit_beyond_what_the_standard_deviation_resolves_is_told(tmp_path: Path) -> None:
-    (unsure,) = warnings(tmp_path, 'when = { above = "1 m" }', sigma=0.2)
-    assert "the distance is sure to ± 0.20 m only" in unsure.message
-    assert "3 standard deviations, 0.60 m, an alarm may not end" in unsure.message
+def test_a_deadband_in_which_the_noise_leaves_no_end_is_told(tmp_path: Path) -> None:
+    (noisy,) = warnings(tmp_path, 'when = { above = "3 m", deadband_sigmas = 60 }')
+    assert "at 3.00 m (9.8 ft) the distance differs by ± 0.03 m from frame to frame" in noisy.message
+    assert "60 standard deviations, 1.83 m, an alarm may not end" in noisy.message
+
+
+def test_a_scale_that_is_not_known_well_keeps_no_alarm_from_ending(tmp_path: Path) -> None:
+    assert warnings(tmp_path, 'when = { above = "1 m" }', sigma=0.2) == ()
+    assert warnings(tmp_path, 'when = { below = "3 m" }', sigma=0.2) == ()
+
+
+def test_limits_between_which_a_distance_is_never_likely_enough_to_be_are_told(tmp_path: Path) -> None:
+    (narrow,) = warnings(tmp_path, 'when = { between = ["1 m", "1.2 m"] }', sigma=0.1)
+    assert "the distance is sure to ± 0.11 m only" in narrow.message
+    assert "with a probability of 64% at most, and 70% is asked for: this may never begin" in narrow.message
+    assert warnings(tmp_path, 'when = { between = ["1 m", "1.2 m"] }') == ()
+    assert warnings(tmp_path, 'when = { between = ["1 m", "1.2 m"], probability = "none" }', sigma=0.1) == ()
 
 
 @pytest.mark.parametrize(

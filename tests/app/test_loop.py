@@ -113,7 +113,7 @@ def test_an_error_in_a_detector_stops_every_output_too(rig):
             return working.detect(frame, prediction)
 
     working = rig.parts.cycle.detectors["ball"]
-    rig.parts.cycle.detectors = {"ball": Broken()}
+    rig.parts.cycle.looking.detectors = {"ball": Broken()}
     with pytest.raises(IndexError):
         rig.loop.run()
     assert rig.last_actions == STOPPED_THEN_CLOSED

@@ -145,6 +145,7 @@ def test_where_a_target_was_is_not_known_when_it_was_not_seen_at_all(tmp_path):
     assert np.isfinite(truth_m[~gone]).all()
 
 
+@pytest.mark.long
 def test_a_target_that_stands_close_gets_stricter_settings_than_one_far_away(tmp_path, configuration, quick):
     tuned = tuned_rule(configuration, "near")
     close, away = (
@@ -178,6 +179,7 @@ def test_what_ten_minutes_support_is_never_called_once_a_day(tmp_path, configura
     assert not proposal.is_supported
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_proposal(tmp_path, configuration, quick):
     sights = seen(tmp_path, lambda _: 2.15, seconds=60)
     tuned = tuned_rule(configuration, "near")
@@ -209,6 +211,7 @@ def test_a_target_that_stands_where_the_alarm_is_right_cannot_tell_of_false_alar
         )
 
 
+@pytest.mark.long
 def test_raises_that_happened_in_the_recording_count_against_a_setting(tmp_path, configuration, quick):
     def where_m(at_s):
         return 1.97 if int(at_s) % 20 == 10 else 2.2  # closer for a second, but not clearly across

@@ -27,6 +27,7 @@ def test_it_names_the_computer_and_tells_latency_and_memory(shown):
     assert "Memory: " in shown.output
 
 
+@pytest.mark.long
 def test_json_is_one_object_with_the_same_figures():
     result = CliRunner().invoke(app, ["bench", "--seconds", "0.3", "--json"])
     assert result.exit_code == 0

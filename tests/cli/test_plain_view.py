@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.cli.plain_view import PlainView
 from stadimeter.core.command import LevelCommand
-from stadimeter.core.decision import Event, EventKind, SafetyMode, Severity
+from stadimeter.core.decision import Event, EventKind, RuleStatus, SafetyMode, Severity
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
@@ -33,6 +34,15 @@ def test_a_line_holds_targets_outputs_and_the_rules_that_act(make_record: Callab
             "CLEARING report: clears in 0.4 s"
         )
     ]
+
+
+def test_a_rule_that_is_kept_quiet_or_waits_for_somebody_says_so(make_record: Callable[..., CycleRecord]) -> None:
+    record = make_record(100.0)
+    first, *rest = record.decision.rules
+    quiet = replace(first, status=RuleStatus.ACTIVE, acknowledged=False, gates=("shelved", "observed"))
+    lines: list[str] = []
+    PlainView(lines.append).update(replace(record, decision=replace(record.decision, rules=(quiet, *rest))))
+    assert f"ACTIVE {first.rule} (unacknowledged, shelved, observed): " in lines[-1]
 
 
 def test_there_is_one_line_a_second_of_the_run(make_record: Callable[..., CycleRecord]) -> None:

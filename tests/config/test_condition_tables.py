@@ -262,14 +262,15 @@ def test_conditions_stand_inside_each_other_so_deep_and_no_deeper(told: Told, lo
             '{ closing_speed = { above = "0.5 m/s", probability = "none" } }',
             (
                 "when the closing speed of `ball` is above 0.50 m/s in 3 of 5 frames; clears when its closing speed is "
-                "below 0.50 m/s by 2 standard deviations"
+                "below 0.50 m/s by 2 standard deviations of the noise"
             ),
         ),
         (
             '{ time_to_contact = { below = "2 s", contact = "10 cm", probability = 0.9 } }',
             (
                 "when `ball` will be 0.10 m (0.3 ft) away within 2 s (if faster than 0.1 m/s) with a probability of "
-                "90%; clears when contact is later than 2 s by 0.5 s or 2 standard deviations, whichever is more,"
+                "90%; clears when contact is later than 2 s by 0.5 s or 2 standard deviations of the noise, "
+                "whichever is more,"
             ),
         ),
         ("{ count = { at_least = 1, at_most = 2 } }", "when 1 to 2 targets are in sight"),

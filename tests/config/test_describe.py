@@ -49,7 +49,7 @@ def test_what_it_looks_for_and_through_is_told_first(load: Load, sound: str) -> 
             (
                 "`it` buzzes `buzzer` when `ball` is nearer than 0.50 m (1.6 ft) with a "
                 "probability of 70%; "
-                "clears when it is further than 0.50 m (1.6 ft) by 3 standard deviations for 1 s. "
+                "clears when it is further than 0.50 m (1.6 ft) by 3 standard deviations of the noise for 1 s. "
                 "When lost: stays as it was, and goes to the safe state after 5 s."
             ),
         ),
@@ -73,7 +73,8 @@ def test_what_it_looks_for_and_through_is_told_first(load: Load, sound: str) -> 
             (
                 "`it` buzzes `buzzer` when `ball` is further than 1.00 m (3.3 ft) with a "
                 "probability of 50%; clears when it is "
-                "nearer than 1.00 m (3.3 ft) by 0.1 m or 3 standard deviations, whichever is more, for 1 s. "
+                "nearer than 1.00 m (3.3 ft) by 0.1 m or 3 standard deviations of the noise, whichever is more, for "
+                "1 s. "
                 "When lost for 0.5 s: raised, since not seeing counts as danger."
             ),
         ),

@@ -1,5 +1,6 @@
 """Rules that rest are not judged, and that changes nothing."""
 
+import math
 from dataclasses import replace
 
 from hypothesis import given, settings
@@ -70,11 +71,14 @@ ways = st.lists(st.tuples(sights, st.sampled_from([0.002, 0.03, 0.3])), min_size
 class Compared(Rehearsal):
     """A rehearsal beside which every rule is judged in every cycle, whether it rests or not."""
 
-    def __init__(self, plan):
+    def __init__(self, plan, scale_sigma=0.0):
         super().__init__(plan)
         self.judged = initial_state(plan)
+        self.scale_sigma = scale_sigma
 
     def cycle(self, observation):
+        seen = tuple(self.unsure(each) for each in observation.measurements)
+        observation = replace(observation, measurements=seen)
         decision = super().cycle(observation)
         everyone = tuple(range(len(self.judged.plan.rules)))
         restless = replace(self.judged, rules=replace(self.judged.rules, restless=everyone))
@@ -83,11 +87,17 @@ class Compared(Rehearsal):
         assert dict(decision.reasons) == dict(expected.reasons)
         return decision
 
+    def unsure(self, seen):
+        """Return a measurement that may also be wrong by the same share in every frame."""
+        if seen.distance_m is None:
+            return seen
+        return replace(seen, sigma_m=math.hypot(seen.sigma_m, self.scale_sigma * seen.distance_m))
+
 
 @settings(max_examples=200)
-@given(plans, ways)
-def test_a_rule_that_rests_does_what_it_would_do_if_it_were_judged(plan, ways):
-    rehearsal = Compared(plan)
+@given(plans, ways, st.sampled_from([0.0, 0.1]))
+def test_a_rule_that_rests_does_what_it_would_do_if_it_were_judged(plan, ways, scale_sigma):
+    rehearsal = Compared(plan, scale_sigma)
     for way, sigma_m in ways:
         if way == "wait":
             rehearsal.wait(0.5)

@@ -102,6 +102,8 @@ def test_what_no_filter_can_reduce_stays_in_the_standard_deviation():
         seen = replace(measured("ball", at_s, 2.0, sigma_m=0.01), sigma_m=0.05)
         state = step(state, seen, at_s, SETTINGS)
     assert state.track.sigma_m >= math.sqrt(0.05**2 - 0.01**2)
+    assert state.track.noise_m < 0.01
+    assert state.track.sigma_m == pytest.approx(math.hypot(state.track.noise_m, math.sqrt(0.05**2 - 0.01**2)), rel=1e-6)
 
 
 def test_it_is_known_since_when_a_target_has_been_in_sight_or_out_of_it():

@@ -175,6 +175,7 @@ scene = st.fixed_dictionaries(
         "closing": some([0.0, 1.0, -1.0]),
         "bearing": st.floats(-0.5, 0.5),
         "sigma_m": some([0.002, 0.03, 0.3]),
+        "noise_share": some([1.0, 1.0, 0.1]),
         "camera": some(["good", "good", "good", "frozen", "gone", "from the future"]),
         "told": st.none() | command,
         "wall": some([None, WallTime(second_of_day=100.0, weekday=2)]),
@@ -212,7 +213,8 @@ def look(name, distance_m, scene, at_s, number):
     if distance_m is None:
         return missed(name, at_s)
     distance_m = distance_m - scene["closing"] * FRAME_S * number
-    return measured(name, at_s, distance_m, scene["sigma_m"], scene["bearing"])
+    seen = measured(name, at_s, distance_m, scene["sigma_m"], scene["bearing"])
+    return replace(seen, noise_m=scene["noise_share"] * scene["sigma_m"])
 
 
 def run(plan, scenes):

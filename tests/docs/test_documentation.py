@@ -1,5 +1,6 @@
 """What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere."""
 
+import ast
 import re
 import shlex
 from pathlib import Path
@@ -8,7 +9,26 @@ import pytest
 import typer
 
 from stadimeter.cli.main import app
+from stadimeter.config.condition_tables import WhenTable
+from stadimeter.config.expectation_tables import ExpectTable
+from stadimeter.config.figure_tables import (
+    ClosingTable,
+    ContactTable,
+    CountTable,
+    DirectionTable,
+    SeparationTable,
+    TimeTable,
+)
+from stadimeter.config.follow_tables import FollowTable
 from stadimeter.config.loader import load_configuration
+from stadimeter.config.models import ActuatorTable, BaseTable
+from stadimeter.config.pattern_tables import PatternTable
+from stadimeter.config.ramp_tables import RampTable
+from stadimeter.config.rule_common import LostTable
+from stadimeter.config.rule_models import RuleTable
+from stadimeter.config.rule_test_tables import InputTable
+from stadimeter.config.sequence_tables import StepTable
+from stadimeter.core import templates
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -18,6 +38,7 @@ PAGES = [
     *sorted((ROOT / "deploy").glob("*.md")),
 ]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+WRONG = re.compile(r"^<!-- wrong on purpose -->\n(?:<!-- .*? -->\n)?```\w+\n.*?^```\n", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 
 AROUND = {
@@ -29,15 +50,32 @@ AROUND = {
     "actuators.buzzer": '[actuators.buzzer]\ndriver = "simulated"\n',
     "base": '[base]\ndriver = "simulated"\n',
     "world": "[world]\n",
+    "messenger": '[messenger]\ndriver = "simulated"\n',
+    "notifiers.phone": '[notifiers.phone]\ndriver = "simulated"\n',
+    "rules.near": '[rules.near]\nactuator = "buzzer"\nwhen = { below = "2 m" }\nack = "required"\n',
 }
 """What a fragment of a configuration is put into."""
+
+
+def keys_of(table):
+    return [info.alias or name for name, info in table.model_fields.items()]
+
+
+KEYS = {
+    table.__name__: keys_of(table)
+    for table in (
+        RuleTable, WhenTable, RampTable, FollowTable, StepTable, PatternTable, LostTable, InputTable, ExpectTable,
+        ClosingTable, ContactTable, CountTable, DirectionTable, SeparationTable, TimeTable, ActuatorTable, BaseTable,
+    )
+}  # fmt: skip
+"""The keys that people may write, by the table that they stand in."""
 
 
 def blocks(language):
     return [
         pytest.param(page, text, id=f"{page.relative_to(ROOT)}-{number}")
         for page in PAGES
-        for number, (kind, text) in enumerate(FENCE.findall(page.read_text()))
+        for number, (kind, text) in enumerate(FENCE.findall(WRONG.sub("", page.read_text())))
         if kind == language
     ]
 
@@ -46,7 +84,9 @@ def completed(fragment):
     """Put a fragment of a configuration into a whole one, unless it brings that part itself."""
     if "[camera]" in fragment:
         return fragment
-    return "".join(table for name, table in AROUND.items() if f"[{name}]" not in fragment) + fragment
+    brings_rules = "[rules." in fragment
+    around = {name: table for name, table in AROUND.items() if not (brings_rules and name.startswith("rules."))}
+    return "".join(table for name, table in around.items() if f"[{name}]" not in fragment) + fragment
 
 
 def is_configuration(text):
@@ -57,15 +97,51 @@ def is_configuration(text):
 def test_every_configuration_that_is_shown_can_be_loaded(page, text, tmp_path):
     path = tmp_path / "shown.toml"
     path.write_text(completed(text))
-    assert load_configuration(path).plan.targets == ("ball",)
+    assert load_configuration(path).plan.targets[0] == "ball"
+
+
+def words_shown():
+    """Return every word that stands in backquotes in the reference."""
+    pages = [ROOT / "docs" / name for name in ("configuration.md", "configuration-rules.md")]
+    spans = [span for page in pages for span in re.findall(r"`([^`\n]+)`", page.read_text())]
+    return {word for span in spans for word in re.findall(r"[a-z_]+", span)}
+
+
+@pytest.mark.parametrize(("table", "key"), [(table, key) for table, keys in KEYS.items() for key in keys])
+def test_the_reference_names_every_key_of_a_rule(table, key):
+    assert key in words_shown(), f"a key of {table} is not in the reference"
+
+
+def test_the_reference_names_every_field_of_a_template():
+    assert set(templates.FIELDS) <= words_shown()
+
+
+def test_the_list_of_checks_names_every_code():
+    shown = set(re.findall(r"`([a-z-]+)`", (ROOT / "docs" / "checks.md").read_text()))
+    assert codes_in_the_source() - shown == set()
+
+
+def codes_in_the_source():
+    """Return every code that a finding is made with where it stands in the source as it is."""
+    calls = (
+        node
+        for source in (ROOT / "src" / "stadimeter").rglob("*.py")
+        for node in ast.walk(ast.parse(source.read_text()))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in {"Finding", "Problem"}
+    )
+    given = [[*call.args[3:4], *(word.value for word in call.keywords if word.arg == "code")] for call in calls]
+    return {each.value for codes in given for each in codes if isinstance(each, ast.Constant) and each.value}
 
 
 def commands():
     for page in PAGES:
         for kind, text in FENCE.findall(page.read_text()):
-            if kind != "sh":
+            if kind not in {"sh", "console"}:
                 continue
-            for line in text.splitlines():
+            lines = text.splitlines()
+            if kind == "console":
+                lines = [re.split(r" [|>] ", line[2:])[0] for line in lines if line.startswith("$ ")]
+            for line in lines:
                 words = shlex.split(line, comments=True)
                 if words and words[0].rpartition("/")[2] == "stadimeter":
                     yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
@@ -87,6 +163,18 @@ def test_every_link_leads_to_something_that_is_there(page):
     for target in LINK.findall(page.read_text()):
         if "://" not in target:
             assert (page.parent / target).exists(), target
+
+
+def anchors(page):
+    """Return what links may name in a page: its headings, written as GitHub writes them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_into_a_page_names_one_of_its_headings(page):
+    for target, heading in re.findall(r"\]\(([^)#:]*)#([^)]+)\)", page.read_text()):
+        assert heading in anchors(page.parent / target if target else page), f"{target}#{heading}"
 
 
 def test_make_targets_that_are_named_exist():

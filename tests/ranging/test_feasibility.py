@@ -48,9 +48,11 @@ def test_the_farthest_distance_is_where_the_size_is_reached(size: TargetSize, si
     assert expect(size, CAMERA, farthest_m(size, CAMERA, size_px)).size_px == pytest.approx(size_px)
 
 
-def test_an_unsure_focal_length_makes_the_distance_unsure() -> None:
+def test_an_unsure_focal_length_makes_the_distance_unsure_but_not_noisy() -> None:
     unsure = replace(CAMERA, focal_relative_sigma=0.1)
-    assert expect(PAPER, unsure, 2.0).sigma_m == pytest.approx(0.2, rel=0.01)
+    expected = expect(PAPER, unsure, 2.0)
+    assert expected.sigma_m == pytest.approx(0.2, rel=0.01)
+    assert expected.noise_m == expect(PAPER, CAMERA, 2.0).noise_m == expect(PAPER, CAMERA, 2.0).sigma_m
 
 
 @pytest.mark.parametrize("distance_m", [0.0, -1.0, math.nan, math.inf])

@@ -217,4 +217,6 @@ def _what_is_wrong(error: ValidationError) -> str:
     if detail["type"].startswith("union_tag"):
         return f'"op" must be one of: {", ".join(OPS)}'
     place = ".".join(str(part) for part in detail["loc"][1:])
+    if detail["type"] == "string_pattern_mismatch":
+        return f"{place}: text on one line is wanted, without control characters"
     return f"{place}: {detail['msg'][:1].lower()}{detail['msg'][1:]}" if place else detail["msg"]

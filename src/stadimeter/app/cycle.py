@@ -8,21 +8,18 @@ from time import perf_counter
 
 from stadimeter.app.capture import Capture
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.expectations import Expectations
 from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.looking import Looking
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
 from stadimeter.core.command import Command
 from stadimeter.core.decide import State, decide
-from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
-from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
-from stadimeter.ranging.measure import measure
 
 FRAME_WAIT_S = 0.1
 """A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass."""
@@ -56,6 +53,7 @@ class Cycle:
         detectors: One for each target, by the target's name.
         outputs: The outputs, in the order of the plan.
         max_frame_age_s: A frame older than this moves nothing.
+        looking: Looks for the targets.
     """
 
     clock: Clock
@@ -65,8 +63,11 @@ class Cycle:
     outputs: Sequence[LeasedOutput]
     max_frame_age_s: float
     _newest: Frame | None = field(default=None)
-    _lens: CameraModel | None = field(default=None)
-    _expectations: Expectations = field(default_factory=Expectations)
+    looking: Looking = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Look for the targets through the lens."""
+        self.looking = Looking(self.detectors, self.camera_model)
 
     def run(
         self, state: State, told: tuple[OperatorCommand, ...] = (), wall: WallTime | None = None
@@ -90,7 +91,8 @@ class Cycle:
         frame, camera_fault = self._next_frame()
         watch.lap("capture")
         now_s = self.clock.now_s()
-        detections, measurements = self._looked_at(frame, state) if frame else ((), ())
+        tracks = {tracked.track.target: tracked.track for tracked in state.tracks}
+        detections, measurements = self.looking.look(frame, tracks) if frame else ((), ())
         watch.lap("measure")
         observation = Observation(
             now_s=now_s,
@@ -136,27 +138,6 @@ class Cycle:
             return FRAME_WAIT_S
         left_s = self._newest.captured_at_s + self.max_frame_age_s - self.clock.now_s()
         return min(FRAME_WAIT_S, left_s + JUST_AFTER_S) if left_s > 0 else FRAME_WAIT_S
-
-    def _looked_at(self, frame: Frame, state: State) -> tuple[tuple[Detection, ...], tuple[Measurement, ...]]:
-        """Look for every target, first where its track says that it will be."""
-        lens = self._lens_of(frame)
-        at_s = frame.captured_at_s
-        tracks = {tracked.track.target: tracked.track for tracked in state.tracks}
-        detections = tuple(
-            [
-                detector.detect(frame, self._expectations.of(tracks.get(name), detector.target_size, lens, at_s))
-                for name, detector in self.detectors.items()
-            ]
-        )
-        looked = zip(detections, self.detectors.values(), strict=True)
-        return detections, tuple([measure(found, detector.target_size, lens, at_s) for found, detector in looked])
-
-    def _lens_of(self, frame: Frame) -> CameraModel:
-        """Return the camera model at the frame's resolution, which hardly ever changes."""
-        lens = self._lens
-        if lens is None or (lens.width_px, lens.height_px) != (frame.width_px, frame.height_px):
-            lens = self._lens = self.camera_model.scaled_to(frame.width_px, frame.height_px)
-        return lens
 
     def _applied(self, commands: Sequence[Command]) -> tuple[Command, ...]:
         applied = (output.apply(command) for output, command in zip(self.outputs, commands, strict=True))

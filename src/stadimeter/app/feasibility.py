@@ -16,6 +16,7 @@ from stadimeter.config.toml_lines import KeyPath, key_places
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import DirectionCondition, DistanceCondition
 from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
+from stadimeter.core.rules.probability import probability_between
 from stadimeter.core.target import TargetSize
 from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.feasibility import RELIABLE_PX, expect, farthest_m
@@ -111,7 +112,8 @@ def _distance_findings(
         yield _too_near(at, condition, nearest_m, camera)
         return
     small = list(_too_small(at, max(limits_m, default=0.0), condition.target, size, camera))
-    unsure = [finding for limit_m in limits_m for finding in _too_unsure(at, limit_m, condition, size, camera)]
+    unsure = [finding for limit_m in limits_m for finding in _too_noisy(at, limit_m, condition, size, camera)]
+    unsure += _too_narrow(at, condition, size, camera)
     yield from (*small, *unsure)
     if not small and not unsure:
         yield from _ends_too_far(at, condition, size, camera)
@@ -141,19 +143,36 @@ def _too_small(at: KeyPath, limit_m: float, target: str, size: TargetSize, camer
     yield Finding(at, message, hint, "unresolvable")
 
 
-def _too_unsure(
+def _too_noisy(
     at: KeyPath, limit_m: float, condition: DistanceCondition, size: TargetSize, camera: CameraModel
 ) -> Iterator[Finding]:
-    sigma_m = expect(size, camera, limit_m).sigma_m
-    band_m = condition.deadband_sigmas * sigma_m
+    noise_m = expect(size, camera, limit_m).noise_m
+    band_m = condition.deadband_sigmas * noise_m
     if band_m <= limit_m / 2:
         return
     message = (
-        f"at {length(limit_m)} the distance is sure to ± {sigma_m:.2f} m only; with a deadband of "
+        f"at {length(limit_m)} the distance differs by ± {noise_m:.2f} m from frame to frame; with a deadband of "
         f"{condition.deadband_sigmas:g} standard deviations, {band_m:.2f} m, an alarm may not end"
     )
-    hint = "a larger target, more pixels, a better calibration or a nearer limit helps"
-    yield Finding(at, message, hint, "unresolvable")
+    yield Finding(at, message, "a larger target, more pixels or a nearer limit helps", "unresolvable")
+
+
+def _too_narrow(at: KeyPath, condition: DistanceCondition, size: TargetSize, camera: CameraModel) -> Iterator[Finding]:
+    """Find limits so near to each other that a distance is never surely enough between them."""
+    low_m, high_m, likely_on = condition.above_m, condition.below_m, condition.probability_on
+    if not low_m or high_m is None or likely_on is None or high_m <= low_m:
+        return
+    within = [expect(size, camera, low_m + (high_m - low_m) * step / 20) for step in range(1, 20)]
+    likely, sigma_m = max(
+        (probability_between(low_m, high_m, there.distance_m, there.sigma_m), there.sigma_m) for there in within
+    )
+    if likely >= likely_on:
+        return
+    message = (
+        f"the distance is sure to ± {sigma_m:.2f} m only, so it is between {length(low_m)} and {length(high_m)} with a "
+        f"probability of {likely:.0%} at most, and {likely_on:.0%} is asked for: this may never begin"
+    )
+    yield Finding(at, message, "a better calibration, a wider range or a lower probability helps", "unresolvable")
 
 
 def _ends_too_far(
@@ -162,8 +181,8 @@ def _ends_too_far(
     """Find an alarm that begins where the target is seen, and ends only where it is not."""
     if condition.below_m is None:
         return
-    sigma_m = expect(size, camera, condition.below_m).sigma_m
-    band_m = max(condition.deadband_m, condition.deadband_sigmas * sigma_m)
+    noise_m = expect(size, camera, condition.below_m).noise_m
+    band_m = max(condition.deadband_m, condition.deadband_sigmas * noise_m)
     ends_m, seen_m = condition.below_m + band_m, farthest_m(size, camera)
     if ends_m > seen_m:
         message = (

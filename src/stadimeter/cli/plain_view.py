@@ -112,7 +112,8 @@ class PlainView:
 
 
 def _rule(trace: RuleTrace, reason: str) -> str:
-    return f"{trace.status.value.upper()} {trace.rule}: {reason}"
+    marks = ", ".join([*([] if trace.acknowledged else ["unacknowledged"]), *trace.gates])
+    return f"{trace.status.value.upper()} {trace.rule}{f' ({marks})' if marks else ''}: {reason}"
 
 
 def _event_words(event: Event) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,16 +15,23 @@ from stadimeter.app.demonstration import demo_configuration
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.signals import stopping_on_signals
 from stadimeter.cli.exits import told_plainly
+from stadimeter.cli.recording_options import (
+    ImageQuality,
+    ImageRate,
+    JournalFile,
+    Keeping,
+    RecordFile,
+    RecordImages,
+    kept,
+)
 from stadimeter.cli.run_summary import in_words, summarise
+from stadimeter.cli.service_options import NoState, Serving, SocketFile, StateFile, TrustClock, served
 from stadimeter.cli.viewing import View, show
 from stadimeter.config.loader import load_configuration
 
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, a TOML file.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S", help="End after this long.")]
 Frames = Annotated[int | None, typer.Option("--frames", min=1, metavar="N", help="End after this many frames.")]
-JournalFile = Annotated[
-    Path | None, typer.Option("--journal", metavar="FILE", help="Record every cycle, for `stadimeter replay`.")
-]
 Speed = Annotated[
     float,
     typer.Option("--speed", min=0.0, help="How fast recordings and simulations run: 1 is real time, 0 has no brake."),
@@ -46,6 +54,14 @@ def run(
     frames: Frames = None,
     seconds: Seconds = None,
     journal: JournalFile = None,
+    record: RecordFile = None,
+    record_images: RecordImages = "all",
+    image_rate: ImageRate = None,
+    image_quality: ImageQuality = 90,
+    state: StateFile = None,
+    no_state: NoState = False,
+    socket: SocketFile = None,
+    trust_clock: TrustClock = False,
     watch: Annotated[bool, typer.Option("--watch", help="Show the live view instead of lines.")] = False,
     speed: Speed = 1.0,
     unit: Unit = "m",
@@ -54,8 +70,12 @@ def run(
     """Measure, decide and act, until told to stop.
 
     Opens the camera and every output that CONFIG names, and runs its rules on every frame. Prints a line a second,
-    and each event at once. A recording ends when its frames do; Ctrl-C, SIGTERM and SIGHUP stop every output first
-    and then end the run.
+    and each event at once. A recording ends when its frames do; Ctrl-C and SIGTERM stop every output first and then
+    end the run, and so does SIGHUP, which says that the terminal is gone. To a service, which has none, SIGHUP says to
+    read CONFIG again, as `stadimeter reload` does.
+
+    Alarms of a live camera are remembered: after a restart they go on as if nothing had happened. A running instance
+    can be told things with `stadimeter ack`, `shelve` and so on.
 
     **Examples**
 
@@ -63,18 +83,38 @@ def run(
 
     - `stadimeter run config/follow-ball.toml --seconds 60 --journal run.jsonl`
 
-    **Exit code**: 0 the run ended as it should; 2 a device, the configuration or the journal is wrong.
+    - `stadimeter run config/follow-ball.toml --record run.mcap --image-rate 5`
+
+    **Exit code**: 0 the run ended as it should; 2 a device, the configuration or the journal is wrong. A recording
+    that cannot go on, for a full disk for example, is a warning: the run goes on without it.
     """
     view: View = "json" if as_json else "live" if watch else "plain"
     with told_plainly():
         loop = Loop(build(load_configuration(config), speed=speed or None))
-        _run(loop, Limits(frames=frames, seconds=seconds), journal, view, config.name, unit)
+        keeping = Keeping(
+            journal=journal,
+            record=record,
+            images=record_images,
+            image_rate_hz=image_rate,
+            image_quality_percent=image_quality,
+            is_quiet=view == "live",
+        )
+        serving = Serving(
+            state=state,
+            no_state=no_state,
+            socket=socket,
+            trust_clock=trust_clock,
+            is_unhurried=loop.parts.is_live or speed > 0,
+            is_quiet=view == "live",
+        )
+        _run(loop, Limits(frames=frames, seconds=seconds), keeping, serving, Showing(view, config.name, unit))
 
 
 def demo(
     seconds: Seconds = None,
     plain: Annotated[bool, typer.Option("--plain", help="Print lines instead of the live view.")] = False,
     journal: JournalFile = None,
+    record: RecordFile = None,
     speed: Speed = 1.0,
     unit: Unit = "m",
 ) -> None:
@@ -89,25 +129,39 @@ def demo(
     """
     with told_plainly():
         loop = Loop(build(demo_configuration(), speed=speed or None))
-        _run(loop, Limits(seconds=seconds), journal, "plain" if plain else "live", "demo", unit)
+        keeping = Keeping(journal=journal, record=record, is_quiet=not plain)
+        serving = Serving(is_unhurried=speed > 0, is_quiet=not plain)
+        _run(loop, Limits(seconds=seconds), keeping, serving, Showing("plain" if plain else "live", "demo", unit))
 
 
-def _run(loop: Loop, limits: Limits, journal: Path | None, view: View, title: str, unit: str) -> None:
+@dataclass(frozen=True, slots=True)
+class Showing:
+    """How a run is shown.
+
+    Attributes:
+        view: How.
+        title: What runs.
+        unit: The unit of distances.
+    """
+
+    view: View
+    title: str
+    unit: str
+
+
+def _run(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
     with ExitStack() as closing:
-        closing.enter_context(stopping_on_signals(loop.stop))
-        if journal is not None:
-            from stadimeter.app.journal import JournalWriter  # noqa: PLC0415 - it takes long, and few runs have one
-
-            loop.journal = JournalWriter(journal, loop.parts.configuration.text)
-            closing.callback(loop.journal.close)
-        closing.enter_context(show(loop, view, title, unit))
+        reload = closing.enter_context(served(loop, serving))
+        closing.enter_context(stopping_on_signals(loop.stop, reload))
+        closing.enter_context(kept(loop, keeping))
+        closing.enter_context(show(loop, showing.view, showing.title, showing.unit))
         if loop.parts.recording_drives:
             loop.listeners.append(_RealOutputsTeller(loop.parts.recording_drives))
         loop.run(limits)
     for trouble in loop.troubles:
         typer.echo(f"warning: while ending: {trouble}", err=True)
     summary = summarise(loop.health, loop.ending)
-    typer.echo(json.dumps(summary) if view == "json" else in_words(summary))
+    typer.echo(json.dumps(summary) if showing.view == "json" else in_words(summary))
 
 
 class _RealOutputsTeller:

@@ -72,7 +72,7 @@ def ends(condition: Condition) -> str:
         condition: The condition.
 
     Returns:
-        A clause, such as ``it is further than 0.50 m (1.6 ft) by 3 standard deviations``.
+        A clause, such as ``it is further than 0.50 m (1.6 ft) by 3 standard deviations of the noise``.
     """
     match condition:
         case DistanceCondition():
@@ -189,8 +189,9 @@ def _back(band: _Band, below: str, above: str) -> str:
     there += [f"{above}{say(high + fixed)}"] if high is not None else []
     if not sigmas:
         return " or ".join(there)
-    width = f"{deadband:g} {_UNITS[say]} or {sigmas:g} standard deviations, whichever is more,"
-    return f"{' or '.join(there)} by {width if deadband else f'{sigmas:g} standard deviations'}"
+    noise = f"{sigmas:g} standard deviations of the noise"
+    width = f"{deadband:g} {_UNITS[say]} or {noise}, whichever is more," if deadband else noise
+    return f"{' or '.join(there)} by {width}"
 
 
 def _degrees(angle_rad: float) -> str:

@@ -68,7 +68,7 @@ class LikelihoodTable(Section):
     """How sure it must be that a figure is within its limits.
 
     Attributes:
-        deadband_sigmas: How many standard deviations the figure must come back before the condition ends.
+        deadband_sigmas: How many standard deviations of its noise the figure must come back before the condition ends.
         probability: How likely the condition must be to begin; None compares the figures alone.
         probability_off: How likely it may be at most to end.
     """

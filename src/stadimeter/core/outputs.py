@@ -95,7 +95,10 @@ def _step(
     winner = wanted[0] if wanted else None
     command = _command(output, before.command, winner, safety.frame.captured_at_s, step_s)
     who, reason = (winner.rule, "") if winner else ("safe", NOBODY)
-    return OutputStep(command=command, trace=_trace(before, who, reason, wanted, losing_from=1), wanted=wanted)
+    trace = _trace(before, who, reason, wanted, losing_from=1)
+    if command is before.command and trace is before.trace and wanted is before.wanted:
+        return before
+    return OutputStep(command=command, trace=trace, wanted=wanted)
 
 
 def _trace(before: OutputStep, winner: str, reason: str, wanted: Sequence[Request], *, losing_from: int) -> OutputTrace:
@@ -111,7 +114,7 @@ def _trace(before: OutputStep, winner: str, reason: str, wanted: Sequence[Reques
 
 def _command(output: Output, before: Command, request: Request | None, captured_at_s: float, step_s: float) -> Command:
     if isinstance(output, LevelOutput) and isinstance(before, LevelCommand):
-        return _level(output, before.level, request, captured_at_s, step_s)
+        return _level(output, before, request, captured_at_s, step_s)
     if isinstance(output, BaseOutput) and isinstance(before, TwistCommand) and isinstance(request, TwistRequest):
         linear_mps, angular_radps = limited_twist(
             output,
@@ -125,9 +128,13 @@ def _command(output: Output, before: Command, request: Request | None, captured_
     return safe_command(output)  # nobody asks a base to move: it stands still at once
 
 
-def _level(output: LevelOutput, before: float, request: Request | None, captured_at_s: float, step_s: float) -> Command:
+def _level(
+    output: LevelOutput, before: LevelCommand, request: Request | None, captured_at_s: float, step_s: float
+) -> Command:
+    if request is None and before.level == output.safe_level and before.captured_at_s is None:
+        return before  # at rest, and nobody asks for more
     wanted = request.level if isinstance(request, LevelRequest) else output.safe_level
-    level = slewed_level(output, before, wanted, step_s)
+    level = slewed_level(output, before.level, wanted, step_s)
     if request is None and level == output.safe_level:
         return safe_command(output)
     return LevelCommand(output=output.name, level=level, captured_at_s=captured_at_s)

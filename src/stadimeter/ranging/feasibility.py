@@ -32,11 +32,13 @@ class Expectation:
         size_px: How large the target will appear: a ball's diameter, a flat target's shorter side as it faces the
             camera.
         sigma_m: The standard deviation of one measurement of the distance.
+        noise_m: The part of it that differs from frame to frame; an error of the focal length does not.
     """
 
     distance_m: float
     size_px: float
     sigma_m: float
+    noise_m: float
 
     @property
     def is_reliable(self) -> bool:
@@ -62,8 +64,9 @@ def expect(size: TargetSize, camera: CameraModel, distance_m: float) -> Expectat
         raise ValueError(f"distance_m = {distance_m} is not a finite number above zero")
     focal_px = math.sqrt(camera.fx_px * camera.fy_px)
     size_px = focal_px * _tangent_size(size, distance_m)
-    share = math.hypot(_size_sigma_px(size, size_px) / size_px, camera.focal_relative_sigma)
-    return Expectation(distance_m=distance_m, size_px=size_px, sigma_m=share * distance_m)
+    noise_m = _size_sigma_px(size, size_px) / size_px * distance_m
+    sigma_m = math.hypot(noise_m, camera.focal_relative_sigma * distance_m)
+    return Expectation(distance_m=distance_m, size_px=size_px, sigma_m=sigma_m, noise_m=noise_m)
 
 
 def farthest_m(size: TargetSize, camera: CameraModel, size_px: float = RELIABLE_PX) -> float:

@@ -1,0 +1,213 @@
+"""A deadband is against noise. An error of the scale is the same in every frame, and needs none."""
+
+import math
+import random
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.core.condition import DistanceCondition, SeparationCondition, TimeToContactCondition
+from stadimeter.core.decide import decide, initial_state
+from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.plan import Plan, Tracking
+from stadimeter.core.rule import AlarmRule, OnDelay, RampRule, Severity
+from stadimeter.core.rules.conditions import in_words, judge
+from stadimeter.core.rules.evidence import evidence
+from stadimeter.core.rules.known import Known
+from stadimeter.core.rules.ramp_level import ramp_level
+from stadimeter.core.track import Track, TrackStatus
+from stadimeter.testing.observing import measured
+
+NEAR = DistanceCondition(below_m=0.5, target="ball")
+FAR = DistanceCondition(above_m=2.0, target="ball")
+BETWEEN = DistanceCondition(above_m=0.5, below_m=1.5, target="ball")
+
+
+def ball(distance_m, noise_m=0.002, scale_sigma=0.1, target="ball", **more):
+    """Return a target of which the noise is known, and the scale is not."""
+    return Track(
+        target=target,
+        status=TrackStatus.TRACKING,
+        distance_m=distance_m,
+        depth_m=distance_m,
+        sigma_m=math.hypot(noise_m, scale_sigma * distance_m),
+        noise_m=noise_m,
+        **{"closing_mps": 0.0, "closing_sigma_mps": 0.05, "bearing_rad": 0.0, "elevation_rad": 0.0, **more},
+    )
+
+
+def holds(condition, *tracks, is_active=False):
+    known = Known(tracks={each.target: each for each in tracks}, now_s=1.0)
+    return judge(condition, known, (), is_active=is_active).value
+
+
+def test_an_uncalibrated_camera_moves_where_an_alarm_begins_and_not_where_it_ends():
+    assert holds(NEAR, ball(0.49)) is False
+    assert holds(NEAR, ball(0.47)) is True
+    assert holds(NEAR, ball(0.50), is_active=True) is True
+    assert holds(NEAR, ball(0.51), is_active=True) is False
+    assert holds(FAR, ball(1.98), is_active=True) is False
+
+
+def test_an_alarm_between_two_limits_ends_beyond_either_of_them():
+    assert holds(BETWEEN, ball(1.0)) is True
+    assert [holds(BETWEEN, ball(d), is_active=True) for d in (0.3, 0.47, 1.0, 1.55)] == [False, False, True, False]
+
+
+def test_noise_makes_the_deadband_wide_and_the_rest_of_what_is_unsure_does_not():
+    known = Known(tracks={"ball": ball(0.5, noise_m=0.02)}, now_s=1.0)
+    assert in_words(NEAR, known, (), is_active=True) == "0.50 m ± 0.05, below 0.56 m: P 0.87, ends at 0.50"
+    (found,) = evidence(NEAR, known, (), is_active=True)
+    assert (found.begins_at, found.ends_at) == ("0.47 m", "0.56 m")
+    assert found.sigma == pytest.approx(math.hypot(0.02, 0.05))
+
+
+def test_where_the_noise_is_not_known_apart_all_counts_as_noise():
+    unsplit = replace(ball(0.55), noise_m=None)
+    assert holds(NEAR, unsplit, is_active=True) is True
+    assert holds(NEAR, ball(0.55), is_active=True) is False
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    "condition",
+    [
+        NEAR,
+        SeparationCondition(targets=("ball", "tag"), below_m=1.0),
+        TimeToContactCondition(below_s=2.0, target="ball"),
+    ],
+)
+def test_with_a_noise_that_is_no_number_nothing_is_known(condition, broken):
+    tracks = ball(0.4, noise_m=0.01), ball(0.4, target="tag")
+    assert holds(condition, replace(tracks[0], noise_m=broken), tracks[1]) is None
+
+
+def test_two_targets_come_apart_by_the_noise_of_both():
+    apart = SeparationCondition(targets=("ball", "tag"), below_m=1.0)
+    tag = ball(3.0, 0.03, target="tag")
+    assert holds(apart, ball(1.80, 0.04), tag, is_active=True) is False  # 1.2 m; the band is 3 · 0.05 m
+    assert holds(apart, ball(1.90, 0.04), tag, is_active=True) is True
+
+
+SOON = TimeToContactCondition(below_s=2.0, target="ball", deadband_s=0.0)
+
+
+def test_an_unsure_scale_hardly_makes_the_time_to_contact_unsure():
+    coming = {"closing_mps": 1.0, "closing_sigma_mps": 0.01}
+    assert holds(SOON, ball(1.98, **coming)) is True
+    assert holds(SOON, ball(1.98, **coming, scale_sigma=0.3)) is True
+    (found,) = evidence(SOON, Known(tracks={"ball": ball(2.0, **coming)}, now_s=1.0), (), is_active=True)
+    assert found.sigma == pytest.approx(math.hypot(0.002, 2 * 0.01))
+    assert found.ends_at == "2.04 s"
+
+
+def test_where_contact_is_at_a_distance_the_scale_counts_for_that_distance():
+    coming = {"closing_mps": 1.0, "closing_sigma_mps": 0.01}
+    there = replace(SOON, contact_m=0.5)
+    (found,) = evidence(there, Known(tracks={"ball": ball(2.5, **coming)}, now_s=1.0), (), is_active=False)
+    assert found.sigma == pytest.approx(math.hypot(0.002, 2 * 0.01, 0.1 * 0.5))
+    assert found.value == pytest.approx(2.0)
+
+
+limits = st.builds(
+    lambda low_m, width_m, sides: {
+        "above_m": low_m if "above" in sides else None,
+        "below_m": low_m + width_m if "below" in sides else None,
+    },
+    st.floats(0.3, 4),
+    st.floats(0.1, 2),
+    st.sampled_from(["above", "below", "above and below"]),
+)
+
+
+@given(
+    limits,
+    st.sampled_from([(None, 0.5), (0.3, 0.3), (0.5, 0.5), (0.7, 0.5), (0.9, 0.5), (0.9, 0.2), (0.9, 0.9)]),
+    st.sampled_from([1.0, 2.0, 3.0]),
+    st.floats(-0.3, 0.3),
+    st.tuples(st.floats(0, 0.02), st.sampled_from([0.0, 0.02, 0.1, 0.15])),
+    st.lists(st.floats(-1, 1), min_size=2, max_size=20),
+)
+def test_noise_within_the_deadband_raises_or_clears_an_alarm_once_at_most(
+    ends, probabilities, sigmas, off_limit, shares, wobble
+):
+    (on, off), (noise_share, scale_sigma) = probabilities, shares
+    distance_m = (ends["above_m"] or ends["below_m"]) * (1 + off_limit)
+    condition = DistanceCondition(**ends, probability_on=on, probability_off=off, deadband_sigmas=sigmas, target="ball")
+    # From end to end 0.7 of the deadband: where a high probability is asked for to go on, the scale takes of it.
+    reach_m = 0.35 * sigmas * noise_share * distance_m
+    is_active = bool(holds(condition, ball(distance_m, noise_share * distance_m, scale_sigma)))
+    transitions = 0
+    for share in wobble:
+        there = ball(distance_m + share * reach_m, noise_share * distance_m, scale_sigma)
+        value = bool(holds(condition, there, is_active=is_active))
+        transitions += value is not is_active
+        is_active = value
+    assert transitions <= 1
+
+
+def turns(condition, distance_m, scale_sigma, seed, severity=Severity.WARNING):
+    """Count how often an alarm is raised or cleared while a target stands still for a minute, seen with noise."""
+    rule = AlarmRule(
+        name="it", target="ball", condition=condition, on_delay=OnDelay(), off_delay_s=0.0, severity=severity
+    )
+    state = initial_state(Plan(targets=("ball",), rules=(rule,), tracking=Tracking(correlation=0.0)))
+    noise = random.Random(seed)  # noqa: S311 - nothing is to be kept secret
+    count, noise_m = 0, 0.02 * distance_m
+    for number in range(900):
+        at_s, seen_m = number / 15, distance_m + noise.gauss(0, noise_m)
+        seen = measured("ball", at_s, seen_m, noise_m)
+        seen = replace(seen, sigma_m=math.hypot(noise_m, scale_sigma * seen_m))
+        observed = Observation(now_s=at_s, frame=FrameStamp(sequence=number, captured_at_s=at_s), measurements=(seen,))
+        state, decision = decide(state, observed)
+        count += sum(event.source == "it" for event in decision.events)
+    return count
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("probability", [None, 0.5, 0.7, 0.9])
+@pytest.mark.parametrize("scale_sigma", [0.0, 0.1])
+def test_a_target_that_stands_at_a_limit_does_not_make_an_alarm_chatter(probability, scale_sigma, seed):
+    condition = replace(FAR, probability_on=probability)
+    # Once at the limit itself, and once where it begins to be likely enough.
+    sigmas = {None: 0.0, 0.5: 0.0, 0.7: 0.524, 0.9: 1.282}[probability]
+    for distance_m in (2.0, 2.0 / (1 - sigmas * scale_sigma)):
+        assert turns(condition, distance_m, scale_sigma, seed) <= 2
+
+
+TABLE = RampRule(
+    name="r", target="ball", output="o", start_m=1.0, full_m=3.0, points=((1.0, 0.0), (2.0, 1.0), (3.0, 0.0))
+)
+CURVES = [
+    RampRule(name="r", target="ball", output="o", start_m=start_m, full_m=full_m, level_min=0.2)
+    for start_m, full_m in ((1.0, 3.0), (3.0, 1.0))
+]
+
+
+@given(
+    st.sampled_from([replace(TABLE, dead_zone=0.2), *CURVES]),
+    st.sampled_from(["neutral", "cautious", "quiet"]),
+    st.floats(0.5, 1.6) | st.floats(2.4, 3.5),
+    st.floats(0, 0.2),
+    st.floats(0, 0.4),
+    st.floats(-0.99, 0.99),
+)
+def test_noise_does_not_switch_a_ramp_off_whatever_its_bias_and_its_scale(
+    rule, bias, distance_m, noise_m, scale_m, share
+):
+    rule, sigma_m = replace(rule, bias=bias), math.hypot(noise_m, scale_m)
+    if ramp_level(rule, distance_m, sigma_m, noise_m, is_on=False) > 0:
+        moved_m = distance_m + 2 * share * noise_m
+        assert ramp_level(rule, moved_m, sigma_m, noise_m, is_on=True) > 0
+
+
+@pytest.mark.parametrize("bias", ["neutral", "cautious", "quiet"])
+def test_a_ramp_with_an_unsure_scale_goes_off_as_near_to_its_start_as_the_noise_allows(bias):
+    rule = replace(CURVES[1], bias=bias)  # full at 1 m, off from 3 m on
+    begins_m = {"neutral": 3.0, "cautious": 3.3, "quiet": 2.7}[bias]
+    assert ramp_level(rule, begins_m - 0.01, 0.3, 0.02, is_on=False) > 0
+    assert ramp_level(rule, begins_m + 0.01, 0.3, 0.02, is_on=False) == 0
+    assert ramp_level(rule, begins_m + 0.03, 0.3, 0.02, is_on=True) > 0
+    assert ramp_level(rule, begins_m + 0.05, 0.3, 0.02, is_on=True) == 0
