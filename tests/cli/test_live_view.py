@@ -207,6 +207,19 @@ def test_distances_leave_the_chart_after_half_a_minute(
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
+def test_what_keeps_a_rule_quiet_is_shown_in_place_of_its_output(
+    make_record: Callable[..., CycleRecord], width: int, height: int
+) -> None:
+    record = make_record()
+    rules = tuple(
+        replace(trace, gates=("shelved", "suppressed")) if trace.rule == "report" else trace
+        for trace in record.decision.rules
+    )
+    rows = screen(shown(replace(record, decision=replace(record.decision, rules=rules))), width, height)
+    assert "clearing  shelved, suppressed" in row_with(" report ", rows)
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
 def test_every_rule_is_shown_with_its_state_its_output_and_its_reason(
     make_record: Callable[..., CycleRecord], width: int, height: int
 ) -> None:

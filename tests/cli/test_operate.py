@@ -152,7 +152,7 @@ def test_what_is_refused_is_one_clear_line_and_2(terminal):
     for words, expected in [
         (("reset", "near"), "near"),
         (("ack", "nera"), "nera"),
-        (("shelve", "near", "--for", "2 h"), "up to 3600 s"),
+        (("shelve", "near", "--for", "2 h"), "up to 1 h"),
         (("shelve", "near", "--for", "soon"), "'soon' is not a number with a unit"),
         (("shelve", "near", "--for", "0 s"), "no time at all"),
     ]:
@@ -282,6 +282,14 @@ def test_a_damaged_state_file_is_a_warning_and_the_run_goes_on(terminal):
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"warning: {state} is damaged: file is not a database; it is now {state}.damaged-1")
     assert state.with_name("door.sqlite3.damaged-1").read_bytes() == b"\xff" * 5000
+
+
+def test_the_configuration_itself_is_no_state_file_and_stays_as_it_is(terminal):
+    before = terminal.config.read_bytes()
+    done = terminal.type("run", terminal.config, "--state", terminal.config, "--seconds", 1, "--speed", 0)
+    assert done.returncode == 2
+    assert "is the configuration, and no state file; choose another file" in done.stderr
+    assert terminal.config.read_bytes() == before
 
 
 def test_a_state_file_that_cannot_be_written_is_a_warning_and_the_run_goes_on(terminal):

@@ -131,6 +131,22 @@ def test_without_matplotlib_the_table_is_printed_still(app, config, recording, t
     assert not (tmp_path / "near.png").exists()
 
 
+@pytest.mark.parametrize("which", ["config", "recording"])
+def test_a_plot_never_replaces_a_configuration_or_a_recording(app, config, recording, which):
+    path = {"config": config, "recording": recording}[which]
+    before = path.read_bytes()
+    done = run(app, "near", recording, "--config", config, "--plot", path)
+    assert done.exit_code == 2
+    assert "does not end in .png" in " ".join(done.output.split())
+    assert path.read_bytes() == before
+
+
+def test_an_event_after_the_end_of_the_recording_is_refused(app, config, recording):
+    done = run(app, "near", recording, "--config", config, "--event", "2 h")
+    assert done.exit_code == 2
+    assert "is after the end of the recording" in " ".join(done.output.replace("│", " ").split())
+
+
 def test_a_plot_that_cannot_be_written_is_said(app, config, recording, tmp_path, quick):
     pytest.importorskip("matplotlib")
     done = run(app, "near", recording, "--config", config, "--plot", tmp_path / "no-folder" / "near.png")

@@ -115,3 +115,13 @@ def test_the_rule_that_goes_before_others_says_so(load: Load, sound: str) -> Non
     *_, follow, stop = describe(load(sound + rules))
     assert "Goes before" not in follow
     assert stop.endswith(" Goes before `follow`.")
+
+
+def test_of_many_rules_that_one_goes_before_the_first_are_named_and_the_rest_counted(load: Load, sound: str) -> None:
+    rules = "".join(
+        f'[rules.low-{n}]\nactuator = "base"\npriority = {n}\nwhen = {{ below = "{40 + n} cm" }}\n' for n in range(13)
+    )
+    *_, stop = describe(
+        load(sound + rules + '[rules.stop]\nactuator = "base"\npriority = 200\nwhen = { below = "3 m" }\n')
+    )
+    assert stop.endswith("`low-8` and `low-9` and 3 other rules.")

@@ -5,7 +5,7 @@ from bisect import bisect
 from dataclasses import replace
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.rule import RampRule
@@ -128,6 +128,7 @@ def test_being_on_never_makes_it_weaker(rule, distance_m, sigma_m):
     assert level(rule, distance_m, sigma_m, is_on=True) >= level(rule, distance_m, sigma_m, is_on=False)
 
 
+@settings(suppress_health_check=[HealthCheck.filter_too_much])
 @given(ramps, distances_m, distances_m, sigmas_m, sigmas_m)
 def test_a_ramp_at_rest_gives_the_same_until_one_of_its_limits_is_crossed(rule, one_m, other_m, sigma_m, later_m):
     step = step_ramp(rule, new_ramp(rule), ball(one_m, sigma_m))

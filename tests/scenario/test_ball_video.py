@@ -74,9 +74,24 @@ def test_the_video_ends_normally_after_all_its_frames(run):
     assert run[0].ending.endswith("green_ball.mp4 is at its end")
 
 
-def test_the_ball_is_tracked_in_at_least_800_frames(run):
+def test_the_ball_is_known_in_most_frames_though_one_in_ten_measurements_is_wrong(run):
     statuses = run[0].health.track_statuses["ball"]
-    assert statuses["tracking"] >= 800
+    assert statuses["tracking"] >= 740
+    assert statuses["tracking"] + statuses["coasting"] >= 860
+
+
+def test_what_is_refused_as_an_outlier_mostly_contradicts_the_frames_around_it(records):
+    sights = [record.observation.measurements for record in records]
+    off, refused = 0, 0
+    for number in range(1, len(records) - 1):
+        around = [sights[index][0] for index in (number - 1, number, number + 1) if sights[index]]
+        is_outlier = records[number].decision.tracks[0].reason.startswith("outlier")
+        if is_outlier and all(each.distance_m is not None for each in around) and len(around) == 3:
+            before, now, after = around
+            refused += 1
+            off += abs(now.distance_m - (before.distance_m + after.distance_m) / 2) > 4 * now.noise_m
+    assert refused > 20
+    assert off > 0.6 * refused
 
 
 def test_the_ball_is_lost_when_it_has_left(records):

@@ -112,7 +112,9 @@ def why(decision: Decision, rule: str) -> str:
 
 
 def _drives(trace: RuleTrace, outputs: Sequence[OutputTrace]) -> tuple[str, str]:
-    """Say what a rule has to do with its output, and in which style."""
+    """Say what a rule has to do with its output, or what keeps it quiet, and in which style."""
+    if trace.gates:
+        return ", ".join(trace.gates), "yellow"
     if trace.output is None:
         return "alert only", "dim"
     output = next((output for output in outputs if output.output == trace.output), None)

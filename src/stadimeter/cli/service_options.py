@@ -16,7 +16,7 @@ import typer
 from stadimeter.app.loop import Loop
 from stadimeter.app.state_places import state_file
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
-from stadimeter.errors import ControlError
+from stadimeter.errors import ControlError, StateError
 
 if TYPE_CHECKING:
     from stadimeter.app.control import Control
@@ -74,6 +74,7 @@ def served(loop: Loop, serving: Serving) -> Iterator[Callable[[], None] | None]:
 
     Raises:
         ControlError: Nobody can listen where it was asked for.
+        StateError: The state file that was asked for is the configuration.
     """
     is_right = (lambda: True) if serving.trust_clock else is_synchronised
     with ExitStack() as closing:
@@ -93,6 +94,8 @@ def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> Non
     path = None if serving.no_state else serving.state or usual
     if path is None:
         return
+    if path.resolve() == configuration.path.resolve():
+        raise StateError(f"{path} is the configuration, and no state file; choose another file")
     from stadimeter.app.alarm_keeper import AlarmKeeper  # noqa: PLC0415 - it takes long, and simulations have none
     from stadimeter.app.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
     from stadimeter.app.moments import clock_name, moment  # noqa: PLC0415 - likewise

@@ -76,6 +76,7 @@ def tune_command(
     **Exit code**: 0 done; 1 no setting is expected to be raised so seldom, the best is printed; 2 something is wrong
     with the rule, a recording or the configuration, or the plot cannot be drawn.
     """
+    _require_png(plot)
     with told_plainly():
         speed_mps = _speed(closing_speed)
         configuration = load_configuration(config)
@@ -100,6 +101,12 @@ def tune_command(
         raise typer.Exit(NOT_FOUND)
 
 
+def _require_png(plot: Path | None) -> None:
+    """Refuse other names, so that a configuration or a recording is never written over by mistake."""
+    if plot is not None and plot.suffix.lower() != ".png":
+        raise typer.BadParameter(f"the plot is a PNG file; {str(plot)!r} does not end in .png", param_hint="--plot")
+
+
 def _speed(text: str) -> float:
     try:
         speed_mps = parse_speed(text)
@@ -114,9 +121,16 @@ def _events(texts: Sequence[str], sights: Sequence[Sights]) -> list[float]:
     if texts and len(sights) > 1:
         raise typer.BadParameter("with several recordings, it is not clear in which", param_hint="--event")
     try:
-        return [float(sights[0].times_s[0]) + parse_duration(text) for text in texts]
+        return [_event_s(text, sights[0]) for text in texts]
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--event") from error
+
+
+def _event_s(text: str, sights: Sights) -> float:
+    after_s, lasts_s = parse_duration(text), float(sights.times_s[-1] - sights.times_s[0])
+    if after_s > lasts_s:
+        raise ValueError(f"{text!r} is after the end of the recording, which is {lasts_s:.1f} s long")
+    return float(sights.times_s[0]) + after_s
 
 
 def _read(configuration: Configuration, name: str, paths: Sequence[Path]) -> tuple[Tuned, list[Sights]]:

@@ -18,6 +18,9 @@ __all__ = ["describe", "length"]
 _VERBS = {"vibration-motor": "vibrates", "buzzer": "buzzes", "led": "lights", "relay": "switches on"}
 """What an actuator does when it acts, by its driver."""
 
+NAMED_MAX = 10
+"""Of more rules than these, the rest are counted: nobody reads a list of hundreds."""
+
 
 def describe(configuration: Configuration) -> tuple[str, ...]:
     """Say what a configuration does.
@@ -111,8 +114,10 @@ def _lost_alarm(rule: AlarmRule) -> str:
 
 def _wins(rule: AnyRule, configuration: Configuration) -> str:
     rivals = (each for each in configuration.plan.rules if each.output == rule.output is not None)
-    losers = " and ".join(f"`{each.name}`" for each in rivals if each.priority < rule.priority)
-    return f" Goes before {losers}." if losers else ""
+    losers = [f"`{each.name}`" for each in rivals if each.priority < rule.priority]
+    if len(losers) > NAMED_MAX:
+        losers[NAMED_MAX:] = [f"{len(losers) - NAMED_MAX} other rules"]
+    return f" Goes before {' and '.join(losers)}." if losers else ""
 
 
 def _ramp(rule: RampRule, configuration: Configuration) -> str:

@@ -13,6 +13,7 @@ from stadimeter.core.rules.alarm_table import LATCHED, TRANSITIONS, Trigger
 from stadimeter.core.rules.alarm_turn import AlarmTurn
 from stadimeter.core.rules.known import Known
 from stadimeter.core.rules.standing import end, unshelve
+from stadimeter.core.rules.words import duration
 
 Refusal = str
 """Why something is not done; empty if it is."""
@@ -119,11 +120,12 @@ def _shelve(turn: AlarmTurn, command: OperatorCommand) -> Refusal:
         return "its configuration does not let it be shelved (shelve_max)"
     for_s = longest_s if command.for_s is None else command.for_s
     if not 0 < for_s <= longest_s:  # NaN fails this too
-        return f"{for_s:g} s is not a time above zero and up to {longest_s:g} s, the longest for '{rule.name}'"
+        longest = duration(longest_s)
+        return f"{duration(for_s)} is not a time above zero and up to {longest}, the longest for '{rule.name}'"
     until_s = turn.known.now_s + for_s
     gates = replace(turn.state.gates, shelved_until_s=until_s, is_one_shot=command.one_shot, shelved_by=command.by)
     turn.change(gates=gates)
-    how = f"for {for_s:g} s" + (", or until it has returned to normal" if command.one_shot else "")
+    how = f"for {duration(for_s)}" + (", or until it has returned to normal" if command.one_shot else "")
     turn.tell(EventKind.SHELVED, turn.known.now_s, f"{how}: {_said(command)}", notify=False, by=command.by)
     return ""
 

@@ -101,7 +101,10 @@ def _along_curve(rule: RampRule, value_m: float) -> float:
     share = (value_m - rule.start_m) / (rule.full_m - rule.start_m)
     if share <= 0:
         return 0.0
-    return rule.level_min + math.pow(min(share, 1.0), rule.gamma) * (rule.level_max - rule.level_min)
+    if share >= 1:
+        return rule.level_max  # exactly: a sum may be rounded to more, and more than 1 is no level
+    level = rule.level_min + math.pow(share, rule.gamma) * (rule.level_max - rule.level_min)
+    return min(level, max(rule.level_min, rule.level_max))
 
 
 def _by_table(rule: RampRule, value_m: float) -> float:

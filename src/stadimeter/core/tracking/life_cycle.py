@@ -26,6 +26,9 @@ from stadimeter.core.tracking.motion import MotionState, Surprise
 CALM_AT_LEAST = 0.5
 """A target that keeps its speed is more likely calm than this."""
 
+RESTLESS_S = 2.0
+"""A target that made a leap may make another for so long, and is believed at once."""
+
 _UTTER = Surprise(calm_m=math.inf, calm_var_m2=1.0, abrupt_m=math.inf, abrupt_var_m2=1.0)
 """The surprise where nothing was expected."""
 
@@ -64,6 +67,7 @@ class TrackState:
         sighting: The last sighting that was accepted.
         confirmations: How many frames in a row a target that does not count yet was seen in.
         suspect: What was seen in the newest frame, if it may be an error; None if it is not.
+        leapt_at_s: When the target last really made a leap.
     """
 
     track: Track
@@ -72,6 +76,7 @@ class TrackState:
     sighting: Sighting | None = None
     confirmations: int = 0
     suspect: Sighting | None = None
+    leapt_at_s: float = -math.inf
 
 
 def new_track(target: str) -> TrackState:
@@ -99,6 +104,8 @@ def step(state: TrackState, measurement: Measurement | None, now_s: float, setti
         What is known now.
     """
     after = _stepped(state, measurement, now_s, settings)
+    if after.leapt_at_s < state.leapt_at_s:
+        after = replace(after, leapt_at_s=state.leapt_at_s)
     if state.track.since_s is not None and after.track.is_valid is state.track.is_valid:
         return after
     return replace(after, track=replace(after.track, since_s=now_s))
@@ -192,7 +199,8 @@ def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackS
     surprise = _surprise(moved, sighting)
     is_outlier = surprise.sigmas > settings.gate_sigmas
     if not is_outlier and not _is_suspect(state, moved, sighting, surprise, settings):
-        return _shown(state.track, _updated(moved, sighting, surprise), sighting, TrackStatus.TRACKING)
+        shown = _shown(state.track, _updated(moved, sighting, surprise), sighting, TrackStatus.TRACKING)
+        return shown if state.suspect is None else replace(shown, leapt_at_s=sighting.at_s)
     rejected = state.track.rejected + 1
     if rejected > settings.outliers_max:
         return _shown(state.track, _started(sighting), sighting, TrackStatus.TRACKING)
@@ -216,7 +224,7 @@ def _is_suspect(
     """
     if not settings.outliers_max or surprise.calm_sigmas <= settings.gate_sigmas:
         return False
-    if moved is None or moved.calm_share < CALM_AT_LEAST:
+    if moved is None or moved.calm_share < CALM_AT_LEAST or sighting.at_s - state.leapt_at_s < RESTLESS_S:
         return False
     expected_m = sighting.distance_m - surprise.calm_m
     # A target that really starts goes on the same way. Two errors in a row hardly ever agree.
