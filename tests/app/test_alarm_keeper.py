@@ -5,9 +5,9 @@ from functools import partial
 
 import pytest
 
-from stadimeter.app.alarm_keeper import AlarmKeeper
-from stadimeter.app.alarm_store import AlarmStore
-from stadimeter.app.moments import moment
+from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
+from stadimeter.app.keeping.alarm_store import AlarmStore
+from stadimeter.app.keeping.moments import moment
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, OnDelay
@@ -200,7 +200,7 @@ def test_a_simulation_that_begins_anew_goes_on_with_what_was_left(path):
 
 
 def test_what_a_run_takes_over_is_text_that_gives_the_same_again(path):
-    from stadimeter.app.resumption import read_resumption
+    from stadimeter.app.keeping.resumption import read_resumption
 
     shelved(path)
     keeper = AlarmKeeper(AlarmStore(path), partial(moment, "boot 2", unix_s=lambda: 1e9, is_right=lambda: True))

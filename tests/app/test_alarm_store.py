@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.alarm_store import AlarmStore, Memory
-from stadimeter.app.moments import Moment
+from stadimeter.app.keeping.alarm_store import AlarmStore, Memory
+from stadimeter.app.keeping.moments import Moment
+from stadimeter.core.alarms.state import AlarmState, Gates, Leg, Resumed, Timers
+from stadimeter.core.alarms.table import Phase
 from stadimeter.core.decision import Event, EventKind, Severity
-from stadimeter.core.rules.alarm_state import AlarmState, Gates, Leg, Resumed, Timers
-from stadimeter.core.rules.alarm_table import Phase
 from stadimeter.core.rules.keeping import Absence, KeptAlarm
 from stadimeter.errors import StateError
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from stadimeter.app.control import REMEMBERED_S, Control
-from stadimeter.app.control_messages import Reply, parse_request
-from stadimeter.app.control_socket import Asked
+from stadimeter.app.control.messages import Reply, parse_request
+from stadimeter.app.control.requests import REMEMBERED_S, Control
+from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.observation import FrameStamp, Observation

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.control_messages import OPS, Reply, operator_command, parse_request, transaction_of
+from stadimeter.app.control.messages import OPS, Reply, operator_command, parse_request, transaction_of
 from stadimeter.core.operator import OperatorAction
 from stadimeter.errors import ControlError
 

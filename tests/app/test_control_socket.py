@@ -7,8 +7,8 @@ import stat
 
 import pytest
 
-from stadimeter.app.control_messages import LINE_MAX_BYTES, Reply
-from stadimeter.app.control_socket import CONNECTIONS_MAX, WAITING_MAX, ControlSocket
+from stadimeter.app.control.messages import LINE_MAX_BYTES, Reply
+from stadimeter.app.control.socket_server import CONNECTIONS_MAX, WAITING_MAX, ControlSocket
 from stadimeter.errors import ControlError
 from stadimeter.testing.eventually import eventually
 

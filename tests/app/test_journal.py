@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.journal import JournalWriter, read_journal
-from stadimeter.app.replay import replay
+from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.replaying.replay import replay
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
@@ -223,7 +223,7 @@ import resource, signal, sys
 from pathlib import Path
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.journal import JournalWriter
+from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan

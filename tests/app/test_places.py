@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.control_client import ask, find
-from stadimeter.app.control_places import is_alive, running, runtime_folder, socket_path, usable_folder
-from stadimeter.app.control_socket import ControlSocket
-from stadimeter.app.state_places import state_file
+from stadimeter.app.control.client import ask, find
+from stadimeter.app.control.places import is_alive, running, runtime_folder, socket_path, usable_folder
+from stadimeter.app.control.socket_server import ControlSocket
+from stadimeter.app.keeping.state_places import state_file
 from stadimeter.errors import ControlError
 
 CONFIG = Path("/etc/stadimeter/appliance.toml")

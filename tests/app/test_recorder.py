@@ -5,9 +5,9 @@ import threading
 import numpy as np
 import pytest
 
-from stadimeter.app import recorder as recorder_module
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.recorder import Recorder
+from stadimeter.app.recordings import recorder as recorder_module
+from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan

@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from stadimeter.app import recording as recording_module
-from stadimeter.app.cycle_json import cycle_schema
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.recorded_configuration import RecordedConfiguration
-from stadimeter.app.recording import ImageOptions, Recorded, RecordingWriter
-from stadimeter.app.recording_reader import decoded_frame, read_mcap
-from stadimeter.app.recording_schemas import SCHEMAS, plain
-from stadimeter.app.recordings import read_recording
-from stadimeter.app.replay import replay
+from stadimeter.app.recordings import recording as recording_module
+from stadimeter.app.recordings.cycle_json import cycle_schema
+from stadimeter.app.recordings.opening import read_recording
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
+from stadimeter.app.recordings.recording_reader import decoded_frame, read_mcap
+from stadimeter.app.recordings.recording_schemas import SCHEMAS, plain
+from stadimeter.app.replaying.replay import replay
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.detection import RejectedCandidate

@@ -3,11 +3,11 @@
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.control import Control
-from stadimeter.app.control_messages import Reply, parse_request
-from stadimeter.app.control_socket import Asked
+from stadimeter.app.control.messages import Reply, parse_request
+from stadimeter.app.control.reloading import Reloader, needs_restart
+from stadimeter.app.control.requests import Control
+from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.reloading import Reloader, needs_restart
 from stadimeter.config.loader import load_configuration
 from stadimeter.testing.eventually import eventually
 from stadimeter.testing.recording import RecordingMessenger
@@ -192,7 +192,7 @@ def test_a_defect_in_a_check_leaves_the_run_as_it_is(rig, monkeypatch):
     def defect(_path):
         raise ZeroDivisionError("a defect")
 
-    monkeypatch.setattr("stadimeter.app.reloading.load_configuration", defect)
+    monkeypatch.setattr("stadimeter.app.control.reloading.load_configuration", defect)
     assert "ZeroDivisionError: a defect" in rig.run().error
     assert set(rig.levels[10:]) == {1.0}
 
@@ -205,8 +205,8 @@ def test_a_configuration_that_is_read_again_needs_no_restart(rig):
 def test_a_journal_of_a_run_that_was_reloaded_replays_to_identical_decisions(tmp_path):
     from typer.testing import CliRunner
 
-    from stadimeter.app.journal import JournalWriter
-    from stadimeter.app.recorded_configuration import to_be_recorded
+    from stadimeter.app.recordings.journal import JournalWriter
+    from stadimeter.app.recordings.recorded_configuration import to_be_recorded
     from stadimeter.cli.main import app
 
     rig = Rig(tmp_path, NEAR)

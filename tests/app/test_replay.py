@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from stadimeter.app.cycle_json import CycleEncoder, RecordedCycle
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.journal import JournalWriter, read_journal
-from stadimeter.app.recorded_configuration import RecordedConfiguration
-from stadimeter.app.replay import decisions, replay
-from stadimeter.app.resumption import Resumption
+from stadimeter.app.keeping.resumption import Resumption
+from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
+from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.replaying.replay import decisions, replay
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule

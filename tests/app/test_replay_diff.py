@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.crossing_times import Stay, stays
-from stadimeter.app.replay_diff import compare
-from stadimeter.app.replay_figures import Tally
+from stadimeter.app.replaying.crossing_times import Stay, stays
+from stadimeter.app.replaying.replay_diff import compare
+from stadimeter.app.replaying.replay_figures import Tally
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.plan import Plan

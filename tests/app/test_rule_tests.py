@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.journal import JournalWriter, read_journal
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.rule_test_watching import Failure
-from stadimeter.app.rule_tests import RuleTestResult, RuleTests
+from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.rule_tests.running import RuleTestResult, RuleTests
+from stadimeter.app.rule_tests.watching import Failure
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.testing.simulated_run import SIMULATED_BALL
 
@@ -332,8 +332,8 @@ def test_a_recording_is_judged_by_the_rules_of_the_configuration(run: Run, recor
 
 
 def test_a_recording_with_pictures_will_do_too(run: Run, recorded: Path) -> None:
-    from stadimeter.app.recorded_configuration import RecordedConfiguration
-    from stadimeter.app.recording import Recorded, RecordingWriter
+    from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.app.recordings.recording import Recorded, RecordingWriter
 
     writer = RecordingWriter(recorded.with_suffix(".mcap"), Recorded(configuration=RecordedConfiguration(text="")))
     for record in read_journal(recorded).records():

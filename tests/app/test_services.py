@@ -5,11 +5,11 @@ from functools import partial
 
 import pytest
 
-from stadimeter.app.alarm_keeper import AlarmKeeper
-from stadimeter.app.alarm_store import AlarmStore
 from stadimeter.app.bootstrap import build
+from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
+from stadimeter.app.keeping.alarm_store import AlarmStore
+from stadimeter.app.keeping.moments import moment
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.moments import moment
 from stadimeter.app.wall_time import TimeOfDay
 from stadimeter.config.loader import load_configuration
 from stadimeter.testing.simulated_run import SIMULATED_BALL
@@ -107,8 +107,8 @@ def test_a_run_without_such_a_rule_never_looks_at_the_clock(tmp_path):
 def test_what_was_taken_over_is_recorded_so_that_a_replay_begins_with_it_too(tmp_path):
     from typer.testing import CliRunner
 
-    from stadimeter.app.journal import JournalWriter
-    from stadimeter.app.recorded_configuration import to_be_recorded
+    from stadimeter.app.recordings.journal import JournalWriter
+    from stadimeter.app.recordings.recorded_configuration import to_be_recorded
     from stadimeter.cli.main import app
 
     path, journal = tmp_path / "run.sqlite3", tmp_path / "run.jsonl"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.rule_tests import RuleTests
+from stadimeter.app.rule_tests.running import RuleTests
 from stadimeter.config.loader import load_configuration
 
 FILES = sorted((Path(__file__).parents[2] / "config").glob("*.toml"))

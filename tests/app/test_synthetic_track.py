@@ -10,9 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.sensor_model import SensorModel
-from stadimeter.app.synthetic_track import OUTLIER_FACTOR, Nuisances, SyntheticTrack, enters_s, leaves_s, where
-from stadimeter.config.motion_tables import MotionTable, PathPoint, SpanTable
+from stadimeter.app.rule_tests.sensor_model import SensorModel
+from stadimeter.app.rule_tests.synthetic_track import (
+    OUTLIER_FACTOR,
+    Nuisances,
+    SyntheticTrack,
+    enters_s,
+    leaves_s,
+    where,
+)
+from stadimeter.config.rule_tests.motions import MotionTable, PathPoint, SpanTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import BallSize

@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stadimeter.app import tuning, tuning_candidates
-from stadimeter.app.recordings import read_recording
-from stadimeter.app.tuning import Beginning, Ending, chosen_beginning, chosen_ending, tune
-from stadimeter.app.tuning_candidates import Settings, beginnings, tuned_rule
-from stadimeter.app.tuning_noise import noise_of, sights_of, stretches_of
-from stadimeter.app.tuning_places import clearance_of, place_of, quiet_frames, truth_of
-from stadimeter.app.tuning_rates import Rate
-from stadimeter.app.tuning_trials import Turn, ended_s, late_s, raises_apart
+from stadimeter.app.recordings.opening import read_recording
+from stadimeter.app.tuning import candidates as tuning_candidates
+from stadimeter.app.tuning import proposing as tuning
+from stadimeter.app.tuning.candidates import Settings, beginnings, tuned_rule
+from stadimeter.app.tuning.noise import noise_of, sights_of, stretches_of
+from stadimeter.app.tuning.places import clearance_of, place_of, quiet_frames, truth_of
+from stadimeter.app.tuning.proposing import Beginning, Ending, chosen_beginning, chosen_ending, tune
+from stadimeter.app.tuning.rates import Rate
+from stadimeter.app.tuning.trials import Turn, ended_s, late_s, raises_apart
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.rule import OnDelay
 from stadimeter.errors import ConfigError, JournalError

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stadimeter.app.tuning_rates import Count, at_most, rate_at, slope_of
+from stadimeter.app.tuning.rates import Count, at_most, rate_at, slope_of
 
 HOUR_S = 3600.0
 

@@ -27,8 +27,8 @@ import numpy as np
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.journal import JournalWriter
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.frame import Frame

@@ -22,11 +22,11 @@ from time import thread_time
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.demonstration import demo_configuration
-from stadimeter.app.journal import JournalWriter
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recorded_configuration import to_be_recorded
-from stadimeter.app.recorder import Recorder
-from stadimeter.app.recording import ImageOptions, Recorded, RecordingWriter
+from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.recorder import Recorder
+from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
 from stadimeter.core.frame import Frame
 
 FRAMES = 600

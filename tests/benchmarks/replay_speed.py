@@ -22,9 +22,9 @@ from machinery import configuration, yardstick_times_s
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recordings import read_recording
-from stadimeter.app.replay import Comparison
-from stadimeter.app.replay_run import replay_run, uncollected
+from stadimeter.app.recordings.opening import read_recording
+from stadimeter.app.replaying.replay import Comparison
+from stadimeter.app.replaying.replay_run import replay_run, uncollected
 from stadimeter.cli.recording_options import Keeping, kept
 from stadimeter.config.loader import load_configuration
 

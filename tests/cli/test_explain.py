@@ -8,9 +8,9 @@ import sys
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.explaining import seconds_ago, seconds_since_the_beginning
-from stadimeter.app.journal import JournalWriter
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.replaying.explaining import seconds_ago, seconds_since_the_beginning
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError
 

@@ -7,9 +7,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from stadimeter.app import tuning, tuning_candidates
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.journal import JournalWriter
+from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.tuning import candidates as tuning_candidates
+from stadimeter.app.tuning import proposing as tuning
 from stadimeter.cli import tune
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import Observation

@@ -27,9 +27,9 @@ from stadimeter.core.condition import (
     SeparationCondition,
     TimeToContactCondition,
 )
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.verdict import judge
 from stadimeter.core.observation import WallTime
-from stadimeter.core.rules.conditions import judge
-from stadimeter.core.rules.known import Known
 from stadimeter.core.track import Track, TrackStatus
 
 NOW_S = 1000.0

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.config.analysis.written import toml_of
-from stadimeter.config.describe import describe
+from stadimeter.config.describing.describe import describe
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.schema import configuration_schema
 from stadimeter.errors import ConfigError, Problem

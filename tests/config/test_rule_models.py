@@ -8,7 +8,7 @@ import tomllib
 import pytest
 
 from stadimeter.config import models
-from stadimeter.config.rule_models import RuleTable
+from stadimeter.config.rules.tables import RuleTable
 from stadimeter.core import condition, plan
 from stadimeter.core import rule as core
 from stadimeter.core.decision import Severity

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.config.describe import describe
-from stadimeter.config.describe_alarms import duration
+from stadimeter.config.describing.alarms import duration
+from stadimeter.config.describing.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.condition import AnyOf, Not, RuleCondition
 from stadimeter.core.plan import BaseOutput, LevelOutput

@@ -2,7 +2,7 @@
 
 import pytest
 
-from stadimeter.core.rules.alarm_table import LATCHED, STANDING, TRANSITIONS, UNACKNOWLEDGED, Phase, Trigger, after
+from stadimeter.core.alarms.table import LATCHED, STANDING, TRANSITIONS, UNACKNOWLEDGED, Phase, Trigger, after
 
 EVERY = [(phase, trigger) for phase in Phase for trigger in Trigger]
 CLEARING = {Phase.CLEARING, Phase.CLEARING_UNACKNOWLEDGED}

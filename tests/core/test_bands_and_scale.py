@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.condition import DistanceCondition, SeparationCondition, TimeToContactCondition
+from stadimeter.core.conditions.evidence import evidence
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.verdict import in_words, judge
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Tracking
 from stadimeter.core.rule import AlarmRule, OnDelay, RampRule, Severity
-from stadimeter.core.rules.conditions import in_words, judge
-from stadimeter.core.rules.evidence import evidence
-from stadimeter.core.rules.known import Known
 from stadimeter.core.rules.ramp_level import ramp_level
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.testing.observing import measured

@@ -18,11 +18,11 @@ from stadimeter.core.condition import (
     SeparationCondition,
     TimeToContactCondition,
 )
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.probability import probability_between
+from stadimeter.core.conditions.thresholds import widened_limits
+from stadimeter.core.conditions.verdict import due_s, in_words, judge, judged_by_cycle, rests
 from stadimeter.core.observation import WallTime
-from stadimeter.core.rules.conditions import due_s, in_words, judge, judged_by_cycle, rests
-from stadimeter.core.rules.known import Known
-from stadimeter.core.rules.probability import probability_between
-from stadimeter.core.rules.thresholds import widened_limits
 from stadimeter.core.track import Track, TrackStatus
 
 MONDAY, TUESDAY, SUNDAY = 0, 1, 6

@@ -17,8 +17,8 @@ from stadimeter.core.condition import (
     ScheduleCondition,
     leaves,
 )
-from stadimeter.core.rules.conditions import Verdict, due_s, in_words, judge, judged_by_cycle, parts_of, rests
-from stadimeter.core.rules.known import Known
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.verdict import Verdict, due_s, in_words, judge, judged_by_cycle, parts_of, rests
 from stadimeter.core.track import Track, TrackStatus
 
 VALUES = (True, False, None)

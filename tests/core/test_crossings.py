@@ -20,11 +20,8 @@ from stadimeter.core.condition import (
     SeparationCondition,
     TimeToContactCondition,
 )
-from stadimeter.core.observation import WallTime
-from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
-from stadimeter.core.rules.conditions import due_s, judge, rests
-from stadimeter.core.rules.crossings import crossings_of
-from stadimeter.core.rules.figures import (
+from stadimeter.core.conditions.crossings import crossings_of
+from stadimeter.core.conditions.figures import (
     ClosingFigure,
     ContactFigure,
     CountFigure,
@@ -34,7 +31,10 @@ from stadimeter.core.rules.figures import (
     PresenceFigure,
     SeparationFigure,
 )
-from stadimeter.core.rules.known import Known
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.verdict import due_s, judge, rests
+from stadimeter.core.observation import WallTime
+from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.track import Track, TrackStatus
 
 NAN = math.nan

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.condition import DistanceCondition, PresenceCondition
+from stadimeter.core.conditions.crossings import crossings_of
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, Lost, LostPolicy, OnDelay, RampRule
-from stadimeter.core.rules.crossings import crossings_of
 from stadimeter.testing.observing import Rehearsal
 
 near_a_limit = st.floats(0.9, 1.1)  # the limits are here as well, so the probability decides

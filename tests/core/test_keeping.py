@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stadimeter.core.alarms.state import AlarmState, Gates, Leg, Resumed, Timers
+from stadimeter.core.alarms.table import Phase
 from stadimeter.core.condition import AllOf, DistanceCondition, PresenceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay, RampRule, SequenceStep
 from stadimeter.core.rules import keeping
-from stadimeter.core.rules.alarm_state import AlarmState, Gates, Leg, Resumed, Timers
-from stadimeter.core.rules.alarm_table import Phase
 from stadimeter.core.rules.keeping import absent, kept, meaning_of, restored, shifted
 from stadimeter.testing.observing import Rehearsal
 

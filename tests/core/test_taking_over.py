@@ -4,11 +4,11 @@ from dataclasses import fields, replace
 
 import pytest
 
+from stadimeter.core.alarms.state import AlarmState, Gates
 from stadimeter.core.condition import DistanceCondition, PresenceCondition, RuleCondition
 from stadimeter.core.decision import EventKind
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, OnDelay, RampRule
-from stadimeter.core.rules.alarm_state import AlarmState, Gates
 from stadimeter.core.rules.keeping import Turn, carried_over, turn
 from stadimeter.testing.observing import Rehearsal
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.control_places import socket_path
+from stadimeter.app.control.places import socket_path
 
 SCRIPTS = ("install.sh", "safe-outputs")
 

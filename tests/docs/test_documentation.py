@@ -9,9 +9,13 @@ import pytest
 import typer
 
 from stadimeter.cli.main import app
-from stadimeter.config.condition_tables import WhenTable
-from stadimeter.config.expectation_tables import ExpectTable
-from stadimeter.config.figure_tables import (
+from stadimeter.config.loader import load_configuration
+from stadimeter.config.models import ActuatorTable, BaseTable
+from stadimeter.config.rule_tests.expectations import ExpectTable
+from stadimeter.config.rule_tests.tables import InputTable
+from stadimeter.config.rules.common import LostTable
+from stadimeter.config.rules.condition_tables import WhenTable
+from stadimeter.config.rules.figure_tables import (
     ClosingTable,
     ContactTable,
     CountTable,
@@ -19,15 +23,11 @@ from stadimeter.config.figure_tables import (
     SeparationTable,
     TimeTable,
 )
-from stadimeter.config.follow_tables import FollowTable
-from stadimeter.config.loader import load_configuration
-from stadimeter.config.models import ActuatorTable, BaseTable
-from stadimeter.config.pattern_tables import PatternTable
-from stadimeter.config.ramp_tables import RampTable
-from stadimeter.config.rule_common import LostTable
-from stadimeter.config.rule_models import RuleTable
-from stadimeter.config.rule_test_tables import InputTable
-from stadimeter.config.sequence_tables import StepTable
+from stadimeter.config.rules.follow_tables import FollowTable
+from stadimeter.config.rules.pattern_tables import PatternTable
+from stadimeter.config.rules.ramp_tables import RampTable
+from stadimeter.config.rules.sequence_tables import StepTable
+from stadimeter.config.rules.tables import RuleTable
 from stadimeter.core import templates
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,10 +6,10 @@ from itertools import pairwise
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.journal import JournalWriter, read_journal
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.loop import Loop
-from stadimeter.app.replay import replay
+from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.replaying.replay import replay
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.track import TrackStatus

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.rule_tests import RuleTests
+from stadimeter.app.rule_tests.running import RuleTests
 from stadimeter.config.loader import load_configuration
 from stadimeter.testing.simulated_run import SIMULATED_BALL
 

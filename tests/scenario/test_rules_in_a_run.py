@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from stadimeter.app.journal import JournalWriter, read_journal
-from stadimeter.app.replay import replay
+from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.replaying.replay import replay
 from stadimeter.testing.simulated_run import SIMULATED_BALL
 
 STANDING = (

@@ -24,8 +24,8 @@ from stadimeter.core.message import Message
 from stadimeter.errors import DriverError, EndOfFramesError
 
 if TYPE_CHECKING:  # few runs have a journal or are reloaded, and what that needs takes long to load
-    from stadimeter.app.journal import JournalWriter
-    from stadimeter.app.reloading import Change
+    from stadimeter.app.control.reloading import Change
+    from stadimeter.app.recordings.journal import JournalWriter
 
 
 class _EndedWhileOpening(BaseException):

@@ -15,10 +15,10 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.rules.keeping import TakenOver, carried_over
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
-    from stadimeter.app.alarm_keeper import AlarmKeeper
-    from stadimeter.app.control import Control
-    from stadimeter.app.recorded_configuration import RecordedConfiguration
-    from stadimeter.app.reloading import Change
+    from stadimeter.app.control.reloading import Change
+    from stadimeter.app.control.requests import Control
+    from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
+    from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 
 
 @runtime_checkable

@@ -14,7 +14,7 @@ from rich.text import Text
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.cli.exits import WRONG
 from stadimeter.cli.problems import print_problems
-from stadimeter.config.describe import describe
+from stadimeter.config.describing.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import ConfigError, Problem
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.control_client import ANSWER_WAIT_S, ask, find
+from stadimeter.app.control.client import ANSWER_WAIT_S, ask, find
 
 ConfigOption = Annotated[
     Path | None,

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.explaining import as_data, explain_recording, seconds_ago
-from stadimeter.app.recordings import read_recording
-from stadimeter.app.replay_run import replay_run
+from stadimeter.app.recordings.opening import read_recording
+from stadimeter.app.replaying.explaining import as_data, explain_recording, seconds_ago
+from stadimeter.app.replaying.replay_run import replay_run
 from stadimeter.cli.control_options import JsonOption, SocketOption, asked, tell
 from stadimeter.cli.exits import told_plainly
 

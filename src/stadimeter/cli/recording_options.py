@@ -14,7 +14,7 @@ from stadimeter.app.loop import Loop
 from stadimeter.errors import JournalError
 
 if TYPE_CHECKING:
-    from stadimeter.app.recorder import Recorder
+    from stadimeter.app.recordings.recorder import Recorder
 
 JournalFile = Annotated[
     Path | None, typer.Option("--journal", metavar="FILE", help="Record every cycle, for `stadimeter replay`.")
@@ -85,8 +85,8 @@ def _journal(loop: Loop, keeping: Keeping) -> Iterator[None]:
     if keeping.journal is None:
         yield
         return
-    from stadimeter.app.journal import JournalWriter  # noqa: PLC0415 - it takes long, and few runs have one
-    from stadimeter.app.recorded_configuration import to_be_recorded  # noqa: PLC0415 - likewise
+    from stadimeter.app.recordings.journal import JournalWriter  # noqa: PLC0415 - it takes long, and few runs have one
+    from stadimeter.app.recordings.recorded_configuration import to_be_recorded  # noqa: PLC0415 - likewise
 
     loop.journal = JournalWriter(keeping.journal, to_be_recorded(loop.parts.configuration))
     try:
@@ -100,9 +100,9 @@ def _recording(loop: Loop, keeping: Keeping) -> Iterator[None]:
     if keeping.record is None:
         yield
         return
-    from stadimeter.app.recorded_configuration import to_be_recorded  # noqa: PLC0415 - it takes long, and few need it
-    from stadimeter.app.recorder import Recorder  # noqa: PLC0415 - likewise
-    from stadimeter.app.recording import ImageOptions, Recorded, RecordingWriter  # noqa: PLC0415 - likewise
+    from stadimeter.app.recordings.recorded_configuration import to_be_recorded  # noqa: PLC0415 - it takes long, and few need it
+    from stadimeter.app.recordings.recorder import Recorder  # noqa: PLC0415 - likewise
+    from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter  # noqa: PLC0415 - likewise
 
     parts = loop.parts
     recorded = Recorded(

@@ -7,7 +7,7 @@ from typing import Any
 
 import typer
 
-from stadimeter.app.control_client import in_words
+from stadimeter.app.control.client import in_words
 from stadimeter.cli.control_options import ConfigOption, JsonOption, SocketOption, asked, tell
 from stadimeter.cli.exits import told_plainly
 

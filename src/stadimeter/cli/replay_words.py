@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 
 from stadimeter.app.measured_again import MeasuredAgain
-from stadimeter.app.replay import ReplayResult
-from stadimeter.app.replay_diff import EventChange, ReplayDiff, RuleChange
-from stadimeter.app.replay_figures import RuleFigures
+from stadimeter.app.replaying.replay import ReplayResult
+from stadimeter.app.replaying.replay_diff import EventChange, ReplayDiff, RuleChange
+from stadimeter.app.replaying.replay_figures import RuleFigures
 from stadimeter.core.decision import Event
 
 SHOWN_CHANGES = 40

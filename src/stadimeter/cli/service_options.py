@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stadimeter.app.keeping.state_places import state_file
 from stadimeter.app.loop import Loop
-from stadimeter.app.state_places import state_file
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
 from stadimeter.errors import ControlError, StateError
 
 if TYPE_CHECKING:
-    from stadimeter.app.control import Control
+    from stadimeter.app.control.requests import Control
 
 StateFile = Annotated[
     Path | None,
@@ -96,9 +96,9 @@ def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> Non
         return
     if path.resolve() == configuration.path.resolve():
         raise StateError(f"{path} is the configuration, and no state file; choose another file")
-    from stadimeter.app.alarm_keeper import AlarmKeeper  # noqa: PLC0415 - it takes long, and simulations have none
-    from stadimeter.app.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
-    from stadimeter.app.moments import clock_name, moment  # noqa: PLC0415 - likewise
+    from stadimeter.app.keeping.alarm_keeper import AlarmKeeper  # noqa: PLC0415 - it takes long, and simulations have none
+    from stadimeter.app.keeping.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
+    from stadimeter.app.keeping.moments import clock_name, moment  # noqa: PLC0415 - likewise
 
     clock = clock_name(is_live=loop.parts.is_live)
     loop.services.memory = AlarmKeeper(AlarmStore(path), partial(moment, clock, is_right=is_right))
@@ -108,10 +108,10 @@ def _listening(loop: Loop, serving: Serving, closing: ExitStack) -> Control | No
     """Listen for people; a run that nobody can talk to runs all the same, unless that was asked for."""
     if serving.socket is None and not serving.is_unhurried:
         return None
-    from stadimeter.app.control import Control  # noqa: PLC0415 - it takes long, and short runs have none
-    from stadimeter.app.control_places import runtime_folder, socket_path, usable_folder  # noqa: PLC0415 - likewise
-    from stadimeter.app.control_socket import ControlSocket  # noqa: PLC0415 - likewise
-    from stadimeter.app.reloading import Reloader  # noqa: PLC0415 - likewise
+    from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder  # noqa: PLC0415 - likewise
+    from stadimeter.app.control.reloading import Reloader  # noqa: PLC0415 - likewise
+    from stadimeter.app.control.requests import Control  # noqa: PLC0415 - it takes long, and short runs have none
+    from stadimeter.app.control.socket_server import ControlSocket  # noqa: PLC0415 - likewise
 
     configuration = loop.parts.configuration
     hello = {"configuration": str(configuration.path.resolve()), "pid": os.getpid()}

@@ -14,8 +14,8 @@ from stadimeter.config.analysis.analysis import analysis_errors, analysis_warnin
 from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
-from stadimeter.config.rule_checks import rule_findings, written_findings
-from stadimeter.config.rule_models import RuleTable
+from stadimeter.config.rules.checks import rule_findings, written_findings
+from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
 

@@ -15,8 +15,8 @@ from stadimeter.config.driver_tables import CommonT, DriverKind, DriverTable, re
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.paths import validation_context
 from stadimeter.config.plain_words import shown
-from stadimeter.config.rule_models import RuleTable
-from stadimeter.config.rule_test_tables import RuleTestTable
+from stadimeter.config.rule_tests.tables import RuleTestTable
+from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError, ConfigError, Problem

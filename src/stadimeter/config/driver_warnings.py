@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding
-from stadimeter.config.pattern_tables import PatternTable
-from stadimeter.config.rule_models import RuleTable
+from stadimeter.config.rules.pattern_tables import PatternTable
+from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 
 _RELAY = "relay"

@@ -15,9 +15,9 @@ from stadimeter.config.driver_tables import CAMERA, read_driver_table
 from stadimeter.config.driver_warnings import driver_warnings
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.paths import validation_context
-from stadimeter.config.rule_families import naming_members
-from stadimeter.config.rule_test_checks import rule_test_findings, rule_test_warnings
-from stadimeter.config.rule_test_tables import RuleTest, name_of
+from stadimeter.config.rule_tests.checks import rule_test_findings, rule_test_warnings
+from stadimeter.config.rule_tests.tables import RuleTest, name_of
+from stadimeter.config.rules.families import naming_members
 from stadimeter.config.secrets import secret_warnings, without_secrets
 from stadimeter.config.toml_depth import DEEPEST, line_that_is_too_deep
 from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error

@@ -17,8 +17,8 @@ from pydantic import BaseModel
 from stadimeter.config import camera_file, driver_tables, models, plugins
 from stadimeter.config.driver_tables import DriverKind
 from stadimeter.config.plugins import Plugin
-from stadimeter.config.rule_models import KINDS, RuleTable
-from stadimeter.config.rule_test_tables import RuleTestTable
+from stadimeter.config.rule_tests.tables import RuleTestTable
+from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.schema_generator import JsonSchema, described, schemas_of
 from stadimeter.errors import DriverError
 

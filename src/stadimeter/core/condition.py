@@ -1,4 +1,4 @@
-"""What a condition can say, in SI units. Whether it holds is judged in `stadimeter.core.rules.conditions`.
+"""What a condition can say, in SI units. Whether it holds is judged in `stadimeter.core.conditions.verdict`.
 
 A condition holds, does not hold, or cannot be known. What is not known is never taken for either.
 """

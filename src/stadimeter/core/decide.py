@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from stadimeter.core.alarms.timing import Sample
+from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.observation import Observation, OutputFault
 from stadimeter.core.outputs import OutputStep, command_all, new_output
 from stadimeter.core.plan import Plan
-from stadimeter.core.rules.alarm_timing import Sample
 from stadimeter.core.rules.judging import Judged, judge, not_judged_yet
-from stadimeter.core.rules.known import Known
 from stadimeter.core.rules.reasons import Reasons
 from stadimeter.core.safety import SafetyState, step_safety
 from stadimeter.core.track import TrackStatus

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.journal import JournalWriter
+from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan

@@ -9,15 +9,15 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.alarms.state import AlarmState
+from stadimeter.core.alarms.table import LATCHED, Phase
+from stadimeter.core.alarms.words import in_words, is_judged_by_its_end
+from stadimeter.core.conditions.evidence import Evidence, evidence
+from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
 from stadimeter.core.rule import AlarmRule, AnyRule
-from stadimeter.core.rules.alarm import AlarmStep
-from stadimeter.core.rules.alarm_state import AlarmState
-from stadimeter.core.rules.alarm_table import LATCHED, Phase
-from stadimeter.core.rules.alarm_words import in_words, is_judged_by_its_end
-from stadimeter.core.rules.evidence import Evidence, evidence
 from stadimeter.core.rules.judging import RuleStep
-from stadimeter.core.rules.known import Known
 from stadimeter.core.rules.reasons import Reasons
 
 

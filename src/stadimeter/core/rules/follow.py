@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from stadimeter.core.conditions.verdict import no_figures, quantity_of
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import FollowRule
-from stadimeter.core.rules.conditions import no_figures, quantity_of
 from stadimeter.core.rules.request import TwistRequest
 from stadimeter.core.rules.step import Step, trace_of
 from stadimeter.core.rules.words import metres

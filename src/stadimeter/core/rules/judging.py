@@ -15,19 +15,19 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
+from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, step_alarm
+from stadimeter.core.alarms.operating import operated
+from stadimeter.core.alarms.timing import Sample
+from stadimeter.core.alarms.turn import AlarmTurn
+from stadimeter.core.conditions import verdict as conditions
+from stadimeter.core.conditions.crossings import Crossings, crossings_of
+from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace
 from stadimeter.core.operator import Answer, OperatorCommand
 from stadimeter.core.plan import BaseOutput, Output, Plan
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, FollowRule, RampRule
-from stadimeter.core.rules import conditions
-from stadimeter.core.rules.alarm import AlarmStep, Stepped, new_alarm, step_alarm
-from stadimeter.core.rules.alarm_timing import Sample
-from stadimeter.core.rules.alarm_turn import AlarmTurn
 from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearranged
-from stadimeter.core.rules.crossings import Crossings, crossings_of
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
-from stadimeter.core.rules.known import Known
-from stadimeter.core.rules.operating import operated
 from stadimeter.core.rules.order import Order, order_of
 from stadimeter.core.rules.ramp import RampStep, new_ramp, step_ramp
 from stadimeter.core.rules.step import trace_of

@@ -13,17 +13,17 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import Enum, IntEnum
 from typing import Any, TypeVar
 
+from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.alarms.state import AlarmState, Resumed, Timers
+from stadimeter.core.alarms.table import Phase
+from stadimeter.core.alarms.words import dismissed
 from stadimeter.core.condition import PresenceCondition, leaves
+from stadimeter.core.conditions.known import Known
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event, RuleStatus
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
-from stadimeter.core.rules.alarm import AlarmStep
-from stadimeter.core.rules.alarm_state import AlarmState, Resumed, Timers
-from stadimeter.core.rules.alarm_table import Phase
-from stadimeter.core.rules.alarm_words import dismissed
 from stadimeter.core.rules.judging import RuleStep, not_judged_yet, with_steps
-from stadimeter.core.rules.known import Known
 from stadimeter.core.rules.step import trace_of
 from stadimeter.core.tracking.life_cycle import TrackState
 

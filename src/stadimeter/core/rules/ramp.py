@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from stadimeter.core.conditions.verdict import no_figures, quantity_of
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import RampRule
-from stadimeter.core.rules.conditions import no_figures, quantity_of
 from stadimeter.core.rules.ramp_level import is_flat, ramp_level
 from stadimeter.core.rules.request import LevelRequest
 from stadimeter.core.rules.step import Step, trace_of

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
+from stadimeter.core.alarms import words as alarm_words
+from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.conditions.known import Known
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
-from stadimeter.core.rules import alarm_words, follow, ramp
-from stadimeter.core.rules.alarm import AlarmStep
+from stadimeter.core.rules import follow, ramp
 from stadimeter.core.rules.judging import Judged, RuleStep
-from stadimeter.core.rules.known import Known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,0 +1,1 @@
+"""A running instance takes orders and answers questions, on a Unix socket."""

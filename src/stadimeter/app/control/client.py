@@ -1,0 +1,169 @@
+"""Asking a running instance: for commands of the command line, and for other programs."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stadimeter.app.control.places import running
+from stadimeter.errors import ControlError
+
+ANSWER_WAIT_S = 10.0
+"""A loop that runs answers within a cycle."""
+
+CONNECT_WAIT_S = 2.0
+HELLO_WAIT_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """A running instance.
+
+    Attributes:
+        socket: Where it listens.
+        configuration: Its configuration.
+        pid: Its process.
+    """
+
+    socket: Path
+    configuration: Path
+    pid: int
+
+    def __str__(self) -> str:
+        """Return it for people to choose by."""
+        return f"{self.configuration} (process {self.pid}, {self.socket})"
+
+
+def ask(path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: float = ANSWER_WAIT_S) -> Any:
+    """Ask a running instance.
+
+    Args:
+        path: Where it listens.
+        op: What is wanted, such as ``ack``.
+        args: The details.
+        wait_s: How long to wait for the answer.
+
+    Returns:
+        The data of its answer.
+
+    Raises:
+        ControlError: It does not run, does not answer, or refuses; the message says which, and why.
+    """
+    request = json.dumps({"transaction": op, "op": op, "args": args or {}}).encode() + b"\n"
+    try:
+        with _connected(path) as connection:
+            connection.settimeout(wait_s)
+            connection.sendall(request)
+            line = _line(connection, wait_s)
+    except TimeoutError as error:
+        raise ControlError(f"{path}: no answer within {wait_s:g} s; does it hang?") from error
+    except PermissionError as error:
+        raise ControlError(f"{path}: we may not ask there; try it with sudo, or as the user that runs it") from error
+    except OSError as error:
+        raise ControlError(f"{path}: nobody listens there: {error.strerror or error}") from error
+    return _data(path, line)
+
+
+def find(configuration: Path | None = None, sockets: Iterable[Path] | None = None) -> Path:
+    """Find the running instance that is meant.
+
+    Args:
+        configuration: Its configuration; None if there is but one instance.
+        sockets: Where instances may listen; None to look for them.
+
+    Returns:
+        Where it listens.
+
+    Raises:
+        ControlError: None runs, or several do; the message lists them.
+    """
+    found = running() if sockets is None else list(sockets)
+    if not found:
+        raise ControlError("no instance of stadimeter is running; start one with `stadimeter run CONFIG`")
+    if configuration is None and len(found) == 1:
+        return found[0]
+    instances = [instance for path in found if (instance := _introduced(path)) is not None]
+    meant = [each for each in instances if configuration is None or each.configuration == configuration.resolve()]
+    if len(meant) == 1:
+        return meant[0].socket
+    listed = "".join(f"\n  {instance}" for instance in meant or instances)
+    if configuration is not None and not meant:
+        raise ControlError(f"no instance runs with {configuration}; these run:{listed or ' none that may be asked'}")
+    raise ControlError(f"several instances run; say which one with --config or --socket:{listed}")
+
+
+def in_words(taken: Mapping[str, Any]) -> str:
+    """Return what became of the rules when a configuration was taken over.
+
+    Args:
+        taken: The data of the answer to ``reload``.
+
+    Returns:
+        Such as ``2 rules kept; changed: near; removed: far``.
+    """
+    kept = len(taken["kept"])
+    parts = [f"{kept} rule{'' if kept == 1 else 's'} kept"]
+    parts += [f"{what}: {', '.join(taken[what])}" for what in ("changed", "added", "removed") if taken[what]]
+    return "; ".join(parts)
+
+
+def _introduced(path: Path) -> Instance | None:
+    """Ask an instance who it is; None if it does not say."""
+    try:
+        told = ask(path, "hello", wait_s=HELLO_WAIT_S)
+        return Instance(path, Path(told["configuration"]), int(told["pid"]))
+    except (ControlError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _connected(path: Path) -> socket.socket:
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    until_s = time.monotonic() + CONNECT_WAIT_S
+    while True:
+        try:
+            connection.settimeout(CONNECT_WAIT_S)
+            connection.connect(os.fspath(path))
+        except BlockingIOError as error:  # too many wait to be let in
+            if time.monotonic() >= until_s:
+                connection.close()
+                raise TimeoutError from error
+            time.sleep(0.02)
+        except OSError:
+            connection.close()
+            raise
+        else:
+            return connection
+
+
+def _line(connection: socket.socket, wait_s: float) -> bytes:
+    until_s = time.monotonic() + wait_s
+    line = bytearray()
+    while not line.endswith(b"\n"):
+        left_s = until_s - time.monotonic()
+        if left_s <= 0:
+            raise TimeoutError
+        connection.settimeout(left_s)
+        data = connection.recv(65536)
+        if not data:
+            break
+        line += data
+    return bytes(line)
+
+
+def _data(path: Path, line: bytes) -> Any:
+    if not line:
+        raise ControlError(f"{path}: it ended before it answered")
+    try:
+        answer = json.loads(line)
+        is_done = answer["status"] == "ok"
+    except (ValueError, KeyError, TypeError) as error:
+        raise ControlError(f"{path}: that is no instance of stadimeter; its answer makes no sense") from error
+    if not is_done:
+        raise ControlError(str(answer.get("error", "it refused, and did not say why")))
+    return answer.get("data")

@@ -1,0 +1,143 @@
+"""Taking over a changed configuration while a run goes on.
+
+The file is read and checked apart from the control loop. If it is sound, and asks for nothing that only a restart can
+change, the loop takes it over between two cycles. Else nothing changes at all, and whoever asked is told why: a run
+always goes by one file, and never by half of one and half of another.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, fields
+from typing import Any
+
+from stadimeter.app.control.messages import Reply
+from stadimeter.app.control.socket_server import Answer
+from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.core.rules.judging import not_judged_yet
+from stadimeter.errors import StadimeterError
+
+_LIVE = frozenset({"path", "text", "plan", "warnings", "tests"})
+"""What a run can take over. The plan is looked at apart; everything else needs a restart."""
+
+_SECTIONS = {"camera_model": "camera.model", "leases_s": "lease of an output"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """A configuration that is sound, to be taken over between two cycles.
+
+    Attributes:
+        configuration: The configuration.
+        recorded: What a recording keeps of it.
+        warnings: What is allowed in it and hardly meant, a line each.
+        answer: Tells whoever asked what came of it.
+    """
+
+    configuration: Configuration
+    recorded: RecordedConfiguration
+    warnings: tuple[str, ...]
+    answer: Answer
+
+
+class Reloader:
+    """Reads and checks the configuration again when somebody asks for it.
+
+    Args:
+        configuration: The configuration of the run.
+    """
+
+    def __init__(self, configuration: Configuration) -> None:
+        self.running = configuration
+        self._lock = threading.Lock()
+        self._is_busy = False
+        self._ready: Change | None = None
+
+    def ask(self, answer: Answer) -> None:
+        """Have the file read and checked. Returns at once.
+
+        Args:
+            answer: Tells whoever asks what came of it; called from another thread if the file is refused.
+        """
+        with self._lock:
+            is_busy, self._is_busy = self._is_busy, True
+        if is_busy:
+            answer(Reply(error="the configuration is being read already"))
+            return
+        threading.Thread(target=self._check, args=(answer,), name="reload", daemon=True).start()
+
+    def take(self) -> Change | None:
+        """Return the configuration that is ready to be taken over. Never waits.
+
+        Returns:
+            The change, once; None if there is none.
+        """
+        if self._ready is None:
+            return None
+        change, self._ready = self._ready, None
+        return change
+
+    def done(self, configuration: Configuration | None = None) -> None:
+        """Note that a change was taken over, or refused.
+
+        Args:
+            configuration: What was taken over; None if it was refused.
+        """
+        self.running = configuration or self.running
+        self._is_busy = False
+
+    def _check(self, answer: Answer) -> None:
+        try:
+            self._ready = self._change(answer)
+        except StadimeterError as error:
+            self.done()
+            answer(Reply(error=f"nothing was changed:\n{error}"))
+        except Exception as error:  # noqa: BLE001 - a defect in a check must not leave the one who asks waiting
+            self.done()
+            answer(Reply(error=f"nothing was changed: the file could not be checked: {type(error).__name__}: {error}"))
+
+    def _change(self, answer: Answer) -> Change | None:
+        configuration = load_configuration(self.running.path)
+        asked = needs_restart(self.running, configuration)
+        if asked:
+            self.done()
+            answer(Reply(error=f"nothing was changed: restart to change {', '.join(asked)}"))
+            return None
+        not_judged_yet(configuration.plan)  # what a plan may not be comes out here, and not in the loop
+        found = (*configuration.warnings, *feasibility_warnings(configuration))
+        return Change(
+            configuration=configuration,
+            recorded=to_be_recorded(configuration),
+            warnings=tuple(map(str, found)),
+            answer=answer,
+        )
+
+
+def needs_restart(running: Configuration, new: Configuration) -> tuple[str, ...]:
+    """Return what a configuration changes that a run cannot take over.
+
+    Args:
+        running: The configuration of the run.
+        new: The other one.
+
+    Returns:
+        The sections, such as ``[camera]``; empty if all can be taken over.
+    """
+    names = [field.name for field in fields(Configuration) if field.name not in _LIVE]
+    found = [name for name in names if _parts(getattr(running, name)) != _parts(getattr(new, name))]
+    if running.plan.targets != new.plan.targets:
+        found.append("targets")
+    if running.plan.outputs != new.plan.outputs:
+        found.append("actuators or base")
+    return tuple(dict.fromkeys(f"[{_SECTIONS.get(name, name)}]" for name in found))
+
+
+def _parts(value: Any) -> Any:
+    """Return what makes a part what it is: its driver and options, not the object that stands for them."""
+    if isinstance(value, tuple):
+        return tuple(_parts(each) for each in value)
+    if hasattr(value, "driver") and hasattr(value, "options"):
+        return value.name, value.driver, value.options
+    return value

@@ -1,0 +1,177 @@
+"""What people and programs may ask of a running loop. The loop attends to it between two cycles, and never waits."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any, Protocol
+
+from stadimeter.app.control.client import in_words
+from stadimeter.app.control.messages import (
+    ExplainRequest,
+    OperatorRequest,
+    PlainRequest,
+    Reply,
+    ShelveRequest,
+    operator_command,
+)
+from stadimeter.app.control.reloading import Change, Reloader
+from stadimeter.app.control.socket_server import Answer, Asked
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.config.findings import did_you_mean_or_list
+from stadimeter.core.decision import Decision
+from stadimeter.core.operator import OperatorCommand
+from stadimeter.core.rules.explaining import explain
+from stadimeter.core.rules.keeping import TakenOver
+
+REMEMBERED_S = 60.0
+"""The decisions of so many seconds can be explained afterwards."""
+
+
+class Requests(Protocol):
+    """Where requests come from."""
+
+    def take(self) -> list[Asked]:
+        """Return the requests that have come since the last call. Never waits."""
+        ...
+
+
+class Control:
+    """Attends to what is asked of a running loop.
+
+    Args:
+        requests: Where requests come from.
+        reloader: Reads the configuration again.
+        unix_s: Tells the time of the wall clock.
+    """
+
+    def __init__(self, requests: Requests, reloader: Reloader, unix_s: Callable[[], float] = time.time) -> None:
+        self._requests = requests
+        self._reloader = reloader
+        self._unix_s = unix_s
+        self._commands = 0
+        self._waiting: dict[str, Answer] = {}
+        self._questions: list[Asked] = []
+        self._past: deque[tuple[float, Decision]] = deque()
+        self._reload_for: Answer | None = None
+
+    def reload(self, tell: Callable[[str], None]) -> None:
+        """Have the configuration read again before the next cycle. May be called from a signal handler.
+
+        Args:
+            tell: Takes the words that say what came of it.
+        """
+        self._reload_for = lambda reply: tell(_reload_words(reply))
+
+    def told(self) -> tuple[OperatorCommand, ...]:
+        """Attend to what was asked since the last cycle.
+
+        Returns:
+            What operators want of rules, for the next cycle.
+        """
+        if self._reload_for is not None:
+            answer, self._reload_for = self._reload_for, None
+            self._reloader.ask(answer)
+        return tuple(command for asked in self._requests.take() if (command := self._sorted(asked)) is not None)
+
+    def change(self) -> Change | None:
+        """Return the configuration to take over now, if there is one."""
+        return self._reloader.take()
+
+    def changed(self, change: Change, taken: TakenOver) -> None:
+        """Tell whoever asked that a configuration was taken over.
+
+        Args:
+            change: The configuration.
+            taken: What became of the rules.
+        """
+        self._reloader.done(change.configuration)
+        data = {name: getattr(taken, name) for name in ("kept", "changed", "added", "removed")}
+        change.answer(Reply({**data, "warnings": change.warnings}))
+
+    def heard(self, record: CycleRecord) -> None:
+        """Answer what a cycle can answer, and remember it.
+
+        Args:
+            record: The cycle.
+        """
+        self._remember(record)
+        for given in record.decision.answers:
+            answer = self._waiting.pop(given.id, None)
+            if answer is not None:
+                answer(Reply({"words": given.words}) if given.accepted else Reply(error=given.words))
+        questions, self._questions = self._questions, []
+        for asked in questions:
+            asked.answer(self._reply(asked.request, record))
+
+    def _sorted(self, asked: Asked) -> OperatorCommand | None:
+        """Return the command that a request is; attend to it otherwise if it is none."""
+        request = asked.request
+        if isinstance(request, OperatorRequest | ShelveRequest):
+            self._commands += 1
+            number = f"asked-{self._commands}"
+            self._waiting[number] = asked.answer
+            return operator_command(request, number)
+        if isinstance(request, PlainRequest) and request.op == "reload":
+            self._reloader.ask(asked.answer)
+        else:
+            self._questions.append(asked)
+        return None
+
+    def _remember(self, record: CycleRecord) -> None:
+        now_s = record.observation.now_s
+        self._past.append((now_s, record.decision))
+        while self._past[0][0] < now_s - REMEMBERED_S:
+            self._past.popleft()
+
+    def _reply(self, request: object, record: CycleRecord) -> Reply | Callable[[], Reply]:
+        if isinstance(request, ExplainRequest):
+            return self._explained(request, record.observation.now_s)
+        return lambda: Reply(_status(record.decision))
+
+    def _explained(self, request: ExplainRequest, now_s: float) -> Reply | Callable[[], Reply]:
+        ago_s = 0.0 if request.args.at_unix_s is None else self._unix_s() - request.args.at_unix_s
+        if ago_s < 0:
+            return Reply(error="that moment is still to come")
+        past = next(((at_s, decision) for at_s, decision in reversed(self._past) if at_s <= now_s - ago_s), None)
+        if past is None:
+            known_s = now_s - self._past[0][0]
+            return Reply(error=f"only the last {known_s:.0f} s are remembered; a journal remembers all of a run")
+        return lambda: _explanation(past[1], request.args.rule, now_s - past[0])
+
+
+def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:
+    from stadimeter.app.replaying.explaining import as_data  # noqa: PLC0415 - few are asked, and it takes long to load
+
+    names = [trace.rule for trace in decision.rules]
+    if rule and rule not in names:
+        return Reply(error=f"there is no rule '{rule}'; {did_you_mean_or_list(rule, names)}")
+    explained = [as_data(explain(decision, name)) for name in names if rule in {"", name}]
+    return Reply({"ago_s": round(ago_s, 3), "rules": explained})
+
+
+def _status(decision: Decision) -> Mapping[str, Any]:
+    """Return what every rule and target is doing, for programs."""
+    rules = [asdict(trace) | {"reason": decision.reasons.get(trace.rule, "")} for trace in decision.rules]
+    targets = [
+        {
+            "target": track.target,
+            "status": track.status.value,
+            "distance_m": track.distance_m if track.is_valid else None,
+        }
+        for track in decision.tracks
+    ]
+    return {
+        "safety": decision.safety.value,
+        "safety_reason": decision.safety_reason,
+        "rules": rules,
+        "targets": targets,
+        "outputs": [asdict(output) for output in decision.outputs],
+    }
+
+
+def _reload_words(reply: Reply | Callable[[], Reply]) -> str:
+    known = reply if isinstance(reply, Reply) else reply()
+    return known.error or "the configuration was taken over: " + in_words(known.data)

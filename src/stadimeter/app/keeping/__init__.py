@@ -1,0 +1,1 @@
+"""What alarms remember beyond the end of a run."""

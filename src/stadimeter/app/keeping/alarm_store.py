@@ -1,0 +1,258 @@
+"""What alarms remember, in a file that survives a restart and a power cut: SQLite.
+
+The file is written with a write-ahead log and ``synchronous=FULL``: each change is one append and one flush, and after
+a power cut the file holds what was before the change or what was after it. A rollback journal would flush three times
+and rewrite pages in place, which wears out a memory card sooner. The lock is exclusive: two runs on one file would take
+turns in forgetting what the other remembers.
+
+Bytes that a failing card has flipped are noticed by SQLite's own check and by a checksum over everything that is
+remembered. What is damaged, or of a later version, is put aside under another name, for whoever wants to look at it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from stadimeter.app.keeping.moments import Moment
+from stadimeter.core.rules.keeping import Absence, KeptAlarm
+from stadimeter.errors import StateError
+
+FORMAT = 1
+APPLICATION_ID = 0x53746164
+"""Says whose file it is: ``Stad``."""
+
+LOG_PAGES_MAX = 64
+"""After so many pages of 4 KiB the log is taken over into the file; it needs little room, and that is seldom."""
+
+PAGE_BYTES_MIN = 512
+
+_MOMENT = TypeAdapter(Moment)
+_ABSENT = TypeAdapter(tuple[Absence, ...])
+_ROW: TypeAdapter[tuple[KeptAlarm]] = TypeAdapter(tuple[KeptAlarm], config=ConfigDict(ser_json_inf_nan="constants"))
+
+_UNWRITABLE = frozenset(
+    {
+        sqlite3.SQLITE_CANTOPEN,
+        sqlite3.SQLITE_READONLY,
+        sqlite3.SQLITE_FULL,
+        sqlite3.SQLITE_PERM,
+        sqlite3.SQLITE_IOERR,
+    }
+)
+"""What SQLite says when nothing is wrong with the file, but with the disk or with us."""
+
+_TABLES = """
+CREATE TABLE IF NOT EXISTS alarm (rule TEXT PRIMARY KEY, memory TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS saved
+    (one INTEGER PRIMARY KEY CHECK (one = 1), moment TEXT NOT NULL, absent TEXT NOT NULL, sha256 TEXT NOT NULL);
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Memory:
+    """What alarms remembered, and when.
+
+    Attributes:
+        moment: When it was written.
+        alarms: What each alarm remembered.
+        absent: Which targets were out of sight.
+    """
+
+    moment: Moment
+    alarms: tuple[KeptAlarm, ...]
+    absent: tuple[Absence, ...] = ()
+
+
+class _DamagedError(Exception):
+    """The file is not as it was written."""
+
+
+class _LaterVersionError(Exception):
+    """A later version of the program has written the file."""
+
+
+class AlarmStore:
+    """The file. It may be used from any thread, by one at a time.
+
+    Args:
+        path: The file; its folder is made if it is not there.
+
+    Attributes:
+        path: The file.
+        warning: What was wrong with the file that was found, and what became of it; empty for nothing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.warning = ""
+        self._database: sqlite3.Connection | None = None
+        self._written: dict[str, str] = {}
+
+    def open(self) -> Memory | None:
+        """Open the file and read it. One that cannot be used is put aside, and an empty one is begun.
+
+        Returns:
+            What was remembered; None if nothing was.
+
+        Raises:
+            StateError: The file cannot be written, or another run uses it.
+        """
+        try:
+            return self._opened()
+        except _LaterVersionError as error:
+            aside = self._put_aside("newer")
+            self.warning = f"{self.path}: {error}; it is now {aside}, and this run remembers nothing of earlier ones"
+        except _DamagedError as error:
+            aside = self._put_aside("damaged")
+            self.warning = f"{self.path} is damaged: {error}; it is now {aside}, and the alarms start anew"
+        try:
+            return self._opened()
+        except (_DamagedError, _LaterVersionError) as error:
+            raise StateError(f"{self.path}: {error}") from error
+
+    def write(self, memory: Memory) -> None:
+        """Write what alarms remember now, all of it or nothing.
+
+        Args:
+            memory: What every alarm remembers; those that are in the file and not here are forgotten.
+
+        Raises:
+            StateError: It could not be written, for a full disk for example. The file is as it was before.
+        """
+        memories = {alarm.rule: _ROW.dump_json((alarm,)).decode() for alarm in memory.alarms}
+        rest = _MOMENT.dump_json(memory.moment).decode(), _ABSENT.dump_json(memory.absent).decode()
+        changed = [(rule, memory) for rule, memory in memories.items() if self._written.get(rule) != memory]
+        gone = [(rule,) for rule in self._written if rule not in memories]
+        with self._transaction() as database:
+            database.executemany("INSERT OR REPLACE INTO alarm VALUES (?, ?)", changed)
+            database.executemany("DELETE FROM alarm WHERE rule = ?", gone)
+            saved = (*rest, _sha256(rest, memories.items()))
+            database.execute("INSERT OR REPLACE INTO saved VALUES (1, ?, ?, ?)", saved)
+        self._written = memories
+
+    def close(self) -> None:
+        """Close the file. May be called any number of times."""
+        if self._database is not None:
+            with suppress(sqlite3.Error):  # a full disk; what was written is in the log beside the file
+                self._database.close()
+            self._database = None
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        if self._database is None:
+            raise StateError(f"{self.path} is not open")
+        try:
+            with self._database as database:
+                database.execute("BEGIN IMMEDIATE")
+                yield database
+        except sqlite3.Error as error:
+            raise StateError(f"{self.path} cannot be written: {error}") from error
+
+    def _opened(self) -> Memory | None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            self._see_that_it_is_whole()
+            self._database = sqlite3.connect(
+                self.path, timeout=0.5, isolation_level=None, check_same_thread=False, cached_statements=16
+            )
+            return self._read(self._database)
+        except OSError as error:
+            raise StateError(f"{self.path} cannot be written: {error.strerror or error}") from error
+        except sqlite3.Error as error:
+            self.close()
+            raise self._converted(error) from error
+        except (_DamagedError, _LaterVersionError):
+            self.close()
+            raise
+
+    def _see_that_it_is_whole(self) -> None:
+        if self.path.is_file() and 0 < self.path.stat().st_size < PAGE_BYTES_MIN:
+            raise _DamagedError("it is cut off")  # SQLite would take it for an empty one
+
+    def _converted(self, error: sqlite3.Error) -> Exception:
+        """Tell a file that cannot be used as it is from one that cannot be used at all."""
+        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+        if code in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}:
+            return StateError(f"{self.path} is used by another run; this one remembers nothing after its end")
+        if code in _UNWRITABLE:
+            return StateError(f"{self.path} cannot be written: {error}")
+        return _DamagedError(str(error))
+
+    def _read(self, database: sqlite3.Connection) -> Memory | None:
+        database.execute("PRAGMA locking_mode = EXCLUSIVE")
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("PRAGMA synchronous = FULL")
+        database.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES_MAX}")
+        database.execute("BEGIN EXCLUSIVE")  # takes the lock, and keeps it
+        version, application = _pragma(database, "user_version"), _pragma(database, "application_id")
+        if version > FORMAT and application == APPLICATION_ID:
+            raise _LaterVersionError(f"written by a later version of stadimeter (format {version}, not {FORMAT})")
+        if version == 0 and application == 0:
+            _begin(database)
+        elif (version, application) != (FORMAT, APPLICATION_ID):
+            raise _DamagedError("it is no state file")
+        memory = self._checked(database)
+        database.execute("COMMIT")
+        return memory
+
+    def _checked(self, database: sqlite3.Connection) -> Memory | None:
+        (verdict,) = database.execute("PRAGMA integrity_check(1)").fetchone()
+        if verdict != "ok":
+            raise _DamagedError(verdict)
+        rows = dict(database.execute("SELECT rule, memory FROM alarm ORDER BY rule").fetchall())
+        saved = database.execute("SELECT moment, absent, sha256 FROM saved").fetchall()
+        if not saved and not rows:
+            return None
+        if len(saved) != 1 or saved[0][2] != _sha256(saved[0][:2], rows.items()):
+            raise _DamagedError("its checksum is wrong")
+        try:
+            alarms = tuple(_ROW.validate_json(memory)[0] for memory in rows.values())
+            moment, absent = _MOMENT.validate_json(saved[0][0]), _ABSENT.validate_json(saved[0][1])
+        except ValidationError as error:
+            raise _DamagedError(f"it holds something else than alarms: {error.errors()[0]['msg']}") from error
+        self._written = rows
+        return Memory(moment=moment, alarms=alarms, absent=absent)
+
+    def _put_aside(self, why: str) -> Path:
+        """Give the file another name, and what SQLite keeps beside it too."""
+        number = 1
+        while (aside := self.path.with_name(f"{self.path.name}.{why}-{number}")).exists():
+            number += 1
+        try:
+            self.path.rename(aside)
+            for ending in ("-wal", "-shm", "-journal"):
+                beside = self.path.with_name(self.path.name + ending)
+                if beside.exists():
+                    beside.rename(aside.with_name(aside.name + ending))
+        except OSError as error:
+            raise StateError(f"{self.path} cannot be put aside: {error.strerror or error}") from error
+        return aside
+
+
+def _begin(database: sqlite3.Connection) -> None:
+    """Make the tables of an empty file."""
+    (tables,) = database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    if tables:
+        raise _DamagedError("it is no state file")
+    for statement in filter(str.strip, _TABLES.split(";")):
+        database.execute(statement)
+    database.execute(f"PRAGMA user_version = {FORMAT}")
+    database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+
+
+def _pragma(database: sqlite3.Connection, name: str) -> int:
+    (value,) = database.execute(f"PRAGMA {name}").fetchone()
+    return int(value)
+
+
+def _sha256(rest: Sequence[str], memories: Iterable[tuple[str, str]]) -> str:
+    """Return a checksum over everything in the file."""
+    return hashlib.sha256(json.dumps([rest, sorted(memories)]).encode()).hexdigest()

@@ -1,0 +1,1 @@
+"""What runs leave behind: journals, and MCAP files with pictures."""

@@ -1,0 +1,252 @@
+"""One cycle as JSON, as journals and recordings hold it.
+
+A recording of an hour has a hundred thousand cycles, so they are read no further than is asked for: deciding again
+takes the observation only, and a decision that is the recorded one is known by its bytes. For that the parts of a cycle
+are always written in the order observation, applied, timings, decision, and the rules come last in the decision.
+
+Numbers are written so that reading them gives the same bits again. What is no number, such as NaN, is written as text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.core.decision import Decision, Event, RuleTrace
+from stadimeter.core.observation import Observation
+from stadimeter.errors import JournalError
+
+AS_BEFORE = b'"as before"'
+"""Stands for the rules of a decision that are those of the cycle before."""
+
+_RECORD = TypeAdapter(CycleRecord)
+_OBSERVATION = TypeAdapter(Observation)
+_EVENTS = TypeAdapter(tuple[Event, ...])
+_RULES = TypeAdapter(tuple[RuleTrace, ...])
+_LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "rejected": True}
+_NO_EVENTS = b'"events":[],'
+_NO_FRAME = b'"frame":null,'
+_FRAME_BEFORE = 80
+"""The frame comes second in an observation, after one number."""
+
+_OPENING = b'{"observation":'
+_APPLIED = b',"applied":'
+_DECISION = b',"decision":'
+_RULES_KEY = b',"rules":'
+
+
+@dataclass(frozen=True, slots=True)
+class _Reload:
+    """A configuration that was taken over while running.
+
+    Attributes:
+        at_s: When, on the run's monotonic clock.
+        configuration: The configuration.
+    """
+
+    at_s: float
+    configuration: RecordedConfiguration
+
+
+@dataclass(frozen=True, slots=True)
+class _Reloaded:
+    reloaded: _Reload
+
+
+_DECIDED: TypeAdapter[tuple[Decision]] = TypeAdapter(tuple[Decision], config=ConfigDict(ser_json_inf_nan="strings"))
+"""A decision alone, written as it is in a whole record: numbers can be configured for a tuple, not for a dataclass."""
+
+_DECIDED_LEFT_OUT: Mapping[int, set[str]] = {0: {"rules", "reasons"}}
+_RELOADED = TypeAdapter(_Reloaded)
+_RELOADED_BEGINS = b'{"reloaded":'
+
+
+def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
+    """Write that another configuration was taken over while running.
+
+    Args:
+        at_s: When, on the run's monotonic clock.
+        configuration: The configuration.
+
+    Returns:
+        The JSON, on one line. It stands before the first cycle that the configuration decided.
+    """
+    return _RELOADED.dump_json(_Reloaded(_Reload(at_s, configuration)))
+
+
+def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
+    """Return the configuration that a line says was taken over.
+
+    Args:
+        line: The JSON.
+        place: Where it stands, for error messages.
+
+    Returns:
+        The configuration; None if the line says no such thing.
+
+    Raises:
+        JournalError: The line is damaged.
+    """
+    if not line.startswith(_RELOADED_BEGINS):
+        return None
+    try:
+        return _RELOADED.validate_json(line).reloaded.configuration
+    except ValidationError as error:
+        raise JournalError(f"{place}: not a configuration: {first_detail(error)}") from error
+
+
+def cycle_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a cycle as `CycleEncoder` writes it.
+
+    Returns:
+        The schema.
+    """
+    schema = _RECORD.json_schema(mode="serialization")
+    del schema["properties"]["rejected"], schema["$defs"]["Decision"]["properties"]["reasons"]
+    return schema
+
+
+class CycleEncoder:
+    """Writes the cycles of one run.
+
+    Args:
+        repeats_rules: Whether rules that are those of the cycle before are written again. With many rules they would
+            be most of each cycle; but only then each cycle can be read on its own.
+    """
+
+    def __init__(self, *, repeats_rules: bool) -> None:
+        self._repeats_rules = repeats_rules
+        self._rules: tuple[RuleTrace, ...] | None = None
+        self._rules_json = b"[]"
+
+    def encode(self, record: CycleRecord) -> bytes:
+        """Write a cycle.
+
+        Args:
+            record: The cycle.
+
+        Returns:
+            The JSON, on one line.
+        """
+        is_as_before = record.decision.rules is self._rules
+        rules = AS_BEFORE if is_as_before and not self._repeats_rules else self.rules_json(record.decision.rules)
+        return _RECORD.dump_json(record, exclude=_LEFT_OUT)[: -len(b"}}")] + _RULES_KEY + rules + b"}}"
+
+    def decision_json(self, decision: Decision) -> bytes:
+        """Write a decision without its rules.
+
+        Args:
+            decision: The decision.
+
+        Returns:
+            The JSON, without the brace that closes it.
+        """
+        return _DECIDED.dump_json((decision,), exclude=_DECIDED_LEFT_OUT)[len(b"[") : -len(b"}]")]
+
+    def rules_json(self, rules: tuple[RuleTrace, ...]) -> bytes:
+        """Write what rules did; what did not change since the last time is not made again.
+
+        Args:
+            rules: What they did.
+
+        Returns:
+            The JSON.
+        """
+        if rules is not self._rules:
+            self._rules, self._rules_json = rules, _RULES.dump_json(rules)
+        return self._rules_json
+
+
+class RecordedCycle:
+    """One cycle of a recording, read as far as it is asked for.
+
+    Args:
+        line: The JSON.
+        rules_before: The JSON of the rules of the cycle before.
+        place: Where it stands, for error messages.
+        reloaded: The configuration that was taken over right before it, while running; None for none.
+
+    Attributes:
+        rules_json: The JSON of its rules.
+        reloaded: The configuration that was taken over right before it.
+    """
+
+    __slots__ = ("_line", "_place", "reloaded", "rules_json")
+
+    def __init__(
+        self, line: bytes, rules_before: bytes, place: str, reloaded: RecordedConfiguration | None = None
+    ) -> None:
+        self.reloaded = reloaded
+        self._line = line.rstrip()
+        self._place = place
+        rules = self._line[self._line.rfind(_RULES_KEY) + len(_RULES_KEY) : -len(b"}}")]
+        self.rules_json = rules_before if rules == AS_BEFORE else rules
+
+    def observation(self) -> Observation:
+        """Return what was observed.
+
+        Returns:
+            The observation.
+
+        Raises:
+            JournalError: The cycle is damaged.
+        """
+        try:
+            return _OBSERVATION.validate_json(self._line[len(_OPENING) : self._line.find(_APPLIED)])
+        except ValidationError:
+            return self.record().observation  # which names what is wrong, or knows another order of the parts
+
+    def has_frame(self) -> bool:
+        """Return whether a frame was new in it."""
+        return self._line.find(_NO_FRAME, 0, _FRAME_BEFORE) < 0
+
+    def events(self) -> tuple[Event, ...]:
+        """Return the recorded events.
+
+        Returns:
+            The events, mostly none.
+
+        Raises:
+            JournalError: The cycle is damaged.
+        """
+        return () if _NO_EVENTS in self._line else self.record().decision.events
+
+    def decision_json(self) -> bytes:
+        """Return the JSON of the decision without its rules and without the brace that closes it."""
+        begin = self._line.find(_DECISION) + len(_DECISION)
+        return self._line[begin : self._line.rfind(_RULES_KEY)]
+
+    def record(self) -> CycleRecord:
+        """Return the whole cycle.
+
+        Returns:
+            The cycle.
+
+        Raises:
+            JournalError: It is damaged.
+        """
+        head, key, _ = self._line.rpartition(_RULES_KEY)
+        whole = head + key + self.rules_json + b"}}" if key else self._line
+        try:
+            return _RECORD.validate_json(whole)
+        except ValidationError as error:
+            raise JournalError(f"{self._place}: not a cycle of a recording: {first_detail(error)}") from error
+
+
+def first_detail(error: ValidationError) -> str:
+    """Return what is wrong with a value that was read, in words.
+
+    Args:
+        error: What pydantic says.
+
+    Returns:
+        The first thing that is wrong, and where.
+    """
+    detail = error.errors()[0]
+    place = ".".join(str(part) for part in detail["loc"])
+    return f"{place}: {detail['msg']}" if place else detail["msg"]

@@ -1,0 +1,261 @@
+"""The journal: what was known, decided and done in each cycle, one line of JSON a cycle.
+
+The first line says what wrote the journal and holds the configuration; where another one was taken over while running,
+a line holds that. Every further line is one `CycleRecord`, without
+the reasons of the rules, which follow from the rest, and without the candidates that were rejected, which decide
+nothing. Its rules are ``"as before"`` while none of them changed: with many rules they would be most of each line, and
+a run of weeks wears out a memory card. Numbers are written so that reading them gives the same bits again; a recording
+replayed through the same rules gives the same decisions. Times are on the run's monotonic clock; the first line says
+which wall-clock time the journal began at.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from io import FileIO
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+import stadimeter
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, first_detail, reload_json, reload_of
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, sha256_of
+from stadimeter.errors import JournalError
+
+__all__ = ["FORMAT", "Journal", "JournalHeader", "JournalWriter", "read_journal", "sha256_of"]
+
+FORMAT = 1
+
+_FIRST_BYTES = b'{"stadimeter_journal":'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JournalHeader:
+    """The first line of a journal.
+
+    Attributes:
+        stadimeter_journal: The version of this format.
+        version: The version of stadimeter that wrote it.
+        began_at: Wall-clock time of its beginning, ISO 8601.
+        configuration: The text of the configuration.
+        configuration_sha256: Its SHA-256, in hexadecimal.
+        files: The texts of the files that the configuration names, by the path that stands in it.
+        resumed: What the run took over from an earlier one, as text; empty for nothing.
+    """
+
+    stadimeter_journal: int
+    version: str
+    began_at: str
+    configuration: str
+    configuration_sha256: str
+    files: Mapping[str, str] = field(default_factory=dict)
+    resumed: str = ""
+
+    @property
+    def recorded_configuration(self) -> RecordedConfiguration:
+        """The configuration with all that it needs."""
+        return RecordedConfiguration(text=self.configuration, files=self.files)
+
+
+_HEADER = TypeAdapter(JournalHeader)
+
+
+class JournalWriter:
+    """Writes a journal. Each line is written whole or not at all.
+
+    An old journal of that name is replaced by the first cycle, and not before: a run whose camera is missing destroys
+    nothing.
+
+    Args:
+        path: The file.
+        configuration: The run's configuration, or its text.
+        began_at: When it begins, ISO 8601; None for now.
+
+    Raises:
+        JournalError: The file cannot be written, or holds something else than a journal.
+    """
+
+    def __init__(self, path: Path, configuration: RecordedConfiguration | str, began_at: str | None = None) -> None:
+        if isinstance(configuration, str):
+            configuration = RecordedConfiguration(text=configuration)
+        self._path = path
+        self._size = 0
+        self._encoder = CycleEncoder(repeats_rules=False)
+        self._header = JournalHeader(
+            stadimeter_journal=FORMAT,
+            version=stadimeter.__version__,
+            began_at=began_at or datetime.now(UTC).isoformat(timespec="milliseconds"),
+            configuration=configuration.text,
+            configuration_sha256=sha256_of(configuration.text),
+            files=configuration.files,
+        )
+        try:
+            self._file = FileIO(path, "r+" if path.exists() and not path.is_dir() else "w+")
+        except OSError as error:
+            raise JournalError(f"{path}: the journal cannot be written: {error.strerror or error}") from error
+        if not _may_replace(self._file):
+            self._file.close()
+            raise JournalError(f"{path} holds something else than a journal; choose another file")
+
+    def write(self, record: CycleRecord) -> None:
+        """Add one cycle.
+
+        Args:
+            record: The cycle.
+
+        Raises:
+            JournalError: The line could not be written whole, for a full disk for example. What was written before
+                is intact.
+        """
+        if self._size == 0:
+            self._begin()
+        self._append(self._encoder.encode(record))
+
+    def resumed(self, text: str) -> None:
+        """Take in what the run takes over from an earlier one. Only before the first cycle.
+
+        Args:
+            text: What it takes over.
+        """
+        self._header = replace(self._header, resumed=text)
+
+    def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+        """Add that another configuration was taken over, before the first cycle that it decides.
+
+        Args:
+            now_s: When, on the run's monotonic clock.
+            configuration: The configuration, or its text.
+
+        Raises:
+            JournalError: The line could not be written whole.
+        """
+        if isinstance(configuration, str):
+            configuration = RecordedConfiguration(text=configuration)
+        if self._size == 0:
+            self._begin()
+        self._append(reload_json(now_s, configuration))
+
+    def close(self) -> None:
+        """Close the file. May be called any number of times."""
+        self._file.close()
+
+    def _begin(self) -> None:
+        with suppress(OSError):  # a device or pipe has no beginning to go back to
+            self._file.seek(0)
+            self._file.truncate()
+        self._append(_HEADER.dump_json(self._header))
+
+    def _append(self, line: bytes) -> None:
+        data = line + b"\n"
+        try:
+            written = self._file.write(data)
+        except OSError as error:
+            self._drop_fragment()
+            raise JournalError(f"{self._path}: {error.strerror or error}; the journal ends here, intact") from error
+        if written != len(data):
+            self._drop_fragment()
+            raise JournalError(f"{self._path}: the disk is full; the journal ends here, intact")
+        self._size += len(data)
+
+    def _drop_fragment(self) -> None:
+        with suppress(OSError):  # a device or pipe cannot be cut; the reader skips a line that is not whole
+            os.ftruncate(self._file.fileno(), self._size)
+        self._file.close()
+
+
+def _may_replace(file: FileIO) -> bool:
+    """Return whether a file is empty, a journal, or no file that could hold anything, such as a device."""
+    if not file.seekable() or not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        return True
+    return file.read(len(_FIRST_BYTES)) in {b"", _FIRST_BYTES}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Journal:
+    """A journal that was read.
+
+    Attributes:
+        path: The file.
+        header: Its first line.
+    """
+
+    path: Path
+    header: JournalHeader
+
+    def cycles(self) -> Iterator[RecordedCycle]:
+        """Yield every cycle, in order.
+
+        Yields:
+            The cycles, not read yet.
+
+        Raises:
+            JournalError: A configuration that was taken over while running is damaged.
+        """
+        with self.path.open("rb") as file:
+            next(file)
+            rules = b"[]"
+            reloaded = None
+            for number, line in enumerate(file, start=2):
+                if not line.endswith(b"\n"):
+                    return
+                place = f"{self.path}:{number}"
+                if taken_over := reload_of(line, place):
+                    reloaded = taken_over
+                    continue
+                cycle = RecordedCycle(line, rules, place, reloaded)
+                rules, reloaded = cycle.rules_json, None
+                yield cycle
+
+    def records(self) -> Iterator[CycleRecord]:
+        """Yield every cycle, in order, read whole.
+
+        Yields:
+            The cycles.
+
+        Raises:
+            JournalError: A line is damaged. A last line that was cut off is not an error: the recording ended there.
+        """
+        return (cycle.record() for cycle in self.cycles())
+
+    def is_cut_off(self) -> bool:
+        """Return whether the last line is not whole, as after a power cut."""
+        with self.path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) != b"\n"
+
+
+def read_journal(path: Path) -> Journal:
+    """Open a journal and read its first line.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The journal.
+
+    Raises:
+        JournalError: It cannot be read, or is no journal, or one of a later format.
+    """
+    try:
+        with path.open("rb") as file:
+            line = file.readline()
+    except OSError as error:
+        raise JournalError(f"{path}: {error.strerror or error}") from error
+    try:
+        found = json.loads(line)
+        version = found["stadimeter_journal"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise JournalError(f"{path}: not a journal; its first line should hold 'stadimeter_journal'") from error
+    if version != FORMAT:
+        raise JournalError(f"{path}: a journal of format {version}; this version of stadimeter reads format {FORMAT}")
+    try:
+        return Journal(path=path, header=_HEADER.validate_python(found))
+    except ValidationError as error:
+        raise JournalError(f"{path}:1: damaged first line: {first_detail(error)}") from error

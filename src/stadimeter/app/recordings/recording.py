@@ -1,0 +1,301 @@
+"""A recording: every cycle of a run, and its pictures, in an MCAP file that the tools of roboticists open.
+
+Topics: ``/cycle``, from which a run is replayed; ``/camera/image``, ``/camera/calibration``, ``/camera/annotations``;
+``/targets/NAME``, to plot distances; ``/log``, the events. The configuration is an attachment; ``/configuration`` has
+those that were taken over while running. Times are those of the
+run's monotonic clock, moved so that the first cycle is at the wall-clock time of the beginning: a wall clock that is
+set meanwhile moves nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import stadimeter
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.recordings import recording_messages as messages
+from stadimeter.app.recordings import recording_schemas as schemas
+from stadimeter.app.recordings.cycle_json import CycleEncoder, cycle_schema, reload_json
+from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration, sha256_of
+from stadimeter.app.recordings.recording_file import LIBRARY, RecordingFile
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Frame
+from stadimeter.core.target import TargetSize
+from stadimeter.errors import DriverUnavailableError
+
+if TYPE_CHECKING:
+    from mcap.writer import Writer
+
+FORMAT = 1
+CYCLES = "/cycle"
+CONFIGURATION = "/configuration"
+IMAGES = "/camera/image"
+CALIBRATION = "/camera/calibration"
+ANNOTATIONS = "/camera/annotations"
+LOG = "/log"
+TARGETS = "/targets/"
+METADATA = "stadimeter"
+CAMERA_FILE = "camera file: "
+"""Begins the name of an attachment that holds a file that the configuration names."""
+
+RESUMED_NAME = "resumed.json"
+"""The name of the attachment that holds what the run took over from an earlier one."""
+
+FLUSH_S = 1.0
+"""What is newer than this may be lost if the program is killed."""
+
+SEQUENCE_MAX = 2**32
+"""Message counters of MCAP have 32 bits."""
+
+ImageChoice = Literal["none", "events", "all"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageOptions:
+    """Which pictures a recording holds.
+
+    Attributes:
+        images: ``all``; ``events``, in which something happened: an event, or another status of a rule or a target;
+            or ``none``.
+        rate_hz: At most so many in a second of the run; None for no limit.
+        quality_percent: The quality of their JPEGs, 1 to 100.
+    """
+
+    images: ImageChoice = "all"
+    rate_hz: float | None = None
+    quality_percent: int = 90
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """What a recording says about its run once and for all.
+
+    Attributes:
+        configuration: The configuration.
+        camera: The camera model, at any resolution of the pictures' aspect.
+        sizes: The size of each target, by its name.
+    """
+
+    configuration: RecordedConfiguration
+    camera: CameraModel | None = None
+    sizes: Mapping[str, TargetSize] = field(default_factory=dict)
+
+
+class RecordingWriter:
+    """Writes a recording, in the thread of the caller. `Recorder` does so in a thread of its own.
+
+    Args:
+        path: The file.
+        recorded: What it says about the run.
+        options: Which pictures it holds.
+
+    Raises:
+        JournalError: The file cannot be written, or holds something else than a recording.
+        DriverUnavailableError: The library ``mcap`` is not installed.
+    """
+
+    def __init__(self, path: Path, recorded: Recorded, options: ImageOptions | None = None) -> None:
+        require_mcap("recording to an MCAP file")
+        self._recorded = recorded
+        self._choice = _ImageChooser(options or ImageOptions())
+        self._quality_percent = (options or ImageOptions()).quality_percent
+        self._file = RecordingFile(path)
+        self._encoder = CycleEncoder(repeats_rules=True)
+        self._writer: Writer | None = None
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._anchor_ns = 0
+        self._flushed_s = 0.0
+        self._lens: CameraModel | None = None
+        self._cycles = 0
+        self._resumed = ""
+
+    def write(self, record: CycleRecord, frame: Frame | None = None) -> None:
+        """Add one cycle.
+
+        Args:
+            record: The cycle.
+            frame: The frame that was new in it; None for none, or to leave its picture out.
+
+        Raises:
+            JournalError: The file could not be written, for a full disk for example. What was written before is
+                intact, and nothing more can be written.
+        """
+        now_s = record.observation.now_s
+        writer = self._writer or self._begin(now_s)
+        if frame is not None and self._choice.is_wanted(record, frame):
+            self._add_image(writer, record, frame)
+        self._add(writer, CYCLES, schemas.CYCLE, now_s, self._encoder.encode(record), self._cycles)
+        self._cycles += 1
+        self._add_what_is_plotted(writer, record)
+        if not 0 <= now_s - self._flushed_s < FLUSH_S:
+            writer.flush()
+            self._flushed_s = now_s
+
+    def resumed(self, text: str) -> None:
+        """Take in what the run takes over from an earlier one. Only before the first cycle.
+
+        Args:
+            text: What it takes over.
+        """
+        self._resumed = text
+
+    def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+        """Add that another configuration was taken over, before the first cycle that it decides.
+
+        Args:
+            now_s: When, on the run's monotonic clock.
+            configuration: The configuration, or its text.
+
+        Raises:
+            JournalError: The file could not be written.
+        """
+        if isinstance(configuration, str):
+            configuration = RecordedConfiguration(text=configuration)
+        writer = self._writer or self._begin(now_s)
+        self._add(writer, CONFIGURATION, schemas.CONFIGURATION, now_s, reload_json(now_s, configuration))
+
+    def close(self) -> None:
+        """Finish the file, so that it can be searched by time, and close it. May be called any number of times.
+
+        Raises:
+            JournalError: The end could not be written. What was written before is intact.
+        """
+        writer, self._writer = self._writer, None
+        try:
+            if writer is not None:
+                writer.finish()
+        finally:
+            self._file.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is, after a `write` that failed."""
+        self._writer = None
+        self._file.close()
+
+    def _begin(self, now_s: float) -> Writer:
+        from mcap.writer import Writer  # noqa: PLC0415 - only recordings need it
+
+        began_ns = time.time_ns()
+        self._anchor_ns = began_ns - round(now_s * 1e9)
+        self._flushed_s = now_s
+        writer = Writer(self._file)  # type: ignore[arg-type] # it needs no more of a file than ours has
+        writer.start(library=f"{LIBRARY} {stadimeter.__version__}")
+        configuration = self._recorded.configuration
+        began_at = datetime.fromtimestamp(began_ns // 1_000_000 / 1000, UTC).isoformat(timespec="milliseconds")
+        about = {
+            "format": str(FORMAT),
+            "version": stadimeter.__version__,
+            "began_at": began_at,
+            "configuration_sha256": sha256_of(configuration.text),
+        }
+        writer.add_metadata(METADATA, about)
+        writer.add_attachment(began_ns, began_ns, FILE_NAME, "application/toml", configuration.text.encode())
+        for name, text in configuration.files.items():
+            writer.add_attachment(began_ns, began_ns, CAMERA_FILE + name, "application/toml", text.encode())
+        if self._resumed:
+            writer.add_attachment(began_ns, began_ns, RESUMED_NAME, "application/json", self._resumed.encode())
+        self._writer = writer
+        return writer
+
+    def _add(self, writer: Writer, topic: str, schema: str, at_s: float, data: bytes, sequence: int = 0) -> None:
+        at_ns = self._at_ns(at_s)
+        channel = self._channels.get(topic) or self._new_channel(writer, topic, schema)
+        writer.add_message(channel, at_ns, data, at_ns, sequence % SEQUENCE_MAX)
+
+    def _new_channel(self, writer: Writer, topic: str, schema: str) -> int:
+        if schema not in self._schemas:
+            shape = schemas.plain(cycle_schema()) if schema == schemas.CYCLE else schemas.SCHEMAS[schema]
+            self._schemas[schema] = writer.register_schema(schema, "jsonschema", json.dumps(shape).encode())
+        channel: int = writer.register_channel(topic, "json", self._schemas[schema])
+        self._channels[topic] = channel
+        return channel
+
+    def _add_image(self, writer: Writer, record: CycleRecord, frame: Frame) -> None:
+        """Add a picture, and what was found in it. It stands before the cycle that it belongs to."""
+        now_s = record.observation.now_s
+        taken_ns = self._at_ns(frame.captured_at_s)
+        image = messages.compressed_image(frame.image, taken_ns, self._quality_percent)
+        if image is None:
+            return
+        lens = self._lens_of(writer, frame, now_s)
+        self._add(writer, IMAGES, schemas.COMPRESSED_IMAGE, now_s, image, frame.sequence)
+        if lens is not None:
+            found = messages.image_annotations(record, lens, self._recorded.sizes, taken_ns)
+            self._add(writer, ANNOTATIONS, schemas.IMAGE_ANNOTATIONS, now_s, found)
+
+    def _lens_of(self, writer: Writer, frame: Frame, now_s: float) -> CameraModel | None:
+        """Return the camera model at the frame's resolution; write it whenever that is another one."""
+        lens, camera = self._lens, self._recorded.camera
+        if camera is None:
+            return None
+        if lens is None or (lens.width_px, lens.height_px) != (frame.width_px, frame.height_px):
+            lens = self._lens = camera.scaled_to(frame.width_px, frame.height_px)
+            message = messages.calibration(lens, self._at_ns(now_s))
+            self._add(writer, CALIBRATION, schemas.CAMERA_CALIBRATION, now_s, message)
+        return lens
+
+    def _add_what_is_plotted(self, writer: Writer, record: CycleRecord) -> None:
+        now_s = record.observation.now_s
+        measured = {measurement.target: measurement for measurement in record.observation.measurements}
+        for track in record.decision.tracks:
+            data = messages.target(track, measured.get(track.target))
+            self._add(writer, TARGETS + track.target, schemas.TARGET, now_s, data)
+        for event in record.decision.events:
+            self._add(writer, LOG, schemas.LOG, now_s, messages.log(event, self._at_ns(event.at_s)))
+
+    def _at_ns(self, at_s: float) -> int:
+        """Return a time of the run as nanoseconds since 1970; a time that is none becomes the beginning of time."""
+        return max(0, self._anchor_ns + round(at_s * 1e9)) if math.isfinite(at_s) else 0
+
+
+class _ImageChooser:
+    """Says which pictures are recorded."""
+
+    def __init__(self, options: ImageOptions) -> None:
+        self._options = options
+        self._newest_s: float | None = None
+        self._statuses: tuple[object, ...] = ()
+
+    def is_wanted(self, record: CycleRecord, frame: Frame) -> bool:
+        if self._options.images == "none":
+            return False
+        if self._options.images == "events" and not self._has_changed(record):
+            return False
+        rate_hz, newest_s = self._options.rate_hz, self._newest_s
+        # A tenth of the period is left to the camera's jitter, so that asking for its own rate takes every frame.
+        if rate_hz and newest_s is not None and 0 <= frame.captured_at_s - newest_s < 0.9 / rate_hz:
+            return False
+        self._newest_s = frame.captured_at_s
+        return True
+
+    def _has_changed(self, record: CycleRecord) -> bool:
+        decision = record.decision
+        before = self._statuses
+        tracks = (track.status for track in decision.tracks)
+        self._statuses = (*tracks, *(rule.status for rule in decision.rules))
+        return bool(decision.events) or self._statuses != before
+
+
+def require_mcap(what: str) -> None:
+    """Make sure that the library ``mcap`` is installed.
+
+    Args:
+        what: What it is needed for.
+
+    Raises:
+        DriverUnavailableError: It is not.
+    """
+    try:
+        import mcap.writer  # noqa: F401, PLC0415 - it is an extra, and few runs need it
+    except ImportError as error:
+        raise DriverUnavailableError(
+            f"{what} needs the library 'mcap' ({error}); install it with: pip install 'stadimeter[record]'"
+        ) from error

@@ -1,0 +1,326 @@
+"""Reads recordings: MCAP files that ``run --record`` wrote, whole ones and those that were cut off."""
+
+from __future__ import annotations
+
+import struct
+from base64 import b64decode
+from binascii import Error as Base64Error
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.recordings.cycle_json import RecordedCycle, reload_of
+from stadimeter.app.recordings.journal import JournalHeader
+from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration
+from stadimeter.app.recordings.recording import (
+    CAMERA_FILE,
+    CONFIGURATION,
+    CYCLES,
+    FORMAT,
+    IMAGES,
+    METADATA,
+    RESUMED_NAME,
+    require_mcap,
+)
+from stadimeter.app.recordings.recording_file import LIBRARY, LONGEST_HEADER, MAGIC, writer_of
+from stadimeter.core.frame import Frame, Image
+from stadimeter.errors import JournalError
+
+if TYPE_CHECKING:
+    from mcap.records import Chunk
+
+_RECORD_HEAD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 0x04, 0x05, 0x06, 0x09, 0x0C, 0x0F
+"""The opcodes of the records that matter here."""
+
+_LONGEST_RECORD = 2**30
+"""A record, or the content of a chunk, that claims to be longer than this is damaged: ours are a few megabytes."""
+
+_IMAGE_BEGINS = b'"data":"'
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedImage:
+    """A picture of a recording, not decoded yet.
+
+    Attributes:
+        sequence: The camera's count of the frame, in 32 bits.
+        message: The message.
+        place: Where it stands, for error messages.
+    """
+
+    sequence: int
+    message: bytes
+    place: str
+
+    def decode(self) -> Image:
+        """Return the picture.
+
+        Returns:
+            The picture.
+
+        Raises:
+            JournalError: It is damaged.
+        """
+        begin = self.message.find(_IMAGE_BEGINS) + len(_IMAGE_BEGINS)
+        try:
+            jpeg = b64decode(self.message[begin : self.message.find(b'"', begin)], validate=True)
+            image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) if jpeg else None
+        except (Base64Error, cv2.error) as error:
+            raise JournalError(f"{self.place}: a damaged picture") from error
+        if image is None:
+            raise JournalError(f"{self.place}: a damaged picture")
+        return np.asarray(image, np.uint8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class McapRecording:
+    """A recording that was opened.
+
+    Attributes:
+        path: The file.
+        header: What it says about its run.
+    """
+
+    path: Path
+    header: JournalHeader
+
+    def cycles(self) -> Iterator[RecordedCycle]:
+        """Yield every cycle, in order.
+
+        Yields:
+            The cycles, not read yet.
+
+        Raises:
+            JournalError: The file is damaged.
+        """
+        for cycle, _ in self._cycles(with_images=False):
+            yield cycle
+
+    def cycles_and_images(self) -> Iterator[tuple[RecordedCycle, RecordedImage | None]]:
+        """Yield every cycle with the picture that was new in it.
+
+        Yields:
+            The cycle, and the picture; None where none was new or none was recorded.
+
+        Raises:
+            JournalError: The file is damaged.
+        """
+        return self._cycles(with_images=True)
+
+    def has_images(self) -> bool:
+        """Return whether there is a picture at all.
+
+        Raises:
+            JournalError: The file is damaged.
+        """
+        return any(True for _ in _messages(self.path, {IMAGES}))
+
+    def records(self) -> Iterator[CycleRecord]:
+        """Yield every cycle, in order, read whole.
+
+        Yields:
+            The cycles.
+
+        Raises:
+            JournalError: The file is damaged.
+        """
+        return (cycle.record() for cycle in self.cycles())
+
+    def is_cut_off(self) -> bool:
+        """Return whether the file was not finished, as after a power cut or on a full disk."""
+        with self.path.open("rb") as file:
+            size = file.seek(0, 2)
+            file.seek(max(0, size - len(MAGIC)))
+            return size < 2 * len(MAGIC) or file.read() != MAGIC
+
+    def _cycles(self, *, with_images: bool) -> Iterator[tuple[RecordedCycle, RecordedImage | None]]:
+        rules = b"[]"
+        image: RecordedImage | None = None
+        reloaded: RecordedConfiguration | None = None
+        for topic, sequence, data in _messages(
+            self.path, {CYCLES, CONFIGURATION} | ({IMAGES} if with_images else set())
+        ):
+            if topic == IMAGES:
+                image = RecordedImage(sequence, data, f"{self.path}, picture of frame {sequence}")
+            elif topic == CONFIGURATION:
+                reloaded = reload_of(data, f"{self.path}, before cycle {sequence}")
+            else:
+                cycle = RecordedCycle(data, rules, f"{self.path}, cycle {sequence}", reloaded)
+                yield cycle, image
+                rules, image, reloaded = cycle.rules_json, None, None
+
+
+def read_mcap(path: Path) -> McapRecording:
+    """Open a recording and read what it says about its run.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The recording.
+
+    Raises:
+        JournalError: It cannot be read, is no recording of ours, or one of a later format.
+        DriverUnavailableError: The library ``mcap`` is not installed.
+    """
+    require_mcap(f"reading {path}")
+    with path.open("rb") as file:
+        written_by = writer_of(file.read(LONGEST_HEADER))
+    if written_by is None:
+        raise JournalError(f"{path}: the recording ends before its first cycle")
+    if not written_by.startswith(LIBRARY):
+        other = f"written by {written_by}" if written_by else "of another program"
+        raise JournalError(f"{path}: an MCAP file {other}, and not by `stadimeter run --record`")
+    about, files = _about(path)
+    version = about.get("format", "")
+    if version != str(FORMAT):
+        raise JournalError(f"{path}: a recording of format {version}; this version of stadimeter reads format {FORMAT}")
+    header = JournalHeader(
+        stadimeter_journal=FORMAT,
+        version=about.get("version", ""),
+        began_at=about.get("began_at", ""),
+        configuration=files.pop(FILE_NAME, ""),
+        configuration_sha256=about.get("configuration_sha256", ""),
+        resumed=files.pop(RESUMED_NAME, ""),
+        files={name.removeprefix(CAMERA_FILE): text for name, text in files.items() if name.startswith(CAMERA_FILE)},
+    )
+    return McapRecording(path=path, header=header)
+
+
+def decoded_frame(image: RecordedImage, cycle: RecordedCycle) -> Frame | None:
+    """Return the frame that was new in a cycle, with its recorded picture.
+
+    Args:
+        image: The picture.
+        cycle: The cycle.
+
+    Returns:
+        The frame; None if the picture belongs to another one.
+
+    Raises:
+        JournalError: The picture or the cycle is damaged.
+    """
+    stamp = cycle.observation().frame
+    if stamp is None or stamp.sequence % 2**32 != image.sequence:
+        return None
+    return Frame(image.decode(), stamp.captured_at_s, stamp.sequence, image.place)
+
+
+def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the metadata of a recording and the files attached to it; they stand before its first chunk."""
+    from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - it is an extra
+    from mcap.records import Attachment, Metadata  # noqa: PLC0415 - likewise
+
+    about: dict[str, str] = {}
+    files: dict[str, str] = {}
+    for place, opcode, data in _records(path):
+        if opcode == _CHUNK:
+            break
+        stream = ReadDataStream(BytesIO(data))
+        if opcode == _METADATA:
+            metadata = _read(place, Metadata.read, stream)
+            about |= metadata.metadata if metadata.name == METADATA else {}
+        elif opcode == _ATTACHMENT:
+            attachment = _read(place, Attachment.read, stream)
+            files[attachment.name] = attachment.data.decode(errors="replace")
+    if not about:
+        raise JournalError(f"{path}: the recording ends before its first cycle")
+    return about, files
+
+
+def _messages(path: Path, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
+    """Yield the messages of some topics with the topic and the message's counter, in the order of the file."""
+    channels: dict[int, str] = {}
+    for place, content in _contents(path):
+        for opcode, begin, end in _inside(place, content):
+            if opcode == _CHANNEL:
+                number, topic = _channel(place, content[begin:end])
+                if topic in topics:
+                    channels[number] = topic
+            elif opcode == _MESSAGE:
+                number, sequence, _, _ = _MESSAGE_HEAD.unpack_from(content, begin)
+                if number in channels:
+                    yield channels[number], sequence, content[begin + _MESSAGE_HEAD.size : end]
+
+
+def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Yield the place of each chunk, and what is in it."""
+    for place, opcode, data in _records(path):
+        if opcode == _DATA_END:
+            return
+        if opcode == _CHUNK:
+            yield place, _content(place, data)
+
+
+def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
+    """Yield the place, the opcode and the content of every record that is whole. A file may end anywhere."""
+    with path.open("rb") as file:
+        at = file.seek(len(MAGIC))
+        while len(head := file.read(_RECORD_HEAD.size)) == _RECORD_HEAD.size:
+            opcode, length = _RECORD_HEAD.unpack(head)
+            place = f"{path}, byte {at}"
+            if length > _LONGEST_RECORD:
+                raise JournalError(f"{place}: the recording is damaged: a record of {length} bytes")
+            data = file.read(length)
+            if len(data) < length:
+                return
+            yield place, opcode, data
+            at += _RECORD_HEAD.size + length
+
+
+def _content(place: str, data: bytes) -> bytes:
+    """Return what is in a chunk, decompressed."""
+    from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - it is an extra
+    from mcap.records import Chunk  # noqa: PLC0415 - likewise
+
+    chunk = _read(place, Chunk.read, ReadDataStream(BytesIO(data)))
+    if chunk.uncompressed_size > _LONGEST_RECORD:
+        raise JournalError(f"{place}: the recording is damaged: a chunk of {chunk.uncompressed_size} bytes")
+    content: bytes = _read(place, _decompressed, chunk)
+    return content
+
+
+def _decompressed(chunk: Chunk) -> bytes:
+    from mcap.stream_reader import get_chunk_data_stream  # noqa: PLC0415 - it is an extra
+
+    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+    return stream.read(length)
+
+
+def _inside(place: str, content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield the opcode of each record in a chunk, and where its content begins and ends."""
+    at = 0
+    while at < len(content):
+        if at + _RECORD_HEAD.size > len(content):
+            raise JournalError(f"{place}: the recording is damaged: a chunk ends within a record")
+        opcode, length = _RECORD_HEAD.unpack_from(content, at)
+        begin = at + _RECORD_HEAD.size
+        at = begin + length
+        if at > len(content) or (opcode == _MESSAGE and length < _MESSAGE_HEAD.size):
+            raise JournalError(f"{place}: the recording is damaged: a chunk ends within a record")
+        yield opcode, begin, at
+
+
+def _channel(place: str, data: bytes) -> tuple[int, str]:
+    from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - it is an extra
+    from mcap.records import Channel  # noqa: PLC0415 - likewise
+
+    channel = _read(place, Channel.read, ReadDataStream(BytesIO(data)))
+    return channel.id, channel.topic
+
+
+def _read(place: str, read: Callable[[Any], Any], what: Any) -> Any:
+    """Call a reader of the library; whatever it makes of damaged bytes is one kind of error."""
+    try:
+        return read(what)
+    except Exception as error:
+        # The library raises errors of its own, of both compressors, of struct and of the text decoder.
+        raise JournalError(f"{place}: the recording is damaged: {error or type(error).__name__}") from error

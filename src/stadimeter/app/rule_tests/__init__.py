@@ -1,0 +1,1 @@
+"""Tests that a configuration carries for its rules."""

@@ -1,0 +1,347 @@
+"""Watching one expectation of a test while it runs.
+
+A watch is shown every turn once and remembers only what it needs to say in the end what was expected, what came
+instead, when, and why: the rule's own reason of that moment. So a test over an hour of recording needs little memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from stadimeter.config.rule_tests.motions import SpanTable
+from stadimeter.core.decision import Decision, Event
+
+SHOWN_EVENTS = 5
+_ROUNDING_S = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turn:
+    """One cycle of a test.
+
+    Attributes:
+        at_s: When, in seconds from the start of the test.
+        start_s: The start of the test, on the clock that events are stamped with.
+        decision: What was decided.
+    """
+
+    at_s: float
+    start_s: float
+    decision: Decision
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failure:
+    """An expectation that was not met.
+
+    Attributes:
+        subject: The rule or output.
+        key: The key of the expectation.
+        expected: What was expected, in words.
+        got: What came instead.
+        at_s: The moment that `why` is about, in seconds from the start of the test.
+        why: What the rule or output was doing at that moment, and its reason.
+    """
+
+    subject: str
+    key: str
+    expected: str
+    got: str
+    at_s: float | None = None
+    why: str = ""
+
+
+class Watch(Protocol):
+    """Watches one expectation."""
+
+    def see(self, turn: Turn) -> None:
+        """Take in the next turn."""
+        ...
+
+    def failures(self) -> Iterator[Failure]:
+        """Yield what was not met, after the last turn."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """What an expectation is about.
+
+    Attributes:
+        name: The rule or output.
+        key: The key of the expectation.
+        doing: Says what the rule or output does in a turn, and why.
+    """
+
+    name: str
+    key: str
+    doing: Callable[[Turn], str]
+
+    def failure(self, expected: str, got: str, turn: Turn | None = None) -> Failure:
+        """Return a failure of it.
+
+        Args:
+            expected: What was expected.
+            got: What came instead.
+            turn: The turn to tell about; None for none.
+
+        Returns:
+            The failure.
+        """
+        at_s, why = (None, "") if turn is None else (turn.at_s, self.doing(turn))
+        return Failure(subject=self.name, key=self.key, expected=expected, got=got, at_s=at_s, why=why)
+
+
+class MomentWatch:
+    """Expects something at certain moments, or throughout certain stretches.
+
+    Args:
+        subject: What it is about.
+        moments: When, in seconds, each with what is expected then in words and how to tell.
+    """
+
+    def __init__(
+        self, subject: Subject, moments: Iterable[tuple[float | SpanTable, str, Callable[[Turn], bool]]]
+    ) -> None:
+        self._subject = subject
+        self._open = list(moments)
+        self._before: Turn | None = None
+        self._failures: list[Failure] = []
+
+    def see(self, turn: Turn) -> None:
+        """Take in the next turn: it ends the one before, whose moments can be judged now."""
+        self._judge(turn.at_s)
+        self._before = turn
+
+    def failures(self) -> Iterator[Failure]:
+        """Yield what was not met."""
+        last_s = self._before.at_s if self._before else 0.0
+        self._judge(last_s + 2 * _ROUNDING_S)
+        yield from self._failures
+        for moment, expected, _ in self._open:
+            if isinstance(moment, float) or moment.end_s > last_s + _ROUNDING_S:
+                when_s = moment.end_s if isinstance(moment, SpanTable) else moment
+                got = f"the test was over at {last_s:.2f} s"
+                yield self._subject.failure(f"{expected} at {when_s:.2f} s", got, self._before)
+
+    def _judge(self, next_s: float) -> None:
+        if self._open and self._before is not None:
+            self._open = [each for each in self._open if self._is_open(self._before, next_s, *each)]
+
+    def _is_open(
+        self, turn: Turn, next_s: float, moment: float | SpanTable, expected: str, is_met: Callable[[Turn], bool]
+    ) -> bool:
+        """Judge a moment in the turn that is current then; return whether it must be looked at again."""
+        start_s, end_s = (moment.start, moment.end_s) if isinstance(moment, SpanTable) else (moment, moment)
+        if next_s <= start_s + _ROUNDING_S:
+            return True
+        if not is_met(turn):
+            when = f"at {start_s:.2f} s" if start_s == end_s else f"from {start_s:.2f} s to {end_s:.2f} s"
+            self._failures.append(self._subject.failure(f"{expected} {when}", f"not so at {turn.at_s:.2f} s", turn))
+            return False
+        return next_s <= end_s - _ROUNDING_S
+
+
+class AlwaysWatch:
+    """Expects something in every turn.
+
+    Args:
+        subject: What it is about.
+        expected: What is expected, in words.
+        is_met: Tells whether it is so in a turn.
+        got: Says what is so instead.
+    """
+
+    def __init__(
+        self, subject: Subject, expected: str, is_met: Callable[[Turn], bool], got: Callable[[Turn], str]
+    ) -> None:
+        self._subject = subject
+        self._expected = expected
+        self._is_met = is_met
+        self._got = got
+        self._failure: Failure | None = None
+
+    def see(self, turn: Turn) -> None:
+        """Take in the next turn."""
+        if self._failure is None and not self._is_met(turn):
+            got = f"{self._got(turn)} at {turn.at_s:.2f} s"
+            self._failure = self._subject.failure(self._expected, got, turn)
+
+    def failures(self) -> Iterator[Failure]:
+        """Yield the first turn in which it was not met."""
+        if self._failure is not None:
+            yield self._failure
+
+
+class PeakWatch:
+    """Expects a figure to be reached at some time.
+
+    Args:
+        subject: What it is about.
+        least: What must be reached.
+        figure: The figure of a turn.
+        unit: Follows the figure in words.
+    """
+
+    def __init__(self, subject: Subject, least: float, figure: Callable[[Turn], float], unit: str = "") -> None:
+        self._subject = subject
+        self._least = least
+        self._figure = figure
+        self._unit = unit
+        self._peak: tuple[float, Turn] | None = None
+
+    def see(self, turn: Turn) -> None:
+        """Take in the next turn."""
+        figure = self._figure(turn)
+        if self._peak is None or figure > self._peak[0]:
+            self._peak = figure, turn
+
+    def failures(self) -> Iterator[Failure]:
+        """Yield the highest figure if it is too low."""
+        if self._peak is not None and self._peak[0] < self._least - _ROUNDING_S:
+            peak, turn = self._peak
+            got = f"{peak:.2f}{self._unit} at most, at {turn.at_s:.2f} s"
+            yield self._subject.failure(f"{self._least:.2f}{self._unit} reached", got, turn)
+
+
+class EndWatch:
+    """Expects something in the last turn.
+
+    Args:
+        subject: What it is about.
+        expected: What is expected, in words.
+        is_met: Tells whether it is so.
+        got: Says what is so instead.
+    """
+
+    def __init__(
+        self, subject: Subject, expected: str, is_met: Callable[[Turn], bool], got: Callable[[Turn], str]
+    ) -> None:
+        self._subject = subject
+        self._expected = expected
+        self._is_met = is_met
+        self._got = got
+        self._last: Turn | None = None
+
+    def see(self, turn: Turn) -> None:
+        """Take in the next turn."""
+        self._last = turn
+
+    def failures(self) -> Iterator[Failure]:
+        """Yield what is wrong at the end."""
+        if self._last is not None and not self._is_met(self._last):
+            yield self._subject.failure(f"{self._expected} at the end", self._got(self._last), self._last)
+
+
+class CountWatch:
+    """Expects a number of events.
+
+    Args:
+        subject: What it is about.
+        counted: Returns the events of a turn that count.
+        limits: The least and the greatest number that will do, given how many seconds the test took.
+        noun: What is counted, in words: one, and several.
+        is_near: Tells whether a turn came near to such an event, for saying why there was not one more.
+    """
+
+    def __init__(
+        self,
+        subject: Subject,
+        counted: Callable[[Turn], Iterable[Event]],
+        limits: Callable[[float], tuple[float, float]],
+        noun: tuple[str, str],
+        is_near: Callable[[Turn], bool],
+    ) -> None:
+        self._subject = subject
+        self._counted = counted
+        self._limits = limits
+        self._noun = noun
+        self._is_near = is_near
+        self._count = 0
+        self._shown: list[tuple[float, str]] = []
+        self._near: Turn | None = None
+        self._last: Turn | None = None
+
+    def see(self, turn: Turn) -> None:
+        """Take in the next turn."""
+        if self._is_near(turn):
+            self._near = turn
+        for event in self._counted(turn):
+            self._count += 1
+            self._near = None
+            if len(self._shown) < SHOWN_EVENTS:
+                self._shown.append((event.at_s - turn.start_s, f"{event.kind.value}: {event.reason}"))
+        self._last = turn
+
+    def failures(self) -> Iterator[Failure]:
+        """Yield the count if it is wrong, with the first event too many, or the moment that came nearest."""
+        least, most = self._limits(self._last.at_s if self._last else 0.0)
+        if least <= self._count <= most:
+            return
+        expected = self._words(least) if least == most else f"{self._words(most)} at most"
+        got = self._words(self._count) + self._times()
+        if self._count < least:
+            yield self._subject.failure(expected, got, self._near or self._last)
+            return
+        at_s, why = self._shown[min(int(most), len(self._shown) - 1)]
+        yield Failure(subject=self._subject.name, key=self._subject.key, expected=expected, got=got, at_s=at_s, why=why)
+
+    def _words(self, count: float) -> str:
+        return f"{count:g} {self._noun[count != 1]}"
+
+    def _times(self) -> str:
+        if not self._shown:
+            return ""
+        more = ", …" if self._count > len(self._shown) else ""
+        return f" (at {', '.join(f'{at_s:.2f} s' for at_s, _ in self._shown)}{more})"
+
+
+class FirstWatch:
+    """Expects the first event of a kind within a stretch of time.
+
+    Args:
+        subject: What it is about.
+        counted: Returns the events of a turn that count.
+        verb: What happens, in words, such as ``raised``.
+        stretch_s: The earliest and the latest time that will do.
+        expected: What is expected, in words.
+    """
+
+    def __init__(
+        self,
+        subject: Subject,
+        counted: Callable[[Turn], Iterable[Event]],
+        verb: str,
+        stretch_s: tuple[float, float],
+        expected: str,
+    ) -> None:
+        self._subject = subject
+        self._counted = counted
+        self._verb = verb
+        self._not_before_s, self._by_s = stretch_s
+        self._expected = expected
+        self._first: tuple[float, Turn] | None = None
+        self._at_limit: Turn | None = None
+
+    def see(self, turn: Turn) -> None:
+        """Take in the next turn."""
+        if self._first is None:
+            event = next(iter(self._counted(turn)), None)
+            self._first = (event.at_s - turn.start_s, turn) if event else None
+        if turn.at_s <= self._by_s + _ROUNDING_S:
+            self._at_limit = turn
+
+    def failures(self) -> Iterator[Failure]:
+        """Yield when it happened, if that is not within the stretch; and what was so at its end."""
+        if self._first is None:
+            yield self._subject.failure(self._expected, f"never {self._verb}", self._at_limit)
+            return
+        at_s, turn = self._first
+        got = f"{self._verb} at {at_s:.2f} s"
+        if at_s < self._not_before_s - _ROUNDING_S:
+            yield self._subject.failure(self._expected, got, turn)
+        elif at_s > self._by_s + _ROUNDING_S:
+            late = f"{got}, {at_s - self._by_s:.2f} s late"
+            yield self._subject.failure(self._expected, late, self._at_limit)

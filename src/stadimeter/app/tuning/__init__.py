@@ -1,0 +1,1 @@
+"""Proposing limits and delays of an alarm from recordings."""

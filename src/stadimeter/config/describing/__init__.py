@@ -1,0 +1,1 @@
+"""Says in plain sentences what a configuration does."""

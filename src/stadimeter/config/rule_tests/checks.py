@@ -1,0 +1,237 @@
+"""What the tests of a configuration may not say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+from stadimeter.config.draft import BASE_NAME, Draft
+from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list
+from stadimeter.config.rule_tests.expectations import OF_ACTUATORS, OF_BASES, OF_OUTPUTS, OF_RULES, ExpectTable
+from stadimeter.config.rule_tests.motions import MOTIONS, MotionTable
+from stadimeter.config.rule_tests.tables import FRAMES_MAX, InputTable, name_of
+from stadimeter.core.condition import DistanceCondition
+
+_MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
+_MADE_UP_TOO = ("seed", "frozen", "clock", "day", "operator")
+"""What a recording has already."""
+_FASTEST_RATE_HZ = 30.0
+_EXAMPLE = "expect.RULE = { raised = 1 }"
+
+
+def rule_test_findings(draft: Draft) -> Iterator[Finding]:
+    """Find what makes tests unusable.
+
+    Args:
+        draft: What could be read of the configuration.
+
+    Yields:
+        What is wrong.
+    """
+    names: dict[str, int] = {}
+    for position, test in draft.tests.items():
+        name = name_of(test, position)
+        if names.setdefault(name, position) != position:
+            message = f"two tests are called '{name}'"
+            yield Finding(("tests", position, "name"), message, "give each a name of its own")
+        yield from _input(draft, ("tests", position, "input"), test.input, _written(draft, position, "input"))
+        if not _written(draft, position, "expect"):
+            yield Finding(("tests", position, "expect"), "the test expects nothing", f"add {_EXAMPLE}")
+        for subject, expected in test.expect.items():
+            at = ("tests", position, "expect", subject)
+            yield from _subject(draft, at, subject, expected)
+            yield from _within(draft, at, subject, test.input)
+            yield from _times(at, expected, test.input)
+            yield from _contradictions(at, expected)
+
+
+def rule_test_warnings(draft: Draft) -> Iterator[Finding]:
+    """Find tests that cannot be run here, though the configuration can.
+
+    Args:
+        draft: A configuration without errors.
+
+    Yields:
+        What to look at again.
+    """
+    for position, test in draft.tests.items():
+        journal = test.input.journal
+        if journal is not None and not journal.is_file():
+            hint = "record one with `stadimeter run CONFIG --journal FILE`; until then the test fails"
+            yield Finding(("tests", position, "input", "journal"), f"there is no recording {journal}", hint)
+
+
+def _written(draft: Draft, position: int, key: str) -> Mapping[str, Any]:
+    table = draft.table["tests"][position].get(key, {})
+    return table if isinstance(table, Mapping) else {}
+
+
+def _input(draft: Draft, at: tuple[str | int, ...], given: InputTable, written: Mapping[str, Any]) -> Iterator[Finding]:
+    if "journal" in written:
+        for key in (*_MADE_UP, *_MADE_UP_TOO):
+            if key in written:
+                message = f"a recording has its own '{key}'"
+                yield Finding((*at, key), message, "take it out, or the journal")
+        return
+    yield from _targets(draft, at, given, written)
+    yield from _motion(at, given, written, is_needed="targets" not in written)
+    for name, motion in (given.targets or {}).items():
+        yield from _motion((*at, "targets", name), motion, written["targets"][name], is_needed=True)
+    yield from _length(at, given)
+    yield from _orders(draft, at, given)
+
+
+def _targets(
+    draft: Draft, at: tuple[str | int, ...], given: InputTable, written: Mapping[str, Any]
+) -> Iterator[Finding]:
+    known = draft.names("targets")
+    named = {(*at, "targets", name): name for name in given.targets or ()}
+    if given.target is not None:
+        named[*at, "target"] = given.target
+    for path, name in named.items():
+        if name not in known:
+            yield Finding(path, f"there is no target '{name}'", did_you_mean_or_list(name, known))
+    if len(known) > 1 and not {"target", "targets"} & written.keys():
+        message = f"which of the targets {', '.join(known)} moves?"
+        yield Finding((*at, "target"), message, f'add target = "{known[0]}", or targets = {{ {known[0]} = {{ … }} }}')
+    if "targets" in written:
+        yield from _nothing_beside_targets(at, written)
+
+
+def _nothing_beside_targets(at: tuple[str | int, ...], written: Mapping[str, Any]) -> Iterator[Finding]:
+    if not written["targets"]:
+        yield Finding((*at, "targets"), "no target moves", "add one, such as targets.NAME = { … }")
+    for key in ("target", *MOTIONS):
+        if key in written:
+            yield Finding((*at, key), f"'{key}' does not go with 'targets'", "put it inside one of them, or out")
+
+
+def _motion(
+    at: tuple[str | int, ...], motion: MotionTable, written: Mapping[str, Any], *, is_needed: bool
+) -> Iterator[Finding]:
+    given = [key for key in MOTIONS if key in written]
+    is_misspelt = any(did_you_mean(key, MOTIONS) for key in written if key not in InputTable.model_fields)
+    if is_needed and not given and not is_misspelt:
+        hint = 'add one, such as hover = { at = "50 cm", for = "60 s" }'
+        yield Finding(at, f"the test does not say what happens; known are: {', '.join(MOTIONS)}, journal", hint)
+    for extra in given[1:]:
+        yield Finding((*at, extra), f"a target cannot {given[0]} and {extra} at once", "use points for both")
+    yield from _directions(at, motion)
+    yield from _points(at, motion)
+
+
+def _directions(at: tuple[str | int, ...], motion: MotionTable) -> Iterator[Finding]:
+    for key, is_nearer in (("approach", True), ("recede", False)):
+        travel = getattr(motion, key)
+        if travel is not None and (travel.end < travel.start) is not is_nearer:
+            wanted, other = ("nearer", "recede") if is_nearer else ("further", "approach")
+            message = f"from {travel.start:g} m to {travel.end:g} m is not {wanted}"
+            yield Finding((*at, key), message, f"swap the two, or write {other}")
+
+
+def _points(at: tuple[str | int, ...], motion: MotionTable) -> Iterator[Finding]:
+    if not motion.points:
+        return
+    if motion.points[0].at != 0:
+        message = f"the points begin at {motion.points[0].at:g} s; the first must be at '0 s'"
+        yield Finding((*at, "points", 0, "at"), message)
+    for index, (before, after) in enumerate(pairwise(motion.points), start=1):
+        if after.at < before.at:
+            message = f"the point at {after.at:g} s follows one at {before.at:g} s; order them by time"
+            yield Finding((*at, "points", index, "at"), message)
+
+
+def _length(at: tuple[str | int, ...], given: InputTable) -> Iterator[Finding]:
+    if given.moving_s * (given.rate or _FASTEST_RATE_HZ) > FRAMES_MAX:
+        message = f"{given.moving_s:g} s are more than {FRAMES_MAX:,} frames, the most that a test may have"
+        yield Finding(at, message, "make it shorter")
+    if given.moving_s == 0 and given.points and len(given.points) == 1:
+        yield Finding((*at, "points"), "a single point takes no time", "add where the target is later, or use hover")
+
+
+def _orders(draft: Draft, at: tuple[str | int, ...], given: InputTable) -> Iterator[Finding]:
+    rules = _rules(draft)
+    for index, table in enumerate(given.operator):
+        here = (*at, "operator", index)
+        orders = table.orders()
+        if len(orders) != 1:
+            message = "one entry tells one rule one thing" if orders else "the entry does not say what is done"
+            yield Finding(here, message, 'write it such as { at = "3 s", acknowledge = "near" }')
+        for action, rule in orders:
+            if rule not in rules:
+                path = (*here, action.replace("-", "_"))
+                yield Finding(path, f"there is no rule '{rule}'", did_you_mean_or_list(rule, rules))
+        if table.at > given.moving_s > 0:
+            yield _too_late((*here, "at"), table.at, given.moving_s)
+
+
+def _rules(draft: Draft) -> tuple[str, ...]:
+    """Return the names of all alarms, ramps and follow rules; a table with several targets stands for several."""
+    names: list[str] = []
+    for name, table in draft.tables("rules").items():
+        targets = table.get("targets")
+        names += [f"{name}:{target}" for target in targets] if isinstance(targets, list) else [name]
+    return tuple(names)
+
+
+def _subject(draft: Draft, at: tuple[str | int, ...], subject: str, expected: ExpectTable) -> Iterator[Finding]:
+    rules, actuators = _rules(draft), draft.names("actuators")
+    bases = (BASE_NAME,) if BASE_NAME in draft.table else ()
+    known = [*rules, *actuators, *bases]
+    if subject not in known:
+        hint = did_you_mean_or_list(subject, known)
+        yield Finding(at, f"there is no rule and no output '{subject}'", hint)
+        return
+    fitting: list[str] = [*OF_RULES] if subject in rules else []
+    fitting += [*OF_ACTUATORS, *OF_OUTPUTS] if subject in actuators else []
+    fitting += [*OF_BASES, *OF_OUTPUTS] if subject in bases else []
+    if not _written(draft, int(at[1]), "expect").get(subject):
+        yield Finding(at, f"nothing is expected of '{subject}'", f"known are: {', '.join(fitting)}")
+    for key in sorted(expected.model_fields_set - set(fitting)):
+        hint = f"of '{subject}' these can be expected: {', '.join(fitting)}"
+        yield Finding((*at, key), f"'{key}' cannot be expected of '{subject}'", hint)
+
+
+def _within(draft: Draft, at: tuple[str | int, ...], subject: str, given: InputTable) -> Iterator[Finding]:
+    test = draft.tests[int(at[1])]
+    for key in ("raised_within", "cleared_within"):
+        if getattr(test.expect[subject], key) is None:
+            continue
+        instead = f"write {key.partition('_')[0]}_by with a time from the start of the test"
+        if given.journal is not None:
+            yield Finding((*at, key), "where the target truly was, a recording does not know", instead)
+        elif not _is_on_distance(draft, subject):
+            message = f"'{subject}' has no limit on the distance alone, so there is no moment at which it is crossed"
+            yield Finding((*at, key), message, instead)
+
+
+def _is_on_distance(draft: Draft, rule_name: str) -> bool:
+    rule = draft.rules.get(rule_name) or draft.rules.get(rule_name.partition(":")[0])
+    if rule is None or rule.when is None:
+        return rule is None  # what could not be read has findings of its own
+    condition = rule.when.to_plan(rule.severity)
+    return isinstance(condition, DistanceCondition) and condition.quantity == "distance"
+
+
+def _times(at: tuple[str | int, ...], expected: ExpectTable, given: InputTable) -> Iterator[Finding]:
+    if given.moving_s == 0:
+        return
+    for key, times in expected.moments().items():
+        for at_s in times:
+            if at_s > given.moving_s:
+                yield _too_late((*at, key), at_s, given.moving_s)
+
+
+def _too_late(at: Sequence[str | int], at_s: float, end_s: float) -> Finding:
+    return Finding(tuple(at), f"{at_s:g} s is after the end of the test at {end_s:g} s", "let the test last longer")
+
+
+def _contradictions(at: tuple[str | int, ...], expected: ExpectTable) -> Iterator[Finding]:
+    for kind in ("raised", "cleared"):
+        by_s, after_s = getattr(expected, f"{kind}_by"), getattr(expected, f"{kind}_after")
+        if by_s is not None and after_s is not None and by_s < after_s:
+            yield Finding((*at, f"{kind}_by"), f"nothing is {kind} by {by_s:g} s and not before {after_s:g} s")
+        times = [key for key in (f"{kind}_by", f"{kind}_after", f"{kind}_within") if getattr(expected, key) is not None]
+        if getattr(expected, kind) == 0 and times:
+            yield Finding((*at, times[0]), f"'{kind} = 0' expects that it never happens, and this says when")

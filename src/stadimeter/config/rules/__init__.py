@@ -1,0 +1,1 @@
+"""The tables of rules, and what they may not say."""

@@ -1,0 +1,162 @@
+"""The table of a condition, and how it becomes the core's condition. Its defaults are those of the core."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, WithJsonSchema
+
+from stadimeter.config.rules.figure_tables import (
+    ClosingTable,
+    ContactTable,
+    CountTable,
+    DirectionTable,
+    LikelihoodTable,
+    LimitsTable,
+    SeparationTable,
+    TimeTable,
+)
+from stadimeter.config.toml_lines import KeyPath
+from stadimeter.config.units import Duration, Length, LengthOrZero
+from stadimeter.core import condition as core
+from stadimeter.core.decision import Severity
+
+DEEPEST = 20
+"""So many conditions may stand inside each other. Nobody understands more."""
+
+_DISTANCE = core.DistanceCondition()
+
+
+def _only_true(value: object) -> bool:
+    if value is not True:
+        raise ValueError("only true can be written here; the opposite of 'seen = true' is 'lost = true'")
+    return value
+
+
+Flag = Annotated[bool, BeforeValidator(_only_true), WithJsonSchema({"const": True})]
+
+
+class WhenTable(LimitsTable, LikelihoodTable):
+    """A condition: limits on the distance, or exactly one of the keys from `seen` to `negated`.
+
+    Attributes:
+        above: In metres; holds when the target is further.
+        below: In metres; holds when it is nearer.
+        between: In metres, the lower end first.
+        of: Whether the limits are on the distance or on the depth along the optical axis.
+        deadband: In metres; how far the target must come back.
+        target: The target, if it is another one than the rule's.
+        seen: Holds while the target is tracked.
+        lost: Holds while it is not.
+        seen_for: In seconds; holds once the target has been tracked for this long.
+        lost_for: In seconds; holds once it has not been tracked for this long.
+        bearing: Holds while the target is in this direction.
+        elevation: Holds while the target is in this direction.
+        closing_speed: Holds while the target comes nearer at this speed.
+        time_to_contact: Holds while the target will be here this soon.
+        separation: Holds while two targets are this far apart.
+        count: Holds while this many targets are in sight.
+        rule: Holds while the rule of this name is active.
+        time: Holds at this time of day.
+        all: Holds while each of these does.
+        any: Holds while at least one of these does.
+        negated: Written ``not``; holds while this does not.
+    """
+
+    above: Length | None = None
+    below: Length | None = None
+    between: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
+    of: core.Quantity = _DISTANCE.quantity
+    deadband: LengthOrZero = _DISTANCE.deadband_m
+    target: str | None = None
+    seen: Flag | None = None
+    lost: Flag | None = None
+    seen_for: Duration | None = None
+    lost_for: Duration | None = None
+    bearing: DirectionTable | None = None
+    elevation: DirectionTable | None = None
+    closing_speed: ClosingTable | None = None
+    time_to_contact: ContactTable | None = None
+    separation: SeparationTable | None = None
+    count: CountTable | None = None
+    rule: str | None = None
+    time: TimeTable | None = None
+    all: Annotated[list[WhenTable], Field(min_length=1)] | None = None
+    any: Annotated[list[WhenTable], Field(min_length=1)] | None = None
+    negated: Annotated[WhenTable | None, Field(alias="not")] = None
+
+    def to_plan(self, severity: Severity) -> core.Condition:
+        """Return the condition as the core sees it.
+
+        Args:
+            severity: The rule's severity, on which a default depends.
+
+        Returns:
+            The condition.
+        """
+        for key, convert in _CONVERSIONS.items():
+            if getattr(self, key) is not None:
+                return convert(self, severity)
+        return self._distance(severity)
+
+    def _distance(self, severity: Severity) -> core.DistanceCondition:
+        above_m, below_m = self.limits
+        return core.DistanceCondition(
+            above_m=above_m,
+            below_m=below_m,
+            quantity=self.of,
+            deadband_m=self.deadband,
+            deadband_sigmas=self.deadband_sigmas,
+            probability_on=self.probability_for(severity),
+            probability_off=self.probability_off,
+            target=self.target or "",
+        )
+
+
+def simple_tables(when: WhenTable, at: KeyPath) -> Iterator[tuple[KeyPath, WhenTable]]:
+    """Go through the simple conditions that a condition is made of, in the order of `core.condition.leaves`.
+
+    Args:
+        when: The condition.
+        at: Where it stands.
+
+    Yields:
+        Where each of them stands, and its table.
+    """
+    if when.all is not None or when.any is not None:
+        key, parts = ("all", when.all) if when.all is not None else ("any", when.any)
+        for number, part in enumerate(parts or ()):
+            yield from simple_tables(part, (*at, key, number))
+    elif when.negated is not None:
+        yield from simple_tables(when.negated, (*at, "not"))
+    else:
+        yield at, when
+
+
+def _presence(when: WhenTable, *, seen: bool, for_s: float | None = 0.0) -> core.PresenceCondition:
+    return core.PresenceCondition(seen=seen, for_s=for_s or 0.0, target=when.target or "")
+
+
+def _parts(tables: list[WhenTable] | None, severity: Severity) -> tuple[core.Condition, ...]:
+    return tuple(part.to_plan(severity) for part in tables or ())
+
+
+_CONVERSIONS: dict[str, Callable[[Any, Severity], core.Condition]] = {
+    "seen": lambda when, _: _presence(when, seen=True),
+    "lost": lambda when, _: _presence(when, seen=False),
+    "seen_for": lambda when, _: _presence(when, seen=True, for_s=when.seen_for),
+    "lost_for": lambda when, _: _presence(when, seen=False, for_s=when.lost_for),
+    "bearing": lambda when, _: when.bearing.to_plan("bearing", when.target or ""),
+    "elevation": lambda when, _: when.elevation.to_plan("elevation", when.target or ""),
+    "closing_speed": lambda when, severity: when.closing_speed.to_plan(severity, when.target or ""),
+    "time_to_contact": lambda when, severity: when.time_to_contact.to_plan(severity, when.target or ""),
+    "separation": lambda when, severity: when.separation.to_plan(severity),
+    "count": lambda when, _: when.count.to_plan(),
+    "rule": lambda when, _: core.RuleCondition(rule=when.rule),
+    "time": lambda when, _: when.time.to_plan(),
+    "all": lambda when, severity: core.AllOf(conditions=_parts(when.all, severity)),
+    "any": lambda when, severity: core.AnyOf(conditions=_parts(when.any, severity)),
+    "negated": lambda when, severity: core.Not(condition=when.negated.to_plan(severity)),
+}
+"""Each key that makes a condition something else than one on the distance, and what it makes of it."""

@@ -1,0 +1,157 @@
+"""The tables of what an alarm does one after the other, and how they become the core's steps."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import math
+import re
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from stadimeter.config.findings import did_you_mean_or_list
+from stadimeter.config.models import DurationAboveZero, Section, Share
+from stadimeter.config.rules.pattern_tables import PatternTable
+from stadimeter.config.units import Duration
+from stadimeter.core import rule, templates
+
+JSON_DEEPEST = 20
+"""How deep lists and tables of a JSON template may be nested."""
+
+OWN_TOPICS = ("availability", "event", "rule", "target")
+"""What the program itself publishes below its base topic begins with one of these."""
+
+DEFAULT_TITLE = "{rule}: {event}"
+DEFAULT_TEXT = "{reason}"
+
+_STEP = rule.SequenceStep()
+_DOES = ("actuator", "notify", "topic")
+_ONLY_FOR = {
+    "level": ("actuator",), "pattern": ("actuator",), "for_": ("actuator",),
+    "title": ("notify",), "text": ("notify", "topic"), "json_": ("topic",), "retain": ("topic",),
+}  # fmt: skip
+"""Which keys have a meaning beside which of `_DOES`."""
+
+
+def _checked(template: rule.Template) -> None:
+    try:
+        templates.check(template)
+    except templates.TemplateError as error:
+        hint = did_you_mean_or_list(error.field, templates.FIELDS) if error.field else ""
+        raise ValueError(f"{error}; {hint}" if hint else str(error)) from error
+
+
+def _check_text(text: str) -> str:
+    _checked(rule.Template(text=text))
+    return text
+
+
+def _check_json(value: Any) -> Any:
+    if not isinstance(value, dict | list):
+        raise ValueError('json is a table or a list, such as { distance = "{distance_m}" }; write a text as text')
+    _only_json(value, JSON_DEEPEST)
+    _checked(rule.Template(text=json.dumps(value), is_json=True))
+    return value
+
+
+def _only_json(value: object, depth_left: int) -> None:
+    if depth_left == 0:
+        raise ValueError(f"it is nested deeper than {JSON_DEEPEST} levels")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("JSON knows no such number as inf or nan")
+    if isinstance(value, dt.date | dt.time):
+        raise ValueError(f"JSON knows no dates and times; put {value} in quotes")
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _only_json(inner, depth_left - 1)
+
+
+def _check_topic(topic: str) -> str:
+    if not topic or topic[0] in "/$" or topic[-1] == "/" or re.search(r"[+#\s\x00{}]", topic):
+        raise ValueError(f"{topic!r} is not a topic; write it such as 'door/alert', without '+', '#', gaps or spaces")
+    first = topic.partition("/")[0]
+    if first in OWN_TOPICS:
+        raise ValueError(f"{topic!r}: topics below '{first}' are the program's own; choose another")
+    return topic
+
+
+Text = Annotated[str, Field(min_length=1), AfterValidator(_check_text)]
+
+
+class StepTable(Section):
+    """One thing that an alarm does after it was raised or cleared; see `stadimeter.core.rule.SequenceStep`.
+
+    Attributes:
+        after: How long after, in seconds.
+        on: After being raised, or after being cleared.
+        only_unacknowledged: Not if somebody has acknowledged the alarm by then.
+        actuator: An actuator that it drives, or ``base``.
+        level: The level that the actuator gets.
+        pattern: How that level changes.
+        for_: For how long, in seconds, written ``for``; None for as long as the alarm stands.
+        notify: The notifier that tells people.
+        title: The title of the notification, with gaps; None for the rule and what happened to it.
+        topic: The messenger's topic, below its base topic.
+        text: What it says, with gaps.
+        json_: The same as JSON, with gaps in its texts, written ``json``.
+        retain: Whether the broker keeps the message.
+    """
+
+    after: Duration = _STEP.after_s
+    on: Literal["raised", "cleared"] = _STEP.on
+    only_unacknowledged: bool = _STEP.only_unacknowledged
+    actuator: str | None = None
+    level: Share = _STEP.level
+    pattern: PatternTable | None = None
+    for_: Annotated[DurationAboveZero | None, Field(alias="for")] = None
+    notify: str | None = None
+    title: Text | None = None
+    topic: Annotated[str, AfterValidator(_check_topic)] | None = None
+    text: Text | None = None
+    json_: Annotated[Any, BeforeValidator(_check_json), Field(alias="json")] = None
+    retain: bool = False
+
+    @model_validator(mode="after")
+    def _one_thing_only(self) -> Self:
+        does = [key for key in _DOES if getattr(self, key) is not None]
+        if len(does) != 1:
+            has = f"has {' and '.join(does)}" if does else "does nothing"
+            raise ValueError(f"this step {has}; a step has exactly one of actuator, notify and topic")
+        for key, beside in _ONLY_FOR.items():
+            if key in self.model_fields_set and does[0] not in beside:
+                raise ValueError(f"'{key.rstrip('_')}' has no meaning beside {does[0]}; leave it out")
+        if self.topic is not None and (self.text is None) is (self.json_ is None):
+            raise ValueError("a message has exactly one of text and json")
+        if self.on == "cleared" and self.actuator is not None and self.for_ is None:
+            raise ValueError("after the alarm has cleared an actuator needs an end: add for, such as for = '2 s'")
+        return self
+
+    def to_plan(self) -> rule.SequenceStep:
+        """Return the step as the core sees it.
+
+        Returns:
+            The step.
+        """
+        return rule.SequenceStep(
+            on=self.on,
+            after_s=self.after,
+            only_unacknowledged=self.only_unacknowledged,
+            output=self.actuator,
+            level=self.level,
+            pattern=self.pattern.to_plan(self.level) if self.pattern else None,
+            for_s=_STEP.for_s if self.for_ is None else self.for_,
+            send=None if self.actuator else self._send(),
+        )
+
+    def _send(self) -> rule.Send:
+        if self.json_ is not None:
+            template = rule.Template(text=json.dumps(self.json_, ensure_ascii=False), is_json=True)
+        else:
+            template = rule.Template(text=DEFAULT_TEXT if self.text is None else self.text)
+        return rule.Send(
+            template=template,
+            topic=self.topic or "",
+            notifier=self.notify or "",
+            title=(DEFAULT_TITLE if self.title is None else self.title) if self.notify else "",
+            retain=self.retain,
+        )
