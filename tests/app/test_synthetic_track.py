@@ -61,6 +61,17 @@ def paths(draw: st.DrawFn) -> tuple[PathPoint, ...]:
     return tuple(points)
 
 
+def test_a_target_that_is_too_small_in_the_picture_is_not_found() -> None:
+    assert not distances(measured(standing(41.0), frames=20))
+    assert distances(measured(standing(30.0), frames=20))
+
+
+def test_noise_never_makes_a_distance_near_and_sure() -> None:
+    drowned = measured(standing(), noise=1000.0)
+    assert min(distances(drowned)) > 0.2 * 2.0
+    assert any(each.reason == "lost in the noise" for each in drowned)
+
+
 def test_a_target_that_approaches_waits_then_goes_evenly_then_stays() -> None:
     path = path_of(approach={"from": "4 m", "to": "1 m", "speed": "2 m/s", "stay": "2 s"})
     assert [where(path, at_s).distance_m for at_s in (0, 1, 1.5, 2.5, 3, 9)] == [4, 4, 3, 1, 1, 1]

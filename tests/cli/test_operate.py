@@ -216,6 +216,19 @@ def test_a_reload_takes_over_what_changed_and_keeps_the_rest(terminal):
     ]
 
 
+def test_rules_that_came_and_went_with_a_reload_are_explained_while_they_were_there(terminal):
+    journal = terminal.folder / "run.jsonl"
+    instance = terminal.start(None, "--journal", journal)
+    terminal.write(FAR)
+    terminal.type("reload")
+    instance.wait_for("far raised")
+    instance.end()
+    assert "At 0.00 s: near: " in terminal.type("explain", "near", "--journal", journal, "--at", "0 s").stdout
+    assert "far: raised" in terminal.type("explain", "far", "--journal", journal).stdout
+    done = terminal.type("explain", "near", "--journal", journal)
+    assert (done.returncode, done.stderr) == (2, "error: there is no rule 'near' (known are: far)\n")
+
+
 def test_a_bad_file_is_refused_with_its_line_and_the_running_one_stays(terminal):
     instance = terminal.start()
     terminal.config.write_text(terminal.config.read_text().replace('"3 m"', '"3 metres"'))

@@ -297,3 +297,11 @@ def test_a_recording_in_a_folder_that_is_not_there_is_one_clear_line_and_2(drawn
     assert done.exit_code == 2
     assert done.stderr.startswith("error: ")
     assert "the recording cannot be written: No such file or directory" in done.stderr
+
+
+def test_a_recording_without_a_whole_cycle_is_one_clear_line_and_2(tmp_path, recorded):
+    empty = tmp_path / "empty.jsonl"
+    empty.write_bytes(recorded[0].read_bytes().splitlines(keepends=True)[0])
+    done = stadimeter("replay", empty)
+    assert done.exit_code == 2
+    assert "holds no whole cycle, so there is nothing to replay" in done.stderr

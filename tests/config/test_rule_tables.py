@@ -342,3 +342,16 @@ observe = true
 )
 def test_durations_are_written_in_the_unit_that_people_would_use(seconds: float, words: str) -> None:
     assert duration(seconds) == words
+
+
+def test_a_rule_whose_condition_says_what_it_is_about_need_not_name_a_target(tmp_path: Path) -> None:
+    (rule,) = load(tmp_path, '[rules.cold]\nwhen = { below = "1 m", target = "cup" }\n').plan.rules
+    assert rule.target == "cup"
+    (rule,) = load(tmp_path, "[rules.two]\nwhen = { count = { at_least = 2 } }\n").plan.rules
+    assert rule.target == "ball"
+
+
+def test_a_rule_with_a_part_that_names_no_target_must_name_one(tmp_path: Path) -> None:
+    rules = '[rules.near]\nwhen = { any = [{ below = "1 m", target = "cup" }, { lost = true }] }\n'
+    with pytest.raises(ConfigError, match="which of the targets ball, cup does the rule 'near' watch"):
+        load(tmp_path, rules)

@@ -77,6 +77,8 @@ def replay_command(
         old = replay_run(source, diff, from_images=from_images) if diff is not None else None
         with uncollected():
             outcome = _replayed(new, old, journal)
+        if not outcome.result.cycles:
+            raise JournalError(f"{recording} holds no whole cycle, so there is nothing to replay")
     result = outcome.result
     for warning in _warnings(source, new, result):
         typer.echo(f"warning: {warning}", err=True)

@@ -238,6 +238,8 @@ def _mark(is_proposed: bool, is_own: bool) -> str:
 
 
 def _a_day(rate: float) -> str:
+    if rate < 0.001:
+        return "less than 0.001"
     return f"{rate:.2g}" if rate < 100 else f"{rate:.0f}"
 
 

@@ -69,7 +69,7 @@ def _targets_exist(draft: Draft) -> Iterator[Finding]:
                 hint = did_you_mean_or_list(watched, names)
                 yield Finding(("rules", rule_name, "targets"), f"there is no target '{watched}'", hint, "unknown-name")
         if rule.target is None:
-            if len(names) > 1 and not rule.targets:
+            if len(names) > 1 and not rule.targets and not rule.names_every_target():
                 message = f"which of the targets {', '.join(names)} does the rule '{rule_name}' watch?"
                 yield Finding(("rules", rule_name, "target"), message, f'add target = "{names[0]}"', "target-missing")
         elif rule.target not in names:

@@ -175,7 +175,7 @@ def _plan(draft: Draft) -> Plan:
         outputs.append(draft.base_table.to_plan(BASE_NAME))
     return Plan(
         targets=targets,
-        rules=_rules(draft, targets[0]),
+        rules=_rules(draft, targets),
         outputs=tuple(outputs),
         tracking=draft.tracking.to_plan(),
         safety=draft.safety.to_plan(),
@@ -189,8 +189,9 @@ def _warnings_elsewhere(draft: Draft, errors: Iterable[Finding]) -> Iterator[Fin
         yield from (each for each in warning_findings(draft) if each.path[0] == "rules" and each.path[:2] not in wrong)
 
 
-def _rules(draft: Draft, target: str) -> tuple[AnyRule, ...]:
-    rules = (rule for name, table in draft.rules.items() for rule in table.to_plans(name, target))
+def _rules(draft: Draft, targets: tuple[str, ...]) -> tuple[AnyRule, ...]:
+    tables = draft.rules.items()
+    rules = (rule for name, table in tables for rule in table.to_plans(name, table.default_target(targets)))
     return naming_members(rules, {name: table.names(name) for name, table in draft.rules.items()})
 
 

@@ -62,6 +62,8 @@ class DirectionCondition:
 class ClosingCondition:
     """How fast the target comes nearer.
 
+    It takes more than for a distance to be sure: a target that was just seen first may move at any speed.
+
     Attributes:
         above_mps: Holds above this; None for no such limit. A target that goes away closes at less than nothing.
         below_mps: Holds below this; None for no such limit.
@@ -76,7 +78,7 @@ class ClosingCondition:
     below_mps: float | None = None
     deadband_mps: float = 0.0
     deadband_sigmas: float = 2.0
-    probability_on: float | None = 0.7
+    probability_on: float | None = 0.95
     probability_off: float = 0.5
     target: str = ""
 

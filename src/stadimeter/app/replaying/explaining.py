@@ -7,7 +7,7 @@ from typing import Any
 
 from stadimeter.app.replaying.replay_run import ReplayRun
 from stadimeter.config.units import parse_duration
-from stadimeter.core.rule import AnyRule
+from stadimeter.core.decision import Decision
 from stadimeter.core.rules.explaining import Explanation, explain
 from stadimeter.errors import ConfigError, Problem
 
@@ -30,37 +30,29 @@ def explain_recording(run: ReplayRun, rule: str, at: str | None) -> tuple[Explan
         ConfigError: There is no such rule, no such moment, or the text is no moment.
         JournalError: The recording is damaged.
     """
-    check_rule(rule, run.configuration.plan.rules)
     until_s = None if at is None else seconds_since_the_beginning(at, run.recording.header.began_at)
     began_s, last_s, decision = None, 0.0, None
     for _, observation, decided in run:
         began_s = observation.now_s if began_s is None else began_s
         if until_s is not None and observation.now_s - began_s > until_s + ROUNDING_S:
-            return explain(decision or decided, rule), last_s
+            return _explained(decision or decided, rule), last_s
         decision, last_s = decided, observation.now_s - began_s
     if decision is None:
         raise ConfigError([Problem(f"{run.recording.path} holds no cycle, so there is nothing to explain")])
     if until_s is not None and until_s > last_s + 1.0:
         message = f"'{at}' is {until_s:.1f} s after the beginning, and the recording ends after {last_s:.1f} s"
         raise ConfigError([Problem(message, key="--at")])
-    return explain(decision, rule), last_s
+    return _explained(decision, rule), last_s
 
 
-def check_rule(name: str, rules: tuple[AnyRule, ...]) -> None:
-    """Make sure that there is a rule of some name.
-
-    Args:
-        name: The name.
-        rules: The rules.
-
-    Raises:
-        ConfigError: There is none; the message says which there are.
-    """
-    names = [rule.name for rule in rules]
+def _explained(decision: Decision, name: str) -> Explanation:
+    """Explain a rule that there was at that moment: a configuration may have been taken over before, or after."""
+    names = [trace.rule for trace in decision.rules]
     if name not in names:
         from stadimeter.config.findings import did_you_mean_or_list  # noqa: PLC0415 - needed in this case only
 
         raise ConfigError([Problem(f"there is no rule '{name}'", hint=did_you_mean_or_list(name, names))])
+    return explain(decision, name)
 
 
 def seconds_since_the_beginning(at: str, began_at: str) -> float:

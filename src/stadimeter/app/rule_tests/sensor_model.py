@@ -17,6 +17,9 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.ranging.feasibility import expect
 
+SMALLEST_PX = 3.0
+"""Nothing smaller is found, however good the picture."""
+
 
 class SensorModel:
     """A camera that looks at a target of known size.
@@ -42,6 +45,17 @@ class SensorModel:
         """
         noise_m = expect(self._size, self._exact, distance_m).sigma_m
         return math.hypot(noise_m, self._stays * distance_m), noise_m
+
+    def is_found(self, distance_m: float) -> bool:
+        """Return whether the target appears large enough at a distance for any detector to find it.
+
+        Args:
+            distance_m: The distance, above zero.
+
+        Returns:
+            Whether it does.
+        """
+        return expect(self._size, self._exact, distance_m).size_px >= SMALLEST_PX
 
 
 def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:

@@ -21,8 +21,8 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 
 OUTLIER_FACTOR = 3.0
 """A gross error makes a distance up to this many times as large, or as small."""
-NEAREST_M = 1e-3
-"""No noise makes a distance smaller."""
+DROWNED_SHARE = 0.2
+"""Where noise leaves less than this of a distance, there is nothing to measure: so near, it would count as sure."""
 
 _NORMAL = NormalDist()
 
@@ -160,11 +160,15 @@ class SyntheticTrack:
         if is_dropped:
             return self._missed(at_s, "not found in this frame")
         true = where(self._path, at_s)
+        if not self._sensor.is_found(true.distance_m):
+            return self._missed(at_s, "too small in the picture")
         _, noise_m = self._sensor.sigmas_m(true.distance_m)
         distance_m = true.distance_m + self._nuisances.noise * noise_m * deviation
         if is_outlier:
             distance_m = true.distance_m * OUTLIER_FACTOR ** (2 * error - 1)
-        return self._measured(at_s, max(NEAREST_M, distance_m), true)
+        elif distance_m < true.distance_m * DROWNED_SHARE:
+            return self._missed(at_s, "lost in the noise")
+        return self._measured(at_s, distance_m, true)
 
     def _next_deviation(self) -> float:
         """Return the noise of this frame in standard deviations: what is left of the last one's, and news."""

@@ -137,6 +137,7 @@ class ClosingTable(LimitsTable, LikelihoodTable):
     between: Annotated[list[Velocity], Field(min_length=2, max_length=2)] | None = None
     deadband: Speed = _CLOSING.deadband_mps
     deadband_sigmas: Sigmas = _CLOSING.deadband_sigmas
+    probability: Probability = _CLOSING.probability_on
 
     def to_plan(self, severity: Severity, target: str) -> core.ClosingCondition:
         """Return the condition as the core sees it.

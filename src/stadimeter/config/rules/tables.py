@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -93,6 +94,27 @@ class RuleTable(Section):
             The name itself; with several targets one for each, such as ``near:ball``.
         """
         return (name,) if self.targets is None else tuple(f"{name}:{target}" for target in self.targets)
+
+    def names_every_target(self) -> bool:
+        """Return whether every part of its conditions says what it is about, so that the rule itself need not.
+
+        Returns:
+            Whether they do; never for a ramp or a follow rule.
+        """
+        whens = [when.to_plan(self.severity) for when in (self.when, self.suppress_when) if when is not None]
+        return self.when is not None and not any("" in condition.targets_of(part) for part in whens)
+
+    def default_target(self, targets: Sequence[str]) -> str:
+        """Return the target of a rule that names none: one that its condition is about, or else the first.
+
+        Args:
+            targets: Every target, in the order of the file.
+
+        Returns:
+            Its name.
+        """
+        about = condition.targets_of(self.when.to_plan(self.severity)) if self.when is not None else frozenset()
+        return next((target for target in targets if target in about), targets[0])
 
     def to_plans(self, name: str, target: str) -> tuple[rule.AnyRule, ...]:
         """Return every rule that the table stands for, as the core sees them.

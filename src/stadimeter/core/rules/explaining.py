@@ -13,6 +13,7 @@ from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.state import AlarmState
 from stadimeter.core.alarms.table import LATCHED, Phase
 from stadimeter.core.alarms.words import in_words, is_judged_by_its_end
+from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.evidence import Evidence, evidence
 from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
@@ -69,12 +70,12 @@ def explain(decision: Decision, name: str) -> Explanation:
     known = reasons.known_to_rules()
     output = next((trace for trace in decision.outputs if trace.output == rule.output), None)
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
-        clauses = [*_alarm(rule, step, known), *_consequence(rule, step, decision, output)]
-        timers, gates = tuple(_timers(rule, step.state)), tuple(_gates(rule, step.state, known.now_s))
+        clauses = [*_alarm(rule, step, known), *_consequence(rule, step, decision, known, output)]
+        timers, gates = tuple(_timers(rule, step.state)), tuple(_gates(rule, step.state, known))
         leaves = step.state.timers.leaves
         found = evidence(rule.condition, known, leaves, is_active=is_judged_by_its_end(step.state))
     else:
-        clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, output)]
+        clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, known, output)]
         timers, gates, found = (), step.trace.gates, ()
     return Explanation(
         rule=name,
@@ -148,25 +149,27 @@ def _turning_points(rule: AlarmRule, state: AlarmState, known: Known) -> Iterato
         yield f"{verb} at {points}"
 
 
-def _gates(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
-    gates = state.gates
+def _gates(rule: AlarmRule, state: AlarmState, known: Known) -> Iterator[str]:
+    gates, now_s = state.gates, known.now_s
     if rule.observe:
         yield "it is only observed"
     if gates.shelved_until_s is not None:
         by = f" by {gates.shelved_by}" if gates.shelved_by else ""
         until = " at most" if gates.is_one_shot else ""
         yield f"shelved{by} for another {_duration(gates.shelved_until_s - now_s)}{until}"
-    if gates.is_suppressed:
-        yield "suppressed by suppress_when"
+    if gates.is_suppressed and rule.suppress_when is not None:
+        yield f"suppressed: {conditions.in_words(rule.suppress_when, known, gates.leaves, is_active=True)}"
     if gates.is_out_of_service:
         yield "out of service"
 
 
-def _consequence(rule: AnyRule, step: RuleStep, decision: Decision, output: OutputTrace | None) -> Iterator[str]:
+def _consequence(
+    rule: AnyRule, step: RuleStep, decision: Decision, known: Known, output: OutputTrace | None
+) -> Iterator[str]:
     """Say what an active rule drives, or why it does not."""
     if isinstance(step, AlarmStep) and isinstance(rule, AlarmRule):
-        state, now_s = step.state, decision_time_s(decision)
-        gates = list(_gates(rule, state, now_s))
+        state, now_s = step.state, known.now_s
+        gates = list(_gates(rule, state, known))
         if gates:
             yield f"kept quiet: {', '.join(gates)}"
             return
@@ -198,18 +201,6 @@ def _commanded(rule: AnyRule, decision: Decision, output: OutputTrace) -> Iterat
         yield f"but '{output.winner}' commands '{output.output}', with a higher priority than {rule.priority}"
     if decision.safety is not SafetyMode.ACTIVE and output.winner != "safety":
         yield f"outputs are kept safe: {decision.safety_reason}"
-
-
-def decision_time_s(decision: Decision) -> float:
-    """Return when a decision was made.
-
-    Args:
-        decision: A decision that knows its reasons.
-
-    Returns:
-        On the run's clock; 0 for one that was read from a file.
-    """
-    return decision.reasons.known.now_s if isinstance(decision.reasons, Reasons) else 0.0
 
 
 def _duration(seconds: float) -> str:

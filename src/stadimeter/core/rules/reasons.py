@@ -50,10 +50,8 @@ class Reasons(Mapping[str, str]):
         Raises:
             KeyError: There is no such rule.
         """
-        for rule, step in zip(self.plan.rules, self.judged.steps, strict=True):
-            if rule.name == name:
-                return rule, step
-        raise KeyError(name)
+        position = self.judged.layout.positions[name]
+        return self.plan.rules[position], self.judged.steps[position]
 
     def known_to_rules(self) -> Known:
         """Return what the rules were judged by, with what they tell of each other.
