@@ -185,10 +185,26 @@ def judge(
         if was != now:  # NaN differs from itself; `between` tells
             awake.update(crossings.between(was, now))
     due = _woken(before.due, cycle.at_s, awake)
+    if not (awake or commands):
+        return (before if figures == before.figures else _at_rest(before, figures)), _NOTHING
     turn = _Turn(rules, before, known, sample, cycle)
     answers = tuple([turn.operate(command, awake) for command in commands])
     turn.judge(awake)
     return turn.judged(awake, figures, due), turn.outcome(answers)
+
+
+def _at_rest(before: Judged, figures: tuple[float, ...]) -> Judged:
+    """Return rules of which none was judged."""
+    return Judged(
+        steps=before.steps,
+        traces=before.traces,
+        wanted=before.wanted,
+        due=before.due,
+        active=before.active,
+        first_out=before.first_out,
+        figures=figures,
+        layout=before.layout,
+    )
 
 
 class _Turn:
