@@ -224,6 +224,14 @@ def test_out_of_service_lasts_until_it_is_put_back():
     assert level(run.see(0.5)) == 1.0
 
 
+def test_who_shelves_is_told_for_how_long():
+    run = rehearse()
+    run.see(*FAR)
+    assert run.tell("shelve", "near", for_s=1800.0).words == "shelve: near for 30 min"
+    assert run.tell("unshelve", "near").words == "unshelve: near"
+    assert run.tell("shelve").words == "shelve: near for 8 h"
+
+
 def test_a_safety_rule_cannot_be_taken_out():
     run = rehearse(severity=Severity.SAFETY)
     run.see(*FAR)

@@ -43,8 +43,15 @@ def operated(
     refused = [f"{name}: {refusal}" for name, refusal in refusals if refusal]
     if refused:
         return Answer(id=command.id, accepted=False, words="; ".join(refused)), turns
-    done = ", ".join(name for name, _ in refusals) or "no alarm needs it"
+    done = ", ".join(_done(turn, command.action) for _, turn in turns) or "no alarm needs it"
     return Answer(id=command.id, accepted=bool(refusals), words=f"{command.action.value}: {done}"), turns
+
+
+def _done(turn: AlarmTurn, action: OperatorAction) -> str:
+    until_s = turn.state.gates.shelved_until_s
+    if action is not OperatorAction.SHELVE or until_s is None:
+        return turn.rule.name
+    return f"{turn.rule.name} for {duration(round(until_s - turn.known.now_s, 3))}"
 
 
 def applies(turn: AlarmTurn, action: OperatorAction) -> bool:
