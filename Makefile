@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 OLD_VENV := .venv-opencv-4.10
 ARGS ?=
+# On every core, the tests of one file together: they share what is costly to prepare.
+SPREAD := -n auto --dist loadfile
 
 .PHONY: help demo test test-long test-opencv-4.10 check bench bench-rules pictures format clean
 
@@ -14,13 +16,13 @@ demo: $(VENV)/.app ## a simulated world: watch a ball being measured, followed a
 	$(BIN)/stadimeter demo $(ARGS)
 
 test: $(VENV)/.dev ## run the tests; ARGS="-k name" passes arguments to pytest
-	$(BIN)/pytest -m "not long and not hardware" $(ARGS)
+	$(BIN)/pytest $(SPREAD) -m "not long and not hardware" $(ARGS)
 
 test-long: $(VENV)/.dev ## run the tests that take longer
-	$(BIN)/pytest -m "long and not hardware" $(ARGS)
+	$(BIN)/pytest $(SPREAD) -m "long and not hardware" $(ARGS)
 
 test-opencv-4.10: $(OLD_VENV)/.dev ## run the vision tests with the oldest OpenCV that is supported
-	$(OLD_VENV)/bin/pytest -m vision $(ARGS)
+	$(OLD_VENV)/bin/pytest $(SPREAD) -m vision $(ARGS)
 
 check: $(VENV)/.dev ## style, types and structure
 	$(BIN)/ruff check
