@@ -197,3 +197,13 @@ def test_a_recording_without_a_frame_is_refused(app, config, tmp_path, quick):
     done = run(app, "near", tmp_path / "dark.jsonl", "--config", config)
     assert done.exit_code == 2
     assert "no frame was recorded" in done.output
+
+
+def test_without_a_configuration_it_takes_that_of_the_recording(app, config, recording, quick):
+    head, _, rest = recording.read_bytes().partition(b"\n")
+    header = json.loads(head) | {"configuration": CONFIGURATION}
+    recording.write_bytes(json.dumps(header, separators=(",", ":")).encode() + b"\n" + rest)
+    named = json.loads(run(app, "near", recording, "--config", config, "--json").output)
+    found = run(app, "near", recording, "--json")
+    assert found.exit_code == 0, found.output
+    assert json.loads(found.output) == named

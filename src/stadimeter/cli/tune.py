@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from stadimeter.app.recordings.opening import read_recording
+from stadimeter.app.recordings.recorded_configuration import load_recorded
 from stadimeter.app.tuning.candidates import Settings, Tuned, tuned_rule
 from stadimeter.app.tuning.noise import Sights, sights_of
 from stadimeter.app.tuning.plot import draw_plot, on_delay_in_words
@@ -39,7 +40,10 @@ def tune_command(
         list[Path],
         typer.Argument(metavar="RECORDING", help="What `stadimeter run --journal` or `--record` recorded."),
     ],
-    config: Annotated[Path, typer.Option("--config", metavar="CONFIG", help="The configuration with the rule.")],
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="CONFIG", help="The configuration with the rule; else that of the recording."),
+    ] = None,
     false_alarms_per_day: Annotated[
         float, typer.Option("--false-alarms-per-day", min=1e-3, max=1e4, metavar="N", help="At most so many a day.")
     ] = 1.0,
@@ -69,7 +73,9 @@ def tune_command(
     nothing. Says what the recordings alone support, and what rests on the noise going on as it was. Takes some seconds;
     opens nothing, moves nothing, and changes no file.
 
-    **Example**
+    **Examples**
+
+    - `stadimeter tune near quiet.jsonl --false-alarms-per-day 1`
 
     - `stadimeter tune near quiet.jsonl --config config/distance-alert.toml --plot near.png`
 
@@ -79,7 +85,7 @@ def tune_command(
     _require_png(plot)
     with told_plainly():
         speed_mps = _speed(closing_speed)
-        configuration = load_configuration(config)
+        configuration = load_configuration(config) if config is not None else _recorded(recordings[0])
         tuned, sights = _read(configuration, rule, recordings)
         proposal = tune(
             tuned,
@@ -99,6 +105,11 @@ def tune_command(
             typer.echo(f"{plot} shows the trade-off.", err=True)
     if not proposal.is_reached:
         raise typer.Exit(NOT_FOUND)
+
+
+def _recorded(path: Path) -> Configuration:
+    """Return the configuration inside a recording."""
+    return load_recorded(read_recording(path).header.recorded_configuration, path)
 
 
 def _require_png(plot: Path | None) -> None:
