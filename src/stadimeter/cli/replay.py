@@ -11,9 +11,9 @@ from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.measured_again import AgainTally, MeasuredAgain
 from stadimeter.app.recordings.journal import Journal, JournalWriter, sha256_of
 from stadimeter.app.recordings.opening import Recording, read_recording
+from stadimeter.app.replaying.measured_again import AgainTally, MeasuredAgain
 from stadimeter.app.replaying.replay import Comparison, Replayed, ReplayResult, replayed_record
 from stadimeter.app.replaying.replay_diff import ReplayDiff, compare
 from stadimeter.app.replaying.replay_figures import Tally

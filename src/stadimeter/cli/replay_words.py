@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 
-from stadimeter.app.measured_again import MeasuredAgain
+from stadimeter.app.replaying.measured_again import MeasuredAgain
 from stadimeter.app.replaying.replay import ReplayResult
 from stadimeter.app.replaying.replay_diff import EventChange, ReplayDiff, RuleChange
 from stadimeter.app.replaying.replay_figures import RuleFigures

@@ -96,15 +96,19 @@ def tune_command(
             events_s=_events(events or [], sights),
             seed=seed,
         )
-        if as_json:
-            typer.echo(json.dumps(_figures(proposal), ensure_ascii=False))
-        else:
-            _tell(proposal, configuration)
-        if plot is not None:
-            draw_plot(proposal, plot)
-            typer.echo(f"{plot} shows the trade-off.", err=True)
+        _show(proposal, configuration, plot, as_json=as_json)
     if not proposal.is_reached:
         raise typer.Exit(NOT_FOUND)
+
+
+def _show(proposal: Proposal, configuration: Configuration, plot: Path | None, *, as_json: bool) -> None:
+    if as_json:
+        typer.echo(json.dumps(_figures(proposal), ensure_ascii=False))
+    else:
+        _tell(proposal, configuration)
+    if plot is not None:
+        draw_plot(proposal, plot)
+        typer.echo(f"{plot} shows the trade-off.", err=True)
 
 
 def _recorded(path: Path) -> Configuration:

@@ -13,12 +13,9 @@ from __future__ import annotations
 
 import json
 import os
-import stat
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from io import FileIO
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -26,6 +23,7 @@ from pydantic import TypeAdapter, ValidationError
 import stadimeter
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, first_detail, reload_json, reload_of
+from stadimeter.app.recordings.record_file import RecordFile
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, sha256_of
 from stadimeter.errors import JournalError
 
@@ -85,8 +83,6 @@ class JournalWriter:
     def __init__(self, path: Path, configuration: RecordedConfiguration | str, began_at: str | None = None) -> None:
         if isinstance(configuration, str):
             configuration = RecordedConfiguration(text=configuration)
-        self._path = path
-        self._size = 0
         self._encoder = CycleEncoder(repeats_rules=False)
         self._header = JournalHeader(
             stadimeter_journal=FORMAT,
@@ -96,13 +92,7 @@ class JournalWriter:
             configuration_sha256=sha256_of(configuration.text),
             files=configuration.files,
         )
-        try:
-            self._file = FileIO(path, "r+" if path.exists() and not path.is_dir() else "w+")
-        except OSError as error:
-            raise JournalError(f"{path}: the journal cannot be written: {error.strerror or error}") from error
-        if not _may_replace(self._file):
-            self._file.close()
-            raise JournalError(f"{path} holds something else than a journal; choose another file")
+        self._file = RecordFile(path, "journal", lambda head: head.startswith(_FIRST_BYTES))
 
     def write(self, record: CycleRecord) -> None:
         """Add one cycle.
@@ -114,8 +104,6 @@ class JournalWriter:
             JournalError: The line could not be written whole, for a full disk for example. What was written before
                 is intact.
         """
-        if self._size == 0:
-            self._begin()
         self._append(self._encoder.encode(record))
 
     def resumed(self, text: str) -> None:
@@ -138,43 +126,16 @@ class JournalWriter:
         """
         if isinstance(configuration, str):
             configuration = RecordedConfiguration(text=configuration)
-        if self._size == 0:
-            self._begin()
         self._append(reload_json(now_s, configuration))
 
     def close(self) -> None:
         """Close the file. May be called any number of times."""
         self._file.close()
 
-    def _begin(self) -> None:
-        with suppress(OSError):  # a device or pipe has no beginning to go back to
-            self._file.seek(0)
-            self._file.truncate()
-        self._append(_HEADER.dump_json(self._header))
-
     def _append(self, line: bytes) -> None:
-        data = line + b"\n"
-        try:
-            written = self._file.write(data)
-        except OSError as error:
-            self._drop_fragment()
-            raise JournalError(f"{self._path}: {error.strerror or error}; the journal ends here, intact") from error
-        if written != len(data):
-            self._drop_fragment()
-            raise JournalError(f"{self._path}: the disk is full; the journal ends here, intact")
-        self._size += len(data)
-
-    def _drop_fragment(self) -> None:
-        with suppress(OSError):  # a device or pipe cannot be cut; the reader skips a line that is not whole
-            os.ftruncate(self._file.fileno(), self._size)
-        self._file.close()
-
-
-def _may_replace(file: FileIO) -> bool:
-    """Return whether a file is empty, a journal, or no file that could hold anything, such as a device."""
-    if not file.seekable() or not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        return True
-    return file.read(len(_FIRST_BYTES)) in {b"", _FIRST_BYTES}
+        if self._file.tell() == 0:
+            self._file.write(_HEADER.dump_json(self._header) + b"\n")
+        self._file.write(line + b"\n")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,8 +23,9 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings import recording_messages as messages
 from stadimeter.app.recordings import recording_schemas as schemas
 from stadimeter.app.recordings.cycle_json import CycleEncoder, cycle_schema, reload_json
+from stadimeter.app.recordings.record_file import RecordFile
 from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration, sha256_of
-from stadimeter.app.recordings.recording_file import LIBRARY, RecordingFile
+from stadimeter.app.recordings.recording_file import LIBRARY, is_ours
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetSize
@@ -106,7 +107,7 @@ class RecordingWriter:
         self._recorded = recorded
         self._choice = _ImageChooser(options or ImageOptions())
         self._quality_percent = (options or ImageOptions()).quality_percent
-        self._file = RecordingFile(path)
+        self._file = RecordFile(path, "recording", is_ours)
         self._encoder = CycleEncoder(repeats_rules=True)
         self._writer: Writer | None = None
         self._channels: dict[str, int] = {}

@@ -17,6 +17,7 @@ import numpy as np
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import RecordedCycle, reload_of
 from stadimeter.app.recordings.journal import JournalHeader
+from stadimeter.app.recordings.record_file import HEAD_BYTES
 from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration
 from stadimeter.app.recordings.recording import (
     CAMERA_FILE,
@@ -28,7 +29,7 @@ from stadimeter.app.recordings.recording import (
     RESUMED_NAME,
     require_mcap,
 )
-from stadimeter.app.recordings.recording_file import LIBRARY, LONGEST_HEADER, MAGIC, writer_of
+from stadimeter.app.recordings.recording_file import LIBRARY, MAGIC, writer_of
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import JournalError
 
@@ -173,7 +174,7 @@ def read_mcap(path: Path) -> McapRecording:
     """
     require_mcap(f"reading {path}")
     with path.open("rb") as file:
-        written_by = writer_of(file.read(LONGEST_HEADER))
+        written_by = writer_of(file.read(HEAD_BYTES))
     if written_by is None:
         raise JournalError(f"{path}: the recording ends before its first cycle")
     if not written_by.startswith(LIBRARY):

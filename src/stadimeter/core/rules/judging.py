@@ -19,43 +19,18 @@ from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, step_ala
 from stadimeter.core.alarms.operating import operated
 from stadimeter.core.alarms.timing import Sample
 from stadimeter.core.alarms.turn import AlarmTurn
-from stadimeter.core.conditions import verdict as conditions
-from stadimeter.core.conditions.crossings import Crossings, crossings_of
 from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace
 from stadimeter.core.operator import Answer, OperatorCommand
-from stadimeter.core.plan import BaseOutput, Output, Plan
+from stadimeter.core.plan import Plan
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearranged
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
-from stadimeter.core.rules.order import Order, order_of
+from stadimeter.core.rules.layout import Layout, layout_of
 from stadimeter.core.rules.ramp import RampStep, new_ramp, step_ramp
 from stadimeter.core.rules.step import trace_of
 
 RuleStep = AlarmStep | RampStep | FollowStep
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
-    """What is worked out once for a plan.
-
-    Attributes:
-        crossings: The limits on each figure that rules are judged by.
-        order: Which rules ask for which.
-        bases: The names of the outputs that are bases.
-        combined: The outputs that combine equals, by name.
-        grouped: The positions of the alarms that belong to a group.
-        by_cycle: The positions of the alarms that are judged in every cycle, with or without a new frame.
-        positions: The position of each rule, by its name.
-    """
-
-    crossings: tuple[Crossings, ...] = ()
-    order: Order = field(default_factory=Order)
-    bases: frozenset[str] = frozenset()
-    combined: Mapping[str, Output] = field(default_factory=dict)
-    grouped: tuple[int, ...] = ()
-    by_cycle: frozenset[int] = frozenset()
-    positions: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +107,7 @@ def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, 
     Raises:
         ValueError: Rules ask for each other in a circle.
     """
-    layout = _layout_of(plan)
+    layout = layout_of(plan)
     return Judged(
         steps=steps,
         traces=tuple(step.trace for step in steps),
@@ -142,19 +117,6 @@ def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, 
         first_out=first_out or {},
         figures=(math.nan,) * len(layout.crossings),
         layout=layout,
-    )
-
-
-def _layout_of(plan: Plan) -> Layout:
-    alarms = [(index, rule) for index, rule in enumerate(plan.rules) if isinstance(rule, AlarmRule)]
-    return Layout(
-        crossings=crossings_of(plan.rules),
-        order=order_of(plan.rules),
-        bases=frozenset(output.name for output in plan.outputs if isinstance(output, BaseOutput)),
-        combined={output.name: output for output in plan.outputs if output.combine is not None},
-        grouped=tuple(index for index, rule in alarms if rule.group),
-        by_cycle=frozenset(index for index, rule in alarms if conditions.judged_by_cycle(rule.condition)),
-        positions={rule.name: index for index, rule in enumerate(plan.rules)},
     )
 
 
