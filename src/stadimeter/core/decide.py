@@ -16,9 +16,9 @@ from stadimeter.core.outputs import OutputStep, command_all, new_output
 from stadimeter.core.plan import Plan
 from stadimeter.core.rules.judging import Judged, judge, not_judged_yet
 from stadimeter.core.rules.reasons import Reasons
-from stadimeter.core.safety import SafetyState, step_safety
+from stadimeter.core.safety import SafetyState, in_words, is_gap, step_safety, usual_step_s
 from stadimeter.core.track import TrackStatus
-from stadimeter.core.tracking.life_cycle import TrackState, new_track
+from stadimeter.core.tracking.life_cycle import TrackState, after_gap, new_track
 from stadimeter.core.tracking.life_cycle import step as step_track
 
 
@@ -29,6 +29,7 @@ class State:
     Attributes:
         plan: What the configuration declares.
         now_s: The time of the last cycle; None before the first.
+        usual_step_s: From one cycle to the next, as it was lately; 0 before the second.
         tracks: One for each target of the plan.
         rules: What the rules of the plan did, and remember.
         safety: What safety remembers.
@@ -40,6 +41,7 @@ class State:
 
     plan: Plan
     now_s: float | None = None
+    usual_step_s: float = 0.0
     tracks: tuple[TrackState, ...] = ()
     rules: Judged = field(default_factory=Judged)
     safety: SafetyState = field(default_factory=SafetyState)
@@ -77,14 +79,21 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         What to remember, and what to do: one command for each output, the events, and the reasons.
     """
     plan = state.plan
-    safety = step_safety(state.safety, observation, plan.safety)
-    is_new = safety.frame is not state.safety.frame
-    track_states = _step_tracks(state, observation, is_new=is_new)
-    tracks = {tracked.track.target: tracked.track for tracked in track_states}
     step_s = 0.0 if state.now_s is None else observation.now_s - state.now_s
+    gap_s = step_s if is_gap(step_s, state.usual_step_s, plan.safety) else None
+    safety = step_safety(state.safety, observation, plan.safety, gap_s=gap_s)
+    is_new = safety.frame is not state.safety.frame
+    track_states = _step_tracks(state, observation, is_new=is_new, gap_s=gap_s)
+    tracks = {tracked.track.target: tracked.track for tracked in track_states}
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
     tracks_before = {tracked.track.target: tracked.track for tracked in state.tracks}
-    known = Known(tracks=tracks, now_s=observation.now_s, wall=observation.wall, before=tracks_before)
+    known = Known(
+        tracks=tracks,
+        now_s=observation.now_s,
+        wall=observation.wall,
+        before=tracks_before,
+        is_after_gap=gap_s is not None,
+    )
     sample = _sample(state, safety)
     rules, outcome = judge(plan.rules, state.rules, known, sample, cycle, observation.operator_commands)
     # After a gap the outputs have been stopped by their leases: they start from there, not from the last command.
@@ -114,6 +123,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     remembered = State(
         plan=plan,
         now_s=observation.now_s,
+        usual_step_s=usual_step_s(step_s, state.usual_step_s),
         tracks=track_states,
         rules=rules,
         safety=safety,
@@ -124,12 +134,15 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     return remembered, decision
 
 
-def _step_tracks(state: State, observation: Observation, *, is_new: bool) -> tuple[TrackState, ...]:
+def _step_tracks(
+    state: State, observation: Observation, *, is_new: bool, gap_s: float | None
+) -> tuple[TrackState, ...]:
     seen = {measured.target: measured for measured in observation.measurements} if is_new else {}
-    return tuple(
-        step_track(tracked, seen.get(tracked.track.target), observation.now_s, state.plan.tracking)
-        for tracked in state.tracks
-    )
+    now_s, tracks = observation.now_s, state.tracks
+    if gap_s is not None:
+        reason = in_words(gap_s, state.plan.safety)
+        tracks = tuple([after_gap(tracked, now_s, reason) for tracked in tracks])
+    return tuple([step_track(each, seen.get(each.track.target), now_s, state.plan.tracking) for each in tracks])
 
 
 def _sample(state: State, safety: SafetyState) -> Sample | None:

@@ -56,6 +56,7 @@ class Observation:
         frame: The frame that is new in this cycle, or None if none came.
         measurements: One for each target that was looked for in that frame; empty without a frame.
         camera_fault: Why there is no frame, or an empty string.
+        not_for_motion: Why nothing may move on the camera's frames, such as an unknown age; empty if it may.
         output_faults: The outputs that are out of order at the start of the cycle.
         wall: The time of day, if a rule asks for it; None also while the clock is not synchronised.
         operator_commands: What people have told rules since the cycle before.
@@ -65,6 +66,7 @@ class Observation:
     frame: FrameStamp | None = None
     measurements: tuple[Measurement, ...] = ()
     camera_fault: str = ""
+    not_for_motion: str = ""
     output_faults: tuple[OutputFault, ...] = ()
     wall: WallTime | None = None
     operator_commands: tuple[OperatorCommand, ...] = ()

@@ -4,6 +4,8 @@
 mode              what happens                           next mode
 ================  =====================================  ==========
 any               the newest frame is older than limit   stale (starting, before the first good frames)
+any               its camera says that it may be old     stale (starting, before the first good frames)
+active            a cycle after a gap                    stale
 starting, stale   enough fresh frames in a row           active
 active            a fresh frame                          active
 ================  =====================================  ==========
@@ -28,6 +30,9 @@ FROM_THE_FUTURE_S = 0.05
 ROUNDING_S = 1e-6
 """An age of exactly the limit is within it, however its sum was rounded."""
 
+SLOW_CYCLES = 2.0
+"""A step this many times as long as usual is a gap; steps that are always long are a slow computer or camera."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyState:
@@ -46,16 +51,40 @@ class SafetyState:
     reason: str = "no frame yet"
 
 
-def step_safety(state: SafetyState, observation: Observation, settings: Safety) -> SafetyState:
+def is_gap(step_s: float, usual_s: float, settings: Safety) -> bool:
+    """Return whether the program stood still between two cycles, so that it cannot know what happened meanwhile.
+
+    A process that was stopped, a computer that slept or a call that hung leaves no other trace: the next frame is
+    fresh, and the last one before it looks like its neighbour. Whatever goes on over such a gap (a drive, a track, a
+    timer) would go on by guesswork.
+
+    Args:
+        step_s: From the cycle before to this one.
+        usual_s: What `usual_step_s` returned for the cycle before; 0 before the second.
+        settings: The limits.
+    """
+    is_long = step_s > settings.max_frame_age_s + ROUNDING_S
+    return is_long and 0 < SLOW_CYCLES * usual_s < step_s
+
+
+def usual_step_s(step_s: float, usual_s: float) -> float:
+    """Return what counts as a usual step from here on: the newest one, but it grows no faster than it may.
+
+    So pauses one after the other are all gaps, and a computer that has become slow is known after a few cycles.
+    """
+    return min(step_s, SLOW_CYCLES * usual_s) if usual_s else step_s
+
+
+def step_safety(
+    state: SafetyState, observation: Observation, settings: Safety, *, gap_s: float | None = None
+) -> SafetyState:
     """Judge one cycle.
 
     Args:
         state: What safety remembers.
         observation: What is known in this cycle.
         settings: The limits.
-
-    Returns:
-        What it remembers now.
+        gap_s: For how long the program stood still before this cycle; None for not at all.
     """
     frame = _newest(state.frame, observation.frame, observation.now_s)
     is_new = frame is not state.frame
@@ -63,11 +92,20 @@ def step_safety(state: SafetyState, observation: Observation, settings: Safety) 
     if fault:
         mode = SafetyMode.STARTING if state.mode is SafetyMode.STARTING else SafetyMode.STALE
         return SafetyState(mode=mode, good_frames=0, frame=frame, reason=fault)
-    good_frames = min(settings.good_frames, state.good_frames + is_new)
-    if state.mode is SafetyMode.ACTIVE or good_frames >= settings.good_frames:
+    good_frames = min(settings.good_frames, (state.good_frames if gap_s is None else 0) + is_new)
+    if good_frames >= settings.good_frames or (state.mode is SafetyMode.ACTIVE and gap_s is None):
         return SafetyState(mode=SafetyMode.ACTIVE, good_frames=good_frames, frame=frame, reason="")
     reason = f"{good_frames} of {settings.good_frames} fresh frames in a row"
-    return SafetyState(mode=state.mode, good_frames=good_frames, frame=frame, reason=reason)
+    if gap_s is not None:
+        reason = f"{in_words(gap_s, settings)}; {reason}"
+    mode = SafetyMode.STALE if state.mode is SafetyMode.ACTIVE else state.mode
+    return SafetyState(mode=mode, good_frames=good_frames, frame=frame, reason=reason)
+
+
+def in_words(gap_s: float, settings: Safety) -> str:
+    """Return what a gap was, in words."""
+    limit = f"limit {1e3 * settings.max_frame_age_s:.0f} ms (safety.max_frame_age)"
+    return f"the program stood still for {gap_s:.2f} s, {limit}"
 
 
 def _newest(before: FrameStamp | None, new: FrameStamp | None, now_s: float) -> FrameStamp | None:
@@ -87,6 +125,8 @@ def _fault(frame: FrameStamp | None, observation: Observation, settings: Safety)
     """Return why the newest frame may not be acted on, or an empty string."""
     if frame is None:
         return observation.camera_fault or "no frame yet"
+    if observation.not_for_motion:
+        return observation.not_for_motion
     age_s = observation.now_s - frame.captured_at_s
     if age_s <= settings.max_frame_age_s + ROUNDING_S:
         return ""

@@ -7,14 +7,14 @@ Which phase follows which is in `table`; timers are in `timing`, what happens wi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from stadimeter.core.alarms.absence import back_in_sight, is_awaited, without_target
 from stadimeter.core.alarms.standing import due_s, requests_of, stand
 from stadimeter.core.alarms.state import NO_GATES, AlarmState
 from stadimeter.core.alarms.table import LATCHED, Phase
-from stadimeter.core.alarms.timing import Sample, has_timers, is_settled, judge_sample
+from stadimeter.core.alarms.timing import Sample, begun_anew, has_timers, is_settled, judge_sample
 from stadimeter.core.alarms.turn import AlarmTurn
 from stadimeter.core.alarms.words import JUDGED_BY_ITS_END
 from stadimeter.core.conditions import verdict as conditions
@@ -77,6 +77,8 @@ def step_alarm(
     Returns:
         What it does, and what happened.
     """
+    if known.is_after_gap:
+        before = replace(before, state=begun_anew(before.state))
     state = before.state
     verdict = conditions.judge(rule.condition, known, state.timers.leaves, is_active=state.phase in JUDGED_BY_ITS_END)
     if state.resumed is not None and is_awaited(rule, known, state.resumed.at_s):

@@ -6,6 +6,7 @@ contrary sets a timer back by its own time instead of to zero: under noise a tim
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from stadimeter.core.alarms.standing import begin, end
@@ -62,6 +63,18 @@ def has_timers(timers: Timers) -> bool:
         Whether any of them is not at its beginning.
     """
     return bool(timers.held_s or timers.ended_s or timers.recent or timers.held_last)
+
+
+def begun_anew(state: AlarmState) -> AlarmState:
+    """Return an alarm whose timers begin anew, after time that nobody observed.
+
+    Neither an on-delay nor an off-delay may be satisfied by time in which the program stood still.
+    """
+    timers = Timers(held_last=state.timers.held_last, leaves=state.timers.leaves)
+    resumed = None if state.resumed is None else replace(state.resumed, from_s=math.inf)
+    if timers == state.timers and resumed == state.resumed:
+        return state
+    return replace(state, timers=timers, resumed=resumed)
 
 
 def judge_sample(turn: AlarmTurn, sample: Sample, holds: bool, leaves: tuple[bool, ...]) -> None:

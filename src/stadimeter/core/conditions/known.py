@@ -19,6 +19,7 @@ class Known:
         wall: The local time of day; None while it is not known.
         active: Whether each rule is active, by its name; None for one that has nothing to judge by.
         before: The targets as they were in the cycle before, by name.
+        is_after_gap: Whether the program stood still before this cycle: time that nobody observed counts for no timer.
     """
 
     tracks: Mapping[str, Track]
@@ -26,3 +27,4 @@ class Known:
     wall: WallTime | None = None
     active: Mapping[str, bool | None] = field(default_factory=dict)
     before: Mapping[str, Track] = field(default_factory=dict)
+    is_after_gap: bool = False

@@ -111,6 +111,22 @@ def step(state: TrackState, measurement: Measurement | None, now_s: float, setti
     return replace(after, track=replace(after.track, since_s=now_s))
 
 
+def after_gap(state: TrackState, now_s: float, reason: str) -> TrackState:
+    """Return a target as it is after time in which nobody looked: what was known of it is too old to go on with.
+
+    It must be confirmed anew, and for how long it is in sight or out of sight is counted from now.
+
+    Args:
+        state: What was known before.
+        now_s: The run's monotonic clock.
+        reason: Why nobody looked.
+    """
+    track = replace(state.track, since_s=now_s)
+    if track.is_valid:
+        track = replace(track, status=TrackStatus.LOST, reason=reason)
+    return replace(state, track=track, confirmations=0, suspect=None)
+
+
 def _stepped(state: TrackState, measurement: Measurement | None, now_s: float, settings: Tracking) -> TrackState:
     if measurement is None:
         return _lose_if_late(state, now_s, settings, "no new frame")
