@@ -1,5 +1,7 @@
 """The two clocks."""
 
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -109,3 +111,14 @@ def test_a_paced_clock_that_was_held_up_goes_on_from_there_instead_of_catching_u
     for step in range(1, 11):
         clock.sleep_until_s(1.0 + step / 10)
     assert sum(slept) == pytest.approx(1.9), "all but the step in which it was noticed took its time"
+
+
+def test_the_live_clock_goes_on_while_the_computer_sleeps():
+    """Runs in a time namespace in which the computer has slept for a day, as far as its clocks can tell."""
+    asleep_s = 86_400
+    namespace = ["unshare", "--user", "--map-root-user", "--time", "--boottime", str(asleep_s), "--fork"]
+    if subprocess.run([*namespace, "true"], capture_output=True, check=False).returncode != 0:
+        pytest.skip("this computer makes no time namespaces")
+    code = "import time, stadimeter.app.clock as c; print(c.MonotonicClock().now_s() - time.monotonic())"
+    ran = subprocess.run([*namespace, sys.executable, "-c", code], capture_output=True, check=True, text=True)
+    assert float(ran.stdout) == pytest.approx(asleep_s, abs=5.0)

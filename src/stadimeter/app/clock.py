@@ -12,15 +12,18 @@ LATE_S = 0.2
 
 
 class MonotonicClock:
-    """The computer's monotonic clock, for live cameras."""
+    """The computer's clock since boot, for live cameras. Nothing sets it, and it goes on while the computer sleeps.
+
+    `time.monotonic` stands still during a suspend: a frame from before it would look fresh after it.
+    """
 
     def now_s(self) -> float:
-        """Return the time in seconds since an arbitrary start."""
-        return time.monotonic()
+        """Return the time in seconds since boot."""
+        return time.clock_gettime(time.CLOCK_BOOTTIME)
 
     def sleep_until_s(self, time_s: float) -> None:
         """Return when the clock shows ``time_s`` or later."""
-        while (left_s := time_s - time.monotonic()) > 0:
+        while (left_s := time_s - self.now_s()) > 0:
             time.sleep(left_s)
 
     def call_every(self, period_s: float, callback: Callable[[float], None]) -> Callable[[], None]:
@@ -29,7 +32,7 @@ class MonotonicClock:
 
         def run() -> None:
             while not ended.wait(period_s):
-                callback(time.monotonic())
+                callback(self.now_s())
 
         thread = threading.Thread(target=run, name=f"every {period_s} s", daemon=True)
         thread.start()
