@@ -87,9 +87,10 @@ def test_the_reason_names_the_pause_and_the_key_of_its_limit():
     run = rehearse()
     run.see(*[3.0] * 10)
     pause(run, 10.0)
-    reason = run.see(3.0).safety_reason
-    assert "10.10 s" in reason
-    assert "safety.max_frame_age" in reason
+    decision = run.see(3.0)
+    for reason in (decision.safety_reason, *(event.reason for event in decision.events)):
+        assert "10.10 s" in reason
+        assert "safety.max_frame_age" in reason
 
 
 @pytest.mark.parametrize(("rule", "before", "after"), [(NEAR, 0.5, 0.5), (GONE, None, None)])

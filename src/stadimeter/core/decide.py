@@ -102,7 +102,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     outputs = command_all(plan.outputs, before, rules.wanted, safety, observation.output_faults, slew_s)
     events = _numbered(
         state.due
-        + _track_events(state, track_states, observation.now_s)
+        + _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
         + outcome.events
         + _camera_events(state.safety, safety, observation.now_s)
         + _fault_events(state.faults, observation),
@@ -153,7 +153,7 @@ def _sample(state: State, safety: SafetyState) -> Sample | None:
     return Sample(at_s=frame.captured_at_s, since_s=frame.captured_at_s - before.captured_at_s if before else 0.0)
 
 
-def _track_events(state: State, after: tuple[TrackState, ...], now_s: float) -> tuple[Event, ...]:
+def _track_events(state: State, after: tuple[TrackState, ...], now_s: float, gap: str) -> tuple[Event, ...]:
     events: list[Event] = []
     for before_state, after_state in zip(state.tracks, after, strict=True):
         before, track = before_state.track, after_state.track
@@ -162,7 +162,7 @@ def _track_events(state: State, after: tuple[TrackState, ...], now_s: float) -> 
         if not before.is_valid and track.is_valid:
             kind, reason = EventKind.TARGET_SEEN, f"was {before.status.value}"
         elif before.is_valid and track.status is TrackStatus.LOST:
-            kind, reason = EventKind.TARGET_LOST, track.reason
+            kind, reason = EventKind.TARGET_LOST, gap or track.reason
         else:
             continue
         events.append(
