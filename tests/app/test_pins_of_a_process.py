@@ -1,0 +1,94 @@
+"""What pins do when the process that drives them stops, hangs or ends: a real process, with pins in a shared file."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+
+LAUNCHER = """
+import os, sys
+from gpiozero.pins.mock import MockPWMPin
+
+set_state = MockPWMPin._set_state
+register = os.open(sys.argv.pop(1), os.O_WRONLY)
+
+def latched(self, value):
+    set_state(self, value)
+    if self.info.name == "GPIO17":
+        os.pwrite(register, b"1" if value else b"0", 0)
+
+MockPWMPin._set_state = latched
+from stadimeter.cli import main
+main()
+"""
+"""Runs the program on gpiozero's mock pins, and keeps the level of one where it outlives the process, as a real one."""
+
+CONFIGURATION = (
+    SIMULATED_BALL
+    + """
+[actuators.lamp]
+driver = "led"
+pin = 17
+
+[rules.seen]
+actuator = "lamp"
+when = { below = "50 m" }
+
+[world]
+"""
+)
+
+
+class Lamp:
+    """A lamp on a pin, and the program that drives it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._register = folder / "register"
+        self._register.write_bytes(b"0")
+        configuration = folder / "lamp.toml"
+        configuration.write_text(CONFIGURATION)
+        command = [sys.executable, "-c", LAUNCHER, str(self._register), "run", str(configuration), "--no-state"]
+        environment = {**os.environ, "GPIOZERO_PIN_FACTORY": "mock"}
+        self.program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+
+    @property
+    def is_on(self) -> bool:
+        return self._register.read_bytes() == b"1"
+
+
+@pytest.fixture
+def lamp(tmp_path: Path) -> Iterator[Lamp]:
+    lamp = Lamp(tmp_path)
+    eventually(lambda: lamp.is_on, within_s=20.0)
+    yield lamp
+    lamp.program.kill()
+    lamp.program.wait()
+
+
+def test_a_pin_keeps_its_level_when_the_program_is_killed(lamp: Lamp) -> None:
+    lamp.program.kill()
+    lamp.program.wait()
+    assert lamp.is_on
+
+
+def test_a_pin_keeps_its_level_while_the_program_is_stopped(lamp: Lamp) -> None:
+    lamp.program.send_signal(signal.SIGSTOP)
+    time.sleep(0.5)  # longer than the lease: what is not running ends no lease
+    assert lamp.is_on
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_pin_is_off_when_the_program_was_asked_to_end(lamp: Lamp, number: signal.Signals) -> None:
+    lamp.program.send_signal(number)
+    lamp.program.wait(timeout=20)
+    assert not lamp.is_on
