@@ -7,7 +7,7 @@ ARGS ?=
 # On every core, the tests of one file together: they share what is costly to prepare.
 SPREAD := -n auto --dist loadfile
 
-.PHONY: help demo test test-long test-opencv-4.10 check bench bench-rules pictures format clean
+.PHONY: help demo test test-long test-opencv-4.10 check bench bench-rules bench-safety pictures format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -39,6 +39,9 @@ bench: $(VENV)/.bench ## measure accuracy and speed on rendered pictures; ARGS="
 
 bench-rules: $(VENV)/.dev ## measure rules: on noise, by the thousand, and an hour replayed
 	$(BIN)/python tests/benchmarks/rules_report.py $(ARGS)
+
+bench-safety: $(VENV)/.dev ## run the program on streams that fail, and time how long its robot moves
+	$(BIN)/python tests/benchmarks/old_pictures.py $(ARGS)
 
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	$(BIN)/python docs/pictures/make_pictures.py

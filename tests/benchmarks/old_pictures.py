@@ -314,8 +314,11 @@ def _late(source: Source) -> None:
 
 
 FAILURES = (
-    *(Failure(f"cut to {share:.0%}", _cut(share)) for share in (0.1, 0.4, 0.7, 0.95)),
-    *(Failure(f"cut to {share:.0%}, end appended", _cut(share, with_end=True)) for share in (0.1, 0.4, 0.7, 0.95)),
+    *(Failure(f"cut to {100 * share:.0f} %", _cut(share)) for share in (0.1, 0.4, 0.7, 0.95)),
+    *(
+        Failure(f"cut to {100 * share:.0f} %, end appended", _cut(share, with_end=True))
+        for share in (0.1, 0.4, 0.7, 0.95)
+    ),
     Failure("two old pictures in turn", _alternate),
     Failure("H.264 over UDP, 18 % lost", _lose_the_ball, moves=False, loss=0.18),
     Failure("lag of 2 s, unsaid", _lose_the_ball, camera="", moves=False, prepare=_late),
