@@ -1,6 +1,8 @@
 from __future__ import annotations
 
-from stadimeter.bases.acknowledgements import Acknowledgements
+import pytest
+
+from stadimeter.bases.acknowledgements import LOOK_S, Acknowledgements
 
 
 def test_a_stop_is_overdue_a_tenth_of_a_second_after_it_was_sent() -> None:
@@ -34,12 +36,27 @@ def test_a_new_drive_command_takes_the_stop_back() -> None:
     assert not awaited.stop_is_overdue(2.0)
 
 
+def listen(awaited: Acknowledgements, from_s: float, seconds: float) -> None:
+    """Look at the line every 20 ms."""
+    for look in range(1, round(seconds / 0.02) + 1):
+        awaited.looked(from_s + 0.02 * look)
+
+
 def test_silence_counts_from_the_first_command_after_the_last_answer() -> None:
     awaited = Acknowledgements()
-    assert awaited.silent_for_s(5.0) == 0.0
+    listen(awaited, 4.0, 1.0)
+    assert awaited.silent_s == 0.0
     awaited.sent(5.0, stop=False)
     awaited.sent(5.1, stop=False)
-    assert awaited.silent_for_s(5.4) == 5.4 - 5.0
+    listen(awaited, 5.0, 0.4)
+    assert awaited.silent_s == pytest.approx(0.4)
+
+
+def test_time_in_which_nothing_was_read_is_no_silence() -> None:
+    awaited = Acknowledgements()
+    awaited.sent(5.0, stop=False)  # this process then waits for a processor, before the command leaves or after
+    awaited.looked(5.6)
+    assert awaited.silent_s == LOOK_S
 
 
 def test_one_lost_answer_does_not_count_as_a_lost_link_for_ever() -> None:
@@ -47,7 +64,8 @@ def test_one_lost_answer_does_not_count_as_a_lost_link_for_ever() -> None:
     awaited.sent(1.0, stop=False)
     awaited.sent(1.1, stop=False)
     awaited.acknowledged()
-    assert awaited.silent_for_s(100.0) == 0.0
+    listen(awaited, 2.0, 5.0)
+    assert awaited.silent_s == 0.0
 
 
 def test_a_repeated_stop_is_acknowledged_by_the_next_answer_even_if_earlier_ones_were_lost() -> None:

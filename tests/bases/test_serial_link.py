@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import os
 import pty
+import select
+import time
 import tty
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +13,9 @@ import pytest
 from stadimeter.bases import serial_link
 from stadimeter.bases.serial_link import SerialLink
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
+
+LATE_S = 0.06
+"""Longer than a port may leave bytes lying."""
 
 
 class Terminal:
@@ -117,13 +122,47 @@ def test_what_was_written_is_drained(link: SerialLink, terminal: Terminal) -> No
     assert os.read(terminal.board, 100) == b"m 0 0\r"
 
 
-def test_a_port_that_nobody_reads_is_a_lost_link_and_does_not_block(link: SerialLink) -> None:
-    def flood() -> None:
-        for _ in range(100):
-            link.write(b"x" * 1000)
+def fill(link: SerialLink) -> None:
+    for _ in range(100):
+        link.write(b"x" * 1000)
 
+
+def test_a_port_that_nobody_reads_is_a_lost_link_and_does_not_block(link: SerialLink) -> None:
     with pytest.raises(LinkLostError, match="50 ms"):
-        flood()
+        fill(link)
+
+
+def test_a_write_that_succeeded_late_is_no_lost_link(
+    link: SerialLink, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = os.write
+
+    def write_and_wait_for_a_processor(descriptor: int, data: bytes) -> int:
+        taken = write(descriptor, data)
+        time.sleep(LATE_S)
+        return taken
+
+    monkeypatch.setattr(os, "write", write_and_wait_for_a_processor)
+    link.write(b"m 10 10\r")
+    assert os.read(terminal.board, 100) == b"m 10 10\r"
+
+
+def test_a_port_that_made_room_while_this_process_waited_for_a_processor_is_no_lost_link(
+    link: SerialLink, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(LinkLostError):
+        fill(link)
+    read = []
+
+    def room_comes_late(_seconds: float) -> None:
+        time.sleep(LATE_S)
+        while select.select([terminal.board], [], [], 0.05)[0]:
+            read.append(os.read(terminal.board, 4096))
+
+    monkeypatch.setattr(link, "_wait_for_room", room_comes_late)
+    link.write(b"m 10 10\r")
+    room_comes_late(0)
+    assert b"".join(read).endswith(b"xm 10 10\r")
 
 
 def test_a_port_that_was_never_opened_is_refused() -> None:

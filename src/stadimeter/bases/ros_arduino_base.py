@@ -134,8 +134,8 @@ class RosArduinoBase:
         """
         link = self._opened()
         now_s = self._clock.now_s()
-        self._read_replies(link)
-        self._check_silence(link, now_s)
+        self._read_replies(link, now_s)
+        self._check_silence(link)
         ticks = self._drive.ticks(Motion(linear_mps=command.linear_mps, angular_radps=command.angular_radps))
         self._send(link, codec.encode_drive(*self._arguments(ticks)), now_s)
         sent = self._drive.motion(ticks)
@@ -153,11 +153,11 @@ class RosArduinoBase:
             ProtocolError: The base refused a command.
         """
         link = self._opened()
-        self._read_replies(link)
+        self._read_replies(link, now_s)
         if self._awaited.stop_is_overdue(now_s):
             self._awaited.repeating()
             self._send(link, codec.STOP, now_s)
-        self._check_silence(link, now_s)
+        self._check_silence(link)
 
     def stop(self) -> None:
         """Stand still at once. Does nothing when closed.
@@ -220,12 +220,13 @@ class RosArduinoBase:
         self._awaited.sent(now_s, stop=False)
         return codec.END + frame
 
-    def _read_replies(self, link: SerialLink) -> None:
+    def _read_replies(self, link: SerialLink, now_s: float) -> None:
         for reply in self._parser.feed(link.read()):
             if isinstance(reply, codec.Acknowledged):
                 self._awaited.acknowledged()
             elif isinstance(reply, codec.Refused):
                 self._take_refusal(link)
+        self._awaited.looked(now_s)
 
     def _take_refusal(self, link: SerialLink) -> None:
         self._awaited.refused()
@@ -234,8 +235,8 @@ class RosArduinoBase:
             return
         raise ProtocolError(f"the base at {link.path} refused a motor command; if it always does, {BASE_IS_OFF}")
 
-    def _check_silence(self, link: SerialLink, now_s: float) -> None:
-        if self._awaited.silent_for_s(now_s) > LOST_AFTER_S:
+    def _check_silence(self, link: SerialLink) -> None:
+        if self._awaited.silent_s > LOST_AFTER_S:
             raise LinkLostError(
                 f"the base at {link.path} has acknowledged nothing for {LOST_AFTER_S} s; check its cable and its power"
             )

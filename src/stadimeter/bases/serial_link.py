@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import select
 import termios
 import time
 
@@ -11,7 +13,9 @@ from serial.tools import list_ports
 
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
 
-WRITE_TIMEOUT_S = 0.05
+UNTAKEN_AFTER_S = 0.05
+"""A port that still holds bytes back after this long is a port whose other end does not read."""
+
 DRAIN_TIMEOUT_S = 0.1
 
 _MOST_BYTES_A_READ = 4096
@@ -24,6 +28,11 @@ class SerialLink:
     """A serial port that carries bytes.
 
     Opening it resets most Arduinos, because it raises DTR.
+
+    A time-out that is measured with one's own clock blames the other side for one's own delay: this process may wait
+    for a processor longer than any limit here, while the port took every byte. So a limit only says when to look once
+    more, and what counts is what is left then. pyserial's own write goes wrong both ways: with a ``write_timeout``
+    above 0 it reports a frame that was taken whole, but late, and with 0 it never returns from a port that is full.
 
     Args:
         path: The port, best as ``/dev/serial/by-id/…``, which does not change when something else is plugged in.
@@ -47,31 +56,33 @@ class SerialLink:
             DeviceOpenError: It is absent, in use, not ours to open, or no serial port.
         """
         try:
-            self._port = serial.Serial(self._path, self._baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+            self._port = serial.Serial(self._path, self._baud, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
             raise DeviceOpenError(_open_trouble(self._path, error)) from error
 
     def write(self, frame: bytes) -> None:
-        """Hand a frame to the port, in one write.
+        """Hand a frame to the port: at once as a rule, else as the other end makes room.
 
         Args:
             frame: The bytes.
 
         Raises:
             DeviceClosedError: The port is not open.
-            LinkLostError: The port is gone, or has not taken the frame within `WRITE_TIMEOUT_S`. Part of the frame may
-                have been sent.
+            LinkLostError: The port is gone, or bytes of the frame remain after `UNTAKEN_AFTER_S`. Part of the frame
+                may have been sent.
         """
-        port = self._opened()
-        try:
-            port.write(frame)
-        except serial.SerialTimeoutException as error:
-            raise LinkLostError(
-                f"the serial port {self._path} has taken no bytes for {WRITE_TIMEOUT_S * 1e3:.0f} ms; "
-                "the other end does not read: check the base and its cable"
-            ) from error
-        except OSError as error:
-            raise self._lost(error) from error
+        deadline_s = time.monotonic() + UNTAKEN_AFTER_S
+        left = frame[self._taken(frame) :]
+        while left:
+            wait_s = deadline_s - time.monotonic()
+            if wait_s > 0:
+                self._wait_for_room(wait_s)
+            left = left[self._taken(left) :]
+            if left and wait_s <= 0:
+                raise LinkLostError(
+                    f"the serial port {self._path} has not taken {len(left)} bytes in {UNTAKEN_AFTER_S * 1e3:.0f} ms; "
+                    "the other end does not read: check the base and its cable"
+                )
 
     def read(self) -> bytes:
         """Return what has arrived, which may be nothing. Never waits.
@@ -109,6 +120,21 @@ class SerialLink:
         port, self._port = self._port, None
         if port:
             port.close()
+
+    def _taken(self, data: bytes) -> int:
+        """Offer bytes to the port, and return how many it took."""
+        descriptor = self._opened().fileno()
+        try:
+            return os.write(descriptor, data)  # pyserial opens the port so that this never waits
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def _wait_for_room(self, seconds: float) -> None:
+        waiting = select.poll()
+        waiting.register(self._opened().fileno(), select.POLLOUT)
+        waiting.poll(seconds * 1e3)
 
     def _opened(self) -> serial.Serial:
         if self._port is None:
