@@ -3,17 +3,18 @@ from __future__ import annotations
 import fcntl
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import pytest
 
 from stadimeter.bases.protocol import MobileBase
 from stadimeter.config.plugins import BASES, DriverContext, load_plugin
-from stadimeter.errors import DeviceClosedError
+from stadimeter.errors import DeviceClosedError, LinkLostError
 from stadimeter.simulation.options import WorldOptions
-from stadimeter.simulation.ros_arduino_firmware import emulated_ros_arduino
+from stadimeter.simulation.ros_arduino_firmware import EmulatedRosArduino, emulated_ros_arduino
 from stadimeter.simulation.world import World
-from stadimeter.testing.base_contract import BaseContract, BaseStand
+from stadimeter.testing.base_contract import TICK_S, BaseContract, BaseStand
 from stadimeter.testing.manual_clock import ManualClock
 
 TRACK_WIDTH_M = 0.16
@@ -48,12 +49,18 @@ class TestRosArduinoBase(BaseContract):
             track_width="16 cm",
             max_wheel_speed="0.5 m/s",
         )
-        path = emulated_ros_arduino(context).port.path
+        board = emulated_ros_arduino(context)
+        path = board.port.path
         return BaseStand(
             base=plugin.build(options, context),
             clock=context.clock,
             is_held=lambda: is_locked(path),
             motion=lambda: true_motion(context),
+            faults={
+                "unplugged": pulled_cable(context),
+                "silent": lambda begins: setattr(board.firmware, "silent", begins),
+                "takes no bytes": lambda begins: stop_reading(board, is_read=not begins),
+            },
         )
 
 
@@ -69,7 +76,28 @@ class TestSimulatedBase(BaseContract):
             clock=context.clock,
             is_held=lambda: is_connected(base),
             motion=lambda: true_motion(context),
+            faults={"unplugged": pulled_cable(context)},
         )
+
+
+def pulled_cable(context: DriverContext) -> Callable[[bool], None]:
+    def pull(begins: bool) -> None:
+        context.shared.parts["world"].faults.base_unplugged = begins
+        context.clock.sleep_until_s(context.clock.now_s() + TICK_S)  # the port goes with its next service
+
+    return pull
+
+
+def stop_reading(board: EmulatedRosArduino, *, is_read: bool) -> None:
+    """Let nobody read at the board's end, and fill the port up with what the firmware passes over."""
+    board.port.is_read = is_read
+    if is_read:
+        return
+    descriptor = os.open(board.port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(descriptor, b"\n" * 64)
+    os.close(descriptor)
 
 
 def is_connected(base: MobileBase) -> bool:
@@ -77,11 +105,16 @@ def is_connected(base: MobileBase) -> bool:
         base.tick(0.0)
     except DeviceClosedError:
         return False
+    except LinkLostError:
+        pass
     return True
 
 
 def is_locked(path: str) -> bool:
-    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -46,6 +46,9 @@ class EmulatedPort:
         is_plugged: Asked at each service whether the cable is in.
         after_step: Called after each service; moves what the firmware drives.
 
+    Attributes:
+        is_read: Fault if False: nothing is read at the board's end, so that the port fills up and takes no more bytes.
+
     Raises:
         OSError: The system has no pseudo-terminal left.
     """
@@ -57,6 +60,7 @@ class EmulatedPort:
         is_plugged: Callable[[], bool] = lambda: True,
         after_step: Callable[[], None] = lambda: None,
     ) -> None:
+        self.is_read = True
         self._firmware = firmware
         self._is_plugged = is_plugged
         self._after_step = after_step
@@ -81,7 +85,7 @@ class EmulatedPort:
         with self._lock:
             self._firmware.step(now_s)
             self._follow_the_cable()
-            if self._cable:
+            if self._cable and self.is_read:
                 self._cable.write(self._firmware.receive(self._cable.read(), now_s))
             self._after_step()
 

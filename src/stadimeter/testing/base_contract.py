@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 
 import pytest
 
 from stadimeter.bases.protocol import MobileBase
 from stadimeter.core.command import TwistCommand
-from stadimeter.errors import CommandRangeError, DeviceClosedError
+from stadimeter.errors import CommandRangeError, DeviceClosedError, DeviceOpenError, LinkLostError
 from stadimeter.testing.manual_clock import ManualClock
 
 STANDING_MPS = 1e-3
 STANDING_RADPS = 1e-2
 LOOP_S = 0.05
 TICK_S = 0.01
+LOST_WITHIN_S = 1.0
+FAULTS = ("unplugged", "silent", "takes no bytes")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +31,15 @@ class BaseStand:
         clock: The clock that the base runs on. Its counterpart lives on it too.
         is_held: Whether the base holds its device now, seen from outside of the driver.
         motion: How the robot really moves now: speed forwards in m/s, rate of turn in rad/s, positive to the left.
+        faults: What can go wrong with the connection, by the names in `FAULTS`: functions that begin it with True and
+            end it with False. Those that the counterpart cannot have are left out.
     """
 
     base: MobileBase
     clock: ManualClock
     is_held: Callable[[], bool]
     motion: Callable[[], tuple[float, float]]
+    faults: Mapping[str, Callable[[bool], None]] = field(default_factory=dict)
 
     def twist(self, linear_mps: float, angular_radps: float) -> TwistCommand:
         """Return a command on a frame of now."""
@@ -173,6 +179,52 @@ class BaseContract:
             opened.base.apply(opened.twist(value, 0.0))
         with pytest.raises(CommandRangeError):
             opened.base.apply(opened.twist(0.0, value))
+
+    @pytest.fixture(params=FAULTS)
+    def fault(self, request: pytest.FixtureRequest, stand: BaseStand) -> Iterator[Callable[[bool], None]]:
+        """Return each fault that the base's counterpart can have; the base is open, and closed at the end."""
+        if request.param not in stand.faults:
+            pytest.skip("its counterpart cannot have this fault")
+        stand.base.open()
+        yield stand.faults[request.param]
+        with suppress(LinkLostError):
+            stand.base.close()
+
+    def test_a_lost_connection_is_noticed_while_driving(self, stand: BaseStand, fault: Callable[[bool], None]) -> None:
+        stand.drive(0.2, 0.0)
+        fault(True)
+        with pytest.raises(LinkLostError):
+            stand.drive(0.2, 0.0, LOST_WITHIN_S)
+
+    def test_a_base_with_a_lost_connection_is_released_all_the_same(
+        self, stand: BaseStand, fault: Callable[[bool], None]
+    ) -> None:
+        fault(True)
+        with suppress(LinkLostError):
+            stand.drive(0.2, 0.0, LOST_WITHIN_S)
+        with suppress(LinkLostError):
+            stand.base.close()
+        assert not stand.is_held()
+        with pytest.raises(DeviceOpenError):
+            stand.base.open()
+        assert not stand.is_held()
+
+    def test_a_base_that_answers_again_opens_standing_and_drives(
+        self, stand: BaseStand, fault: Callable[[bool], None]
+    ) -> None:
+        stand.drive(0.2, 0.0)
+        fault(True)
+        with suppress(LinkLostError):
+            stand.drive(0.2, 0.0, LOST_WITHIN_S)
+        with suppress(LinkLostError):
+            stand.base.close()
+        fault(False)
+        stand.clock.advance_s(TICK_S)
+        stand.base.open()
+        stand.pass_time(1.0)
+        assert stand.stands()
+        stand.drive(0.2, 0.0)
+        assert stand.motion()[0] == pytest.approx(0.2, rel=0.05)
 
     @staticmethod
     def _refuses_use(stand: BaseStand) -> None:
