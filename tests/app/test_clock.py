@@ -122,3 +122,66 @@ def test_the_live_clock_goes_on_while_the_computer_sleeps():
     code = "import time, stadimeter.app.clock as c; print(c.MonotonicClock().now_s() - time.monotonic())"
     ran = subprocess.run([*namespace, sys.executable, "-c", code], capture_output=True, check=True, text=True)
     assert float(ran.stdout) == pytest.approx(asleep_s, abs=5.0)
+
+
+def test_a_task_beside_a_stepped_clock_sleeps_in_the_order_of_time_and_holds_nothing_up():
+    clock, calls = ManualClock(), []
+    clock.call_every(0.25, lambda now_s: calls.append(("guard", now_s)))
+
+    def task():
+        for _ in range(2):
+            calls.append(("task", clock.now_s()))
+            clock.sleep_until_s(clock.now_s() + 0.375)
+        calls.append(("done", clock.now_s()))
+
+    clock.run_beside(task)
+    assert calls == []
+    clock.advance_s(0.5)
+    assert (clock.now_s(), calls) == (0.5, [("task", 0.0), ("guard", 0.25), ("task", 0.375), ("guard", 0.5)])
+    clock.advance_s(0.5)
+    assert calls[4:] == [("guard", 0.75), ("done", 0.75), ("guard", 1.0)]
+
+
+def test_a_task_beside_a_stepped_clock_may_be_started_by_a_callback_and_start_another():
+    clock, calls = ManualClock(), []
+
+    def first():
+        clock.run_beside(lambda: calls.append(clock.now_s()))
+        clock.sleep_until_s(5.0)
+        calls.append(clock.now_s())
+
+    def once(_now_s):
+        cancel()
+        clock.run_beside(first)
+
+    cancel = clock.call_every(1.0, once)
+    clock.advance_s(10)
+    assert calls == [1.0, 5.0]
+
+
+@pytest.mark.parametrize("make_clock", [MonotonicClock, ManualClock])
+def test_a_task_that_is_no_longer_wanted_ends_at_its_next_sleep_and_cleans_up(make_clock):
+    clock, began, cleaned_up = make_clock(), threading.Event(), threading.Event()
+
+    def task():
+        try:
+            began.set()
+            clock.sleep_until_s(clock.now_s() + 3600)
+        finally:
+            cleaned_up.set()
+
+    end = clock.run_beside(task)
+    clock.sleep_until_s(clock.now_s() + 0.001)
+    assert began.wait(10)
+    assert not cleaned_up.is_set()
+    end()
+    if isinstance(clock, ManualClock):
+        clock.advance_s(3600)
+    assert cleaned_up.wait(10)
+
+
+def test_a_task_that_was_ended_before_it_began_does_nothing():
+    clock, calls = ManualClock(), []
+    clock.run_beside(lambda: calls.append("ran"))()
+    clock.advance_s(1)
+    assert calls == []

@@ -1,12 +1,13 @@
 """Outputs with a lease, and the guard that watches over them."""
 
 import threading
+from itertools import pairwise
 
 import pytest
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.guard import Guard, retire_all
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.leased_output import RESTING, LeasedOutput
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.errors import DeviceOpenError, LinkLostError
 from stadimeter.testing.manual_clock import ManualClock
@@ -81,7 +82,7 @@ def test_the_safe_value_never_grows_old(output, driver, clock):
     assert driver.commands == [SAFE, SAFE]
 
 
-def test_a_driver_that_fails_is_stopped_and_not_used_again(output, driver):
+def test_a_driver_that_fails_is_stopped_and_takes_no_commands(output, driver):
     driver.fail_with = LinkLostError("unplugged")
     assert output.apply(full(100.0)) is None
     assert output.fault == "unplugged"
@@ -89,6 +90,177 @@ def test_a_driver_that_fails_is_stopped_and_not_used_again(output, driver):
     driver.fail_with = None
     assert output.apply(full(100.0)) is None
     assert driver.level == 0.0
+
+
+@pytest.fixture
+def guarded(output, clock):
+    guard = Guard([output], clock)
+    guard.start()
+    return guard
+
+
+def break_it(driver, output, *, on=("apply",)):
+    driver.fail_with, driver.fail_on = LinkLostError("unplugged"), on
+    output.apply(full(1e9))
+
+
+def opened_at_s(driver):
+    return [call.at_s for call in driver.calls if call.action == "open"][1:]
+
+
+def test_a_driver_that_answers_again_is_opened_anew_and_rests_before_it_acts(guarded, output, driver, clock):
+    break_it(driver, output)
+    driver.fail_with = None
+    clock.advance_s(0.6)
+    assert opened_at_s(driver) == pytest.approx([100.5], abs=0.03)
+    assert output.observed_fault() == RESTING
+    clock.advance_s(2.8)
+    assert output.apply(full(clock.now_s())) is None
+    assert driver.level == SAFE.level, "it rests at its safe value"
+    clock.advance_s(0.2)
+    assert output.observed_fault() == ""
+    assert driver.level == SAFE.level
+    assert output.apply(full(clock.now_s())) is not None
+
+
+def test_a_fault_that_the_control_loop_has_not_seen_does_not_end(guarded, output, driver, clock):
+    break_it(driver, output)
+    driver.fail_with = None
+    clock.advance_s(60)
+    assert output.apply(full(clock.now_s())) is None, "a hanging loop may have decided this before the fault"
+    assert output.observed_fault() == RESTING
+    clock.advance_s(0.1)
+    assert output.observed_fault() == ""
+
+
+def test_the_waits_before_a_driver_is_opened_again_grow(guarded, output, driver, clock):
+    break_it(driver, output, on=("apply", "open"))
+    clock.advance_s(33)
+    waits = [later - earlier for earlier, later in pairwise([100.0, *opened_at_s(driver)])]
+    assert waits == pytest.approx([0.5, 1, 2, 4, 8, 8, 8], abs=0.05)
+
+
+def recover(output, driver, clock):
+    driver.fail_with = None
+    while output.observed_fault():
+        clock.advance_s(0.1)
+
+
+def test_the_waits_go_on_growing_for_a_driver_that_fails_again_soon(guarded, output, driver, clock):
+    for wait_s in (0.5, 1, 2):
+        failed_at_s = clock.now_s()
+        break_it(driver, output)
+        recover(output, driver, clock)
+        assert opened_at_s(driver)[-1] - failed_at_s == pytest.approx(wait_s, abs=0.03)
+        clock.advance_s(5)
+    clock.advance_s(60)
+    failed_at_s = clock.now_s()
+    break_it(driver, output)
+    recover(output, driver, clock)
+    assert opened_at_s(driver)[-1] - failed_at_s == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_driver_that_fails_while_it_rests_is_out_of_order_again(guarded, output, driver, clock):
+    break_it(driver, output)
+    driver.fail_with = None
+    clock.advance_s(1)
+    driver.fail_with, driver.fail_on = LinkLostError("unplugged again"), ("tick",)
+    clock.advance_s(0.1)
+    assert output.observed_fault() == "unplugged again"
+    assert driver.level == 0.0
+
+
+def test_a_driver_that_shall_stay_off_is_not_opened_again(driver, clock):
+    output = LeasedOutput(driver, SAFE, lease_s=0.3, clock=clock, stays_off=True)
+    output.open()
+    Guard([output], clock).start()
+    break_it(driver, output)
+    driver.fail_with = None
+    clock.advance_s(3600)
+    assert opened_at_s(driver) == []
+    assert output.apply(full(clock.now_s())) is None
+    assert output.fault == "unplugged"
+
+
+class SlowToOpen(RecordingActuator):
+    """An actuator that takes two seconds to open, but for the first time."""
+
+    def open(self):
+        super().open()
+        if len(self.calls) > 1:
+            self._clock.sleep_until_s(self._clock.now_s() + 2.0)
+
+
+@pytest.fixture
+def slow(clock):
+    driver = SlowToOpen(clock, "motor")
+    output = LeasedOutput(driver, SAFE, lease_s=0.3, clock=clock)
+    output.open()
+    Guard([output], clock).start()
+    break_it(driver, output)
+    driver.fail_with = None
+    clock.advance_s(1.0)
+    assert driver.is_open, "it is being opened"
+    return output, driver
+
+
+def test_opening_again_holds_nothing_up(slow, clock):
+    output, _driver = slow
+    assert clock.now_s() == 101.0
+    assert output.apply(full(101.0)) is None
+    assert output.observed_fault() == "unplugged"
+    clock.advance_s(2.0)
+    assert output.observed_fault() == RESTING
+
+
+def test_an_output_that_is_retired_while_its_driver_is_opened_again_never_moves(slow, clock):
+    output, driver = slow
+    commands = len(driver.commands)
+    output.retire()
+    output.close()
+    clock.advance_s(10)
+    assert not driver.is_open
+    assert len(driver.commands) == commands
+
+
+def test_a_run_that_ends_does_not_wait_for_a_driver_that_is_being_opened_again():
+    clock, opening = MonotonicClock(), threading.Event()
+
+    class NeverOpens(RecordingActuator):
+        def open(self):
+            super().open()
+            if len(self.calls) > 1:
+                opening.set()
+                try:
+                    self._clock.sleep_until_s(self._clock.now_s() + 3600)
+                except BaseException:
+                    self.close()
+                    closed.set()
+                    raise
+
+    closed = threading.Event()
+    driver = NeverOpens(clock, "motor")
+    output = LeasedOutput(driver, SAFE, lease_s=0.3, clock=clock)
+    output.open()
+    guard = Guard([output], clock)
+    guard.start()
+    break_it(driver, output)
+    assert opening.wait(20)
+    assert retire_all([output]) == []
+    guard.stop()
+    output.close()
+    assert closed.wait(20)
+
+
+def test_a_defect_that_comes_up_while_a_driver_is_opened_again_ends_the_run(guarded, output, driver, clock):
+    break_it(driver, output)
+
+    def defective():
+        raise IndexError("a defect")
+
+    driver.open = defective
+    clock.advance_s(0.6)
+    assert isinstance(guarded.failure, IndexError)
 
 
 def test_a_driver_that_cannot_even_stop_is_reported_with_both_troubles(output, driver):
@@ -102,6 +274,23 @@ def test_a_failure_between_commands_is_noticed_as_well(output, driver, clock):
     driver.fail_with, driver.fail_on = LinkLostError("no answer for 0.5 s"), ("tick",)
     clock.advance_s(0.1)
     assert output.fault == "no answer for 0.5 s"
+
+
+def test_no_output_moves_while_another_one_is_being_stopped(clock):
+    """All are forbidden to move before the first is stopped: that one may take its time."""
+    drivers = [RecordingActuator(clock, name) for name in ("a", "b")]
+    outputs = [LeasedOutput(d, LevelCommand(output=n, level=0), 0.3, clock) for d, n in zip(drivers, "ab", strict=True)]
+    for each in outputs:
+        each.open()
+
+    applied = []
+
+    def slow_stop():
+        applied.append(outputs[1].apply(LevelCommand(output="b", level=1.0, captured_at_s=clock.now_s())))
+
+    drivers[0].stop = slow_stop
+    assert retire_all(outputs) == []
+    assert applied == [None]
 
 
 def test_a_retired_output_stays_off_whatever_comes(output, driver):

@@ -144,6 +144,7 @@ def test_a_file_that_is_gone_is_refused_and_the_running_one_stays(rig):
         ("fx_px = 600.0", "fx_px = 610.0", "[camera.model]"),
         ("[targets.ball]", "[targets.cube]", "[targets]"),
         ("[actuators.motor]", '[actuators.motor]\nlease = "200 ms"', "[lease of an output]"),
+        ("[actuators.motor]", '[actuators.motor]\nafter_fault = "stay_off"', "[after_fault]"),
         ("[actuators.motor]", "[actuators.motor]\nrise_per_s = 2.0", "[actuators or base]"),
         ("[targets.ball]", '[messenger]\ndriver = "simulated"\n[targets.ball]', "[messenger]"),
         ("[targets.ball]", '[base]\ndriver = "simulated"\n[targets.ball]', "[base]"),

@@ -57,13 +57,15 @@ def test_a_configuration_becomes_drivers_and_a_plan(load: Load, sound: str) -> N
         ("near", "ball", "buzzer"),
     ]
     assert loaded.leases_s == {"motor": 0.3, "buzzer": 0.3, "base": 0.3}
+    assert loaded.stays_off == set()
     assert loaded.text.startswith("[camera]")
 
 
 def test_common_keys_are_not_handed_to_the_driver(load: Load, sound: str) -> None:
     text = sound.replace("pin = 18", 'pin = 18\nlease = "0.5 s"\nsafe = 0.25\nrise_per_s = 4')
-    text = text.replace('port = "/dev/ttyUSB0"', 'port = "/dev/ttyUSB0"\nmax_speed = "0.2 m/s"\nlease = "400 ms"')
-    loaded = load(text)
+    base = 'port = "/dev/ttyUSB0"\nmax_speed = "0.2 m/s"\nlease = "400 ms"\nafter_fault = "stay_off"'
+    loaded = load(text.replace('port = "/dev/ttyUSB0"', base))
+    assert loaded.stays_off == {"base"}
     assert loaded.leases_s == {"motor": 0.5, "buzzer": 0.3, "base": 0.4}
     assert loaded.plan.outputs[0] == LevelOutput(name="motor", safe_level=0.25, rise_per_s=4.0)
     assert loaded.plan.outputs[2] == BaseOutput(name="base", linear_max_mps=0.2)

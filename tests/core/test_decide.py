@@ -126,6 +126,26 @@ def test_an_output_that_is_out_of_order_is_left_at_its_safe_value_and_the_others
     assert rehearsal.events("base") == ["fault"]
 
 
+def test_a_fault_is_reported_again_when_its_reason_changes_and_its_output_goes_on_from_the_safe_value():
+    rehearsal = run(*[5] * 5)
+
+    def cycle(now_s, *reasons):
+        return rehearsal.cycle(
+            Observation(
+                now_s=now_s,
+                frame=FrameStamp(sequence=round(now_s * 100), captured_at_s=now_s),
+                measurements=(measured("ball", now_s, 5.0),),
+                output_faults=tuple(OutputFault(output="base", reason=reason) for reason in reasons),
+            )
+        )
+
+    driven_mps = rehearsal.decisions[-1][1].commands[2].linear_mps
+    for now_s, reason in ((0.6, "unplugged"), (0.7, "unplugged"), (0.8, "it answers again"), (0.9, "it answers again")):
+        assert cycle(now_s, reason).commands[2] == SAFE[2]
+    assert 0 < cycle(1.0).commands[2].linear_mps < driven_mps
+    assert rehearsal.events("base") == ["fault", "fault", "fault_cleared"]
+
+
 def test_the_winner_of_an_output_and_its_losers_are_named():
     rehearsal = run(*[0.3] * 8)
     decision = rehearsal.decisions[-1][1]

@@ -105,9 +105,9 @@ class Scenario:
 def scenario(tmp_path: Path) -> Callable[..., Scenario]:
     """Return a function that makes a scenario from the world above and changes to it."""
 
-    def make(world: str = "", text: str = WORLD, journal: Path | None = None) -> Scenario:
+    def make(world: str = "", text: str = WORLD, base: str = "") -> Scenario:
         path = tmp_path / "scenario.toml"
-        path.write_text(text + world)
+        path.write_text(text.replace("[base]", f"[base]\n{base}") + world)
         return Scenario(Loop(build(load_configuration(path), speed=None)))
 
     return make

@@ -2,6 +2,8 @@
 
 import pytest
 
+from stadimeter.app.leased_output import REST_S, RESTING
+from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode
 
 STILL_BALL = """
@@ -72,8 +74,8 @@ def test_after_a_fault_the_robot_goes_on_when_it_sees_again(scenario):
     assert [kind for source, kind in run.events() if source == "camera"] == ["fault", "fault_cleared"]
 
 
-def test_a_base_that_is_unplugged_stops_by_itself_and_stays_off_while_the_rest_goes_on(scenario):
-    run = scenario(STILL_BALL)
+def unplugged(scenario, base=""):
+    run = scenario(STILL_BALL, base=base)
 
     def unplug():
         run.world.faults.base_unplugged = True
@@ -82,15 +84,41 @@ def test_a_base_that_is_unplugged_stops_by_itself_and_stays_off_while_the_rest_g
         run.world.faults.base_unplugged = False
 
     run.at(1.5, unplug)
-    run.at(5.0, plug_in)
-    run.run(8)
+    run.at(4.5, plug_in)
+    return run
+
+
+def test_a_base_that_is_unplugged_stops_by_itself_while_the_rest_goes_on(scenario):
+    run = unplugged(scenario).run(4.4)
     assert ("base", "fault") in run.events()
     assert wheels_stand(run)
-    assert run.base_speeds(5.0, 8) == []
     motor = [command for command in run.records[-1].applied if command.output == "motor"]
     assert motor, "the motor still gets its commands"
     fault = run.records[-1].observation.output_faults[0]
     assert fault.output == "base"
+
+
+def test_a_base_that_is_plugged_in_again_is_identified_and_rests_before_it_drives_from_standstill(scenario):
+    run = unplugged(scenario).run(20)
+    events = [event for record in run.records for event in record.decision.events if event.source == "base"]
+    assert [event.kind for event in events] == ["fault", "fault", "fault_cleared"]
+    identified_s, allowed_s = events[1].at_s, events[2].at_s
+    assert events[1].reason == RESTING
+    assert 4.5 < identified_s <= allowed_s - REST_S < identified_s + 0.2
+    assert run.base_speeds(1.6, allowed_s) == []
+    assert run.base_speeds(allowed_s, allowed_s + 0.06)[0] < 0.1, "it sets off from standstill"
+    assert run.world.distance_m() == pytest.approx(1.0, abs=0.05)
+    assert {record.decision.safety for record in run.records if record.observation.now_s > 1} == {"active"}
+    state = initial_state(run.loop.parts.configuration.plan)
+    for record in run.records:
+        state, decision = decide(state, record.observation)
+        assert (decision.commands, decision.events) == (record.decision.commands, record.decision.events), "replayed"
+
+
+def test_a_base_that_shall_stay_off_does_so_when_it_is_plugged_in_again(scenario):
+    run = unplugged(scenario, base='after_fault = "stay_off"').run(20)
+    assert run.base_speeds(1.6, 20) == []
+    assert [kind for source, kind in run.events() if source == "base"] == ["fault"]
 
 
 def test_at_the_end_of_a_run_the_wheels_stand(scenario):

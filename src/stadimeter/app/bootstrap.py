@@ -136,6 +136,7 @@ class _Builder:
                 safe_command(output),
                 self._configuration.leases_s[output.name],
                 self._clock,
+                stays_off=output.name in self._configuration.stays_off,
             )
             for output in self._configuration.plan.outputs
         )

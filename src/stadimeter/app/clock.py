@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+
+from stadimeter.core.clock import TaskEndedError
 
 LATE_S = 0.2
 """A paced clock that is this far behind real time no longer tries to catch up."""
+
+
+_THREAD = threading.local()
+"""What a thread that runs beside others goes by: ``ended`` on a real clock, its ``task`` on a stepped one."""
 
 
 class MonotonicClock:
@@ -23,8 +31,12 @@ class MonotonicClock:
 
     def sleep_until_s(self, time_s: float) -> None:
         """Return when the clock shows ``time_s`` or later."""
+        ended: threading.Event | None = getattr(_THREAD, "ended", None)
         while (left_s := time_s - self.now_s()) > 0:
-            time.sleep(left_s)
+            if ended is None:
+                time.sleep(left_s)
+            elif ended.wait(left_s):
+                raise TaskEndedError
 
     def call_every(self, period_s: float, callback: Callable[[float], None]) -> Callable[[], None]:
         """Call ``callback(now_s)`` every ``period_s`` seconds from a thread, until the returned function is called."""
@@ -44,6 +56,18 @@ class MonotonicClock:
 
         return cancel
 
+    def run_beside(self, task: Callable[[], None]) -> Callable[[], None]:
+        """Run ``task`` in a thread of its own; the returned function has it end at its next sleep."""
+        ended = threading.Event()
+
+        def run() -> None:
+            _THREAD.ended = ended
+            with suppress(TaskEndedError):
+                task()
+
+        threading.Thread(target=run, name="beside", daemon=True).start()
+        return ended.set
+
 
 @dataclass(slots=True, eq=False)
 class _Periodic:
@@ -52,6 +76,42 @@ class _Periodic:
     due_s: float
     period_s: float
     callback: Callable[[float], None]
+
+
+class _Task:
+    """A task on a stepped clock: a thread that runs only while the one which steps the clock waits for it."""
+
+    def __init__(self, task: Callable[[], None]) -> None:
+        self._task = task
+        self._is_ended = False
+        self._its_turn, self._others_turn = threading.Semaphore(0), threading.Semaphore(0)
+        threading.Thread(target=self._run, name="beside", daemon=True).start()
+
+    def end(self) -> None:
+        """Have it end at its next sleep, or at the end of the present one."""
+        self._is_ended = True
+
+    def go_on(self) -> None:
+        """Let it run until it sleeps or is done."""
+        self._its_turn.release()
+        self._others_turn.acquire()
+
+    def sleep(self) -> None:
+        """Let the others run until the next `go_on`. Called by the task."""
+        self._others_turn.release()
+        self._its_turn.acquire()
+        if self._is_ended:
+            raise TaskEndedError
+
+    def _run(self) -> None:
+        _THREAD.task = self
+        self._its_turn.acquire()
+        try:
+            if not self._is_ended:
+                with suppress(TaskEndedError):
+                    self._task()
+        finally:
+            self._others_turn.release()
 
 
 class SteppedClock:
@@ -78,6 +138,11 @@ class SteppedClock:
 
     def sleep_until_s(self, time_s: float) -> None:
         """Move the clock to ``time_s``, calling on the way whatever is due, in the order of time."""
+        task: _Task | None = getattr(_THREAD, "task", None)
+        if task is not None:
+            self._wake(task, time_s)
+            task.sleep()
+            return
         while due := self._next_due(time_s):
             self._move_to(due.due_s)
             due.due_s += due.period_s
@@ -94,6 +159,22 @@ class SteppedClock:
                 self._periodic.remove(entry)
 
         return cancel
+
+    def run_beside(self, task: Callable[[], None]) -> Callable[[], None]:
+        """Run ``task`` within `sleep_until_s`; the returned function has it end at its next sleep."""
+        beside = _Task(task)
+        self._wake(beside, self._now_s)
+        return beside.end
+
+    def _wake(self, task: _Task, time_s: float) -> None:
+        """Let a task go on at that time."""
+
+        def go_on(_now_s: float) -> None:
+            self._periodic.remove(entry)
+            task.go_on()
+
+        entry = _Periodic(max(time_s, self._now_s), math.inf, go_on)
+        self._periodic.append(entry)
 
     def _next_due(self, until_s: float) -> _Periodic | None:
         due = min(self._periodic, key=lambda entry: entry.due_s, default=None)

@@ -100,7 +100,9 @@ class Cycle:
             measurements=measurements,
             camera_fault=camera_fault,
             output_faults=tuple(
-                OutputFault(output=output.name, reason=output.fault) for output in self.outputs if output.fault
+                OutputFault(output=output.name, reason=fault)
+                for output in self.outputs
+                if (fault := output.observed_fault())
             ),
             wall=wall,
             operator_commands=told,

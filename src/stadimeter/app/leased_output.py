@@ -1,14 +1,20 @@
 """One output of a run: its driver, the lease of its newest command, and whether it is in order.
 
 Every command carries the capture time of the frame that justifies it. When that frame is older than the lease, the
-output goes to its safe value, whatever the control loop is doing. A driver that failed is stopped and not used again in
-this run: a base that was unplugged must not drive off when somebody plugs it in again.
+output goes to its safe value, whatever the control loop is doing.
+
+A driver that failed is stopped. After a wait that grows with each failure it is closed and opened anew, as at the start
+of a run: whatever answers is identified, and stands. Then it keeps its safe value for `REST_S` more, with its fault
+changed to say so, for it may have been plugged in by someone whose hands are near its wheels. It takes commands again
+when that time has passed and the control loop has seen that fault. Opening may take seconds, so it runs beside
+everything else.
 """
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
@@ -21,6 +27,15 @@ BUSY_WAIT_S = 0.2
 
 CLOSE_WAIT_S = 1.0
 """Closing waits this long."""
+
+FIRST_WAIT_S = 0.5
+LONGEST_WAIT_S = 8.0
+"""Before a driver that failed is opened again: the first wait, doubled each time, up to the longest."""
+
+REST_S = 3.0
+"""A driver that was opened again stays at its safe value for this long."""
+
+RESTING = f"it answers again, and stays at its safe value for {REST_S:g} s before it may act"
 
 
 class OutputDriver(Protocol):
@@ -55,6 +70,7 @@ class LeasedOutput:
         safe: The command for its safe value.
         lease_s: How old the frame behind a command may grow.
         clock: The run's clock.
+        stays_off: Whether a driver that failed stays off for the rest of the run.
 
     Attributes:
         name: Its name in the configuration.
@@ -62,7 +78,9 @@ class LeasedOutput:
         fault: Why the driver is out of order; empty if it is in order.
     """
 
-    def __init__(self, driver: OutputDriver, safe: Command, lease_s: float, clock: Clock) -> None:
+    def __init__(
+        self, driver: OutputDriver, safe: Command, lease_s: float, clock: Clock, *, stays_off: bool = False
+    ) -> None:
         self.name = safe.output
         self.safe = safe
         self.fault = ""
@@ -71,6 +89,14 @@ class LeasedOutput:
         self._clock = clock
         self._command = safe
         self._retired = False
+        self._stays_off = stays_off
+        self._observed_fault = ""
+        self._wait_s = FIRST_WAIT_S
+        self._in_order_since_s = -math.inf
+        self._retry_at_s = 0.0
+        self._rest_until_s: float | None = None
+        self._end_opening: Callable[[], None] | None = None
+        self._defect: Exception | None = None
         # A signal may arrive while the control thread is in here, and its handler must get in as well.
         self._lock = threading.RLock()
 
@@ -83,6 +109,15 @@ class LeasedOutput:
         with self._lock:
             self._driver.open()
             self._driver.apply(self.safe)
+
+    def observed_fault(self) -> str:
+        """Return why the driver is out of order, for the control loop: no fault ends before the loop has seen it.
+
+        Returns:
+            The fault; empty if the driver is in order.
+        """
+        self._observed_fault = fault = self.fault
+        return fault
 
     def apply(self, command: Command) -> Command | None:
         """Act as commanded, unless the frame behind the command is too old already: then the safe value is applied.
@@ -137,9 +172,17 @@ class LeasedOutput:
         self._retired = True
 
     def _check(self, now_s: float) -> None:
-        if self.fault or self._retired:
+        if self._defect is not None:
+            defect, self._defect = self._defect, None
+            raise defect
+        if self._retired:
             self._repeat_stop(now_s)
-            return
+        elif self.fault:
+            self._recover(now_s)
+        else:
+            self._end_if_stale(now_s)
+
+    def _end_if_stale(self, now_s: float) -> None:
         try:
             if self._is_stale(self._command, now_s):
                 self._command = self.safe
@@ -160,7 +203,8 @@ class LeasedOutput:
         """
         self._retired = True
         with self._free(wait_s):
-            self._driver.stop()
+            if not self._broke_off_opening():
+                self._driver.stop()
 
     def close(self) -> None:
         """Stop and release the device.
@@ -170,7 +214,8 @@ class LeasedOutput:
         """
         self._retired = True
         with self._free(CLOSE_WAIT_S):
-            self._driver.close()
+            if not self._broke_off_opening():
+                self._driver.close()
 
     @contextmanager
     def _free(self, wait_s: float) -> Iterator[None]:
@@ -189,13 +234,78 @@ class LeasedOutput:
 
     def _repeat_stop(self, now_s: float) -> None:
         """Let the driver repeat a stop that nobody has acknowledged. Its fault is known already."""
+        if self._end_opening is not None:
+            return
         with suppress(DriverError):
             self._driver.tick(now_s)
+
+    def _recover(self, now_s: float) -> None:
+        if self._rest_until_s is not None:
+            self._rest(now_s, self._rest_until_s)
+        elif self._stays_off or now_s < self._retry_at_s:
+            self._repeat_stop(now_s)
+        elif self._end_opening is None:
+            self._end_opening = self._clock.run_beside(self._open_again)
+
+    def _open_again(self) -> None:
+        """Close the driver and open it anew. Meanwhile nobody else calls it, and the lock is free."""
+        is_open = False
+        try:
+            with suppress(DriverError):
+                self._driver.close()
+            with suppress(DriverError):
+                self._driver.open()
+                self._driver.apply(self.safe)
+                is_open = True
+        except Exception as error:  # noqa: BLE001 - a defect in the driver; the next check raises it
+            self._defect = error
+        finally:
+            with self._lock:
+                self._opened_again(is_open=is_open)
+
+    def _opened_again(self, *, is_open: bool) -> None:
+        now_s, self._end_opening = self._clock.now_s(), None
+        if self._retired:
+            with suppress(DriverError):
+                self._driver.close()
+        elif is_open:
+            self.fault, self._rest_until_s = RESTING, now_s + REST_S
+        else:
+            self._retry_later(now_s)
+
+    def _rest(self, now_s: float, until_s: float) -> None:
+        """Command the safe value as the control loop would, until the time has passed and the loop knows."""
+        try:
+            self._driver.apply(self.safe)
+            self._driver.tick(now_s)
+        except DriverError as error:
+            self._fail(error)
+            return
+        if not self._stopped_again() and now_s >= until_s and self._observed_fault == self.fault:
+            self.fault, self._rest_until_s, self._command = "", None, self.safe
+            self._in_order_since_s = now_s
+
+    def _broke_off_opening(self) -> bool:
+        """Return whether the driver is being opened. That ends now, closes the driver itself, and moved nothing."""
+        if self._end_opening is None:
+            return False
+        self._end_opening()
+        return True
+
+    def _retry_later(self, now_s: float) -> None:
+        """Wait for longer each time. Only a driver that was in order for a good while begins with the first wait."""
+        self._retry_at_s = now_s + self._wait_s
+        self._wait_s = min(2 * self._wait_s, LONGEST_WAIT_S)
 
     def _is_stale(self, command: Command, now_s: float) -> bool:
         return command.captured_at_s is not None and not now_s - command.captured_at_s <= self._lease_s
 
     def _fail(self, error: DriverError) -> None:
+        now_s = self._clock.now_s()
+        if now_s - self._in_order_since_s > LONGEST_WAIT_S:
+            self._wait_s = FIRST_WAIT_S
+        self._in_order_since_s, self._rest_until_s = math.inf, None
+        self._retry_later(now_s)
         self.fault = str(error) or type(error).__name__
         try:
             self._driver.stop()

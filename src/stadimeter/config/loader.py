@@ -14,6 +14,7 @@ from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.driver_tables import CAMERA, read_driver_table
 from stadimeter.config.driver_warnings import driver_warnings
 from stadimeter.config.findings import Finding, problems
+from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.paths import validation_context
 from stadimeter.config.rule_tests.checks import rule_test_findings, rule_test_warnings
 from stadimeter.config.rule_tests.tables import RuleTest, name_of
@@ -46,6 +47,7 @@ class Configuration:
         notifiers: The driver of each notifier, in the order of the file.
         world: The simulated world, or None.
         leases_s: For each output how old the frame behind a command may grow, in seconds.
+        stays_off: The outputs that stay off for the rest of a run once their driver failed.
         warnings: What is allowed and hardly meant.
         tests: The tests of its rules, in the order of the file.
     """
@@ -61,6 +63,7 @@ class Configuration:
     messenger: DriverChoice | None
     world: DriverChoice | None
     leases_s: Mapping[str, float]
+    stays_off: frozenset[str]
     warnings: tuple[Problem, ...]
     tests: tuple[RuleTest, ...] = ()
     notifiers: tuple[DriverChoice, ...] = ()
@@ -98,7 +101,8 @@ def load_configuration(path: Path) -> Configuration:
         messenger=draft.messenger,
         notifiers=tuple(draft.notifiers),
         world=draft.world,
-        leases_s=_leases(draft),
+        leases_s={name: table.lease for name, table in _output_tables(draft).items()},
+        stays_off=frozenset(name for name, table in _output_tables(draft).items() if table.after_fault == "stay_off"),
         warnings=problems(
             (*warning_findings(draft), *rule_test_warnings(draft), *secret_warnings(draft), *driver_warnings(draft)),
             str(path),
@@ -207,8 +211,6 @@ def _tests(draft: Draft, places: Mapping[KeyPath, Place]) -> tuple[RuleTest, ...
     )
 
 
-def _leases(draft: Draft) -> dict[str, float]:
-    leases_s = {name: table.lease for name, table in draft.actuator_tables.items()}
-    if draft.base_table is not None:
-        leases_s[BASE_NAME] = draft.base_table.lease
-    return leases_s
+def _output_tables(draft: Draft) -> dict[str, ActuatorTable | BaseTable]:
+    base = {BASE_NAME: draft.base_table} if draft.base_table is not None else {}
+    return {**draft.actuator_tables, **base}

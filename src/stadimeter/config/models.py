@@ -46,6 +46,7 @@ def _above_zero(text: object) -> float:
 
 
 DurationAboveZero = Annotated[float, BeforeValidator(_above_zero), as_written(DURATIONS_S, "250 ms")]
+AfterFault = Literal["reopen", "stay_off"]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -79,6 +80,7 @@ class ActuatorTable(Section):
         rise_per_s: Largest change of the level upwards in a second; None for no limit.
         fall_per_s: Largest change downwards.
         combine: Of several rules that ask for it with one priority, which level counts; None where that is an error.
+        after_fault: What becomes of it when its driver failed: opened again, or off for the rest of the run.
     """
 
     safe: Share = _LEVEL.safe_level
@@ -86,6 +88,7 @@ class ActuatorTable(Section):
     rise_per_s: Annotated[float, Field(gt=0)] | None = None
     fall_per_s: Annotated[float, Field(gt=0)] | None = None
     combine: Literal["max", "min"] | None = _LEVEL.combine
+    after_fault: AfterFault = "reopen"
 
     def to_plan(self, name: str) -> plan.LevelOutput:
         """Return the actuator as the core sees it.
@@ -116,6 +119,7 @@ class BaseTable(Section):
         lease: In seconds.
         combine: What counts of several rules that ask for it with one priority: the slower of each speed; None where
             that is an error.
+        after_fault: What becomes of it when its driver failed: opened again, or off for the rest of the run.
     """
 
     max_speed: Speed = _BASE.linear_max_mps
@@ -124,6 +128,7 @@ class BaseTable(Section):
     turn_acceleration: TurnAcceleration = _BASE.angular_accel_radps2
     lease: DurationAboveZero = LEASE_S
     combine: Literal["most_restrictive"] | None = _BASE.combine
+    after_fault: AfterFault = "reopen"
 
     def to_plan(self, name: str) -> plan.BaseOutput:
         """Return the base as the core sees it.

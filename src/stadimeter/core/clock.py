@@ -6,6 +6,10 @@ from collections.abc import Callable
 from typing import Protocol
 
 
+class TaskEndedError(BaseException):
+    """A task that runs beside others is no longer wanted. No driver catches it: it is no `Exception`."""
+
+
 class Clock(Protocol):
     """A monotonic clock in seconds, real or stepped.
 
@@ -25,5 +29,14 @@ class Clock(Protocol):
 
         A real clock calls from a thread of its own; a stepped clock calls from within `sleep_until_s`, in the order
         of time, so that a simulation needs no threads.
+        """
+        ...
+
+    def run_beside(self, task: Callable[[], None]) -> Callable[[], None]:
+        """Run ``task`` once, beside the caller; the returned function has it end at its next sleep on this clock.
+
+        For what takes seconds and may hold nothing up. A real clock runs it in a thread of its own; a stepped clock
+        within `sleep_until_s`, from each of its sleeps to the next, in the order of time. To end it, its sleep raises
+        `TaskEndedError`.
         """
         ...

@@ -188,14 +188,17 @@ def _camera_events(before: SafetyState, after: SafetyState, now_s: float) -> tup
 
 
 def _fault_events(before: tuple[OutputFault, ...], observation: Observation) -> tuple[Event, ...]:
+    """Report each fault, each change of its reason (such as that it will soon act again), and its end."""
     if not before and not observation.output_faults:
         return ()
-    was = {fault.output for fault in before}
+    was = {fault.output: fault.reason for fault in before}
     now = {fault.output: fault.reason for fault in observation.output_faults}
     at_s = observation.now_s
-    begun = [_fault_event(EventKind.FAULT, name, at_s, reason) for name, reason in now.items() if name not in was]
+    begun = [
+        _fault_event(EventKind.FAULT, name, at_s, reason) for name, reason in now.items() if was.get(name) != reason
+    ]
     ended = [
-        _fault_event(EventKind.FAULT_CLEARED, fault.output, at_s, "it answers again")
+        _fault_event(EventKind.FAULT_CLEARED, fault.output, at_s, "it may act again")
         for fault in before
         if fault.output not in now
     ]

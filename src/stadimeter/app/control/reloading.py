@@ -22,7 +22,7 @@ from stadimeter.errors import StadimeterError
 _LIVE = frozenset({"path", "text", "plan", "warnings", "tests"})
 """What a run can take over. The plan is looked at apart; everything else needs a restart."""
 
-_SECTIONS = {"camera_model": "camera.model", "leases_s": "lease of an output"}
+_SECTIONS = {"camera_model": "camera.model", "leases_s": "lease of an output", "stays_off": "after_fault"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
