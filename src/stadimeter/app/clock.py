@@ -16,7 +16,20 @@ LATE_S = 0.2
 
 
 _THREAD = threading.local()
-"""What a thread that runs beside others goes by: ``ended`` on a real clock, its ``task`` on a stepped one."""
+"""What a thread that runs beside others goes by: its ``end_flag`` on a real clock, its ``task`` on a stepped one."""
+
+NOTICED_WITHIN_S = 0.05
+"""A task in its own thread looks this often whether it is still wanted."""
+
+
+@dataclass(slots=True)
+class _EndFlag:
+    """Tells a task to end. Unlike an event it has no lock, so that a signal handler may set it at any time."""
+
+    is_set: bool = False
+
+    def set(self) -> None:
+        self.is_set = True
 
 
 class MonotonicClock:
@@ -31,12 +44,11 @@ class MonotonicClock:
 
     def sleep_until_s(self, time_s: float) -> None:
         """Return when the clock shows ``time_s`` or later."""
-        ended: threading.Event | None = getattr(_THREAD, "ended", None)
+        flag: _EndFlag | None = getattr(_THREAD, "end_flag", None)
         while (left_s := time_s - self.now_s()) > 0:
-            if ended is None:
-                time.sleep(left_s)
-            elif ended.wait(left_s):
+            if flag is not None and flag.is_set:
                 raise TaskEndedError
+            time.sleep(left_s if flag is None else min(left_s, NOTICED_WITHIN_S))
 
     def call_every(self, period_s: float, callback: Callable[[float], None]) -> Callable[[], None]:
         """Call ``callback(now_s)`` every ``period_s`` seconds from a thread, until the returned function is called."""
@@ -58,15 +70,15 @@ class MonotonicClock:
 
     def run_beside(self, task: Callable[[], None]) -> Callable[[], None]:
         """Run ``task`` in a thread of its own; the returned function has it end at its next sleep."""
-        ended = threading.Event()
+        flag = _EndFlag()
 
         def run() -> None:
-            _THREAD.ended = ended
+            _THREAD.end_flag = flag
             with suppress(TaskEndedError):
                 task()
 
         threading.Thread(target=run, name="beside", daemon=True).start()
-        return ended.set
+        return flag.set
 
 
 @dataclass(slots=True, eq=False)
