@@ -1,0 +1,306 @@
+"""Runs the real program with a robot base beside processes that keep every core busy, and counts the base's faults.
+
+::
+
+    python tests/benchmarks/base_under_load.py --runs 20 --seconds 60 --at-once 2
+
+``stadimeter run`` has a live camera and a detector that always see a ball 2 m away, so it drives all the time. The
+base is the emulated firmware in a process of its own, behind a pseudo-terminal. There is nothing wrong with it, so each
+fault is a false one. A real board has a processor for itself; the emulated one competes with the rest, so its longest
+pause is reported beside the faults: one beyond `LOST_AFTER_S` would be a real silence.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from stadimeter.app.clock import MonotonicClock
+from stadimeter.bases.ros_arduino_base import LOST_AFTER_S
+from stadimeter.config.plugins import Options, Plugin
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.frame import Frame
+from stadimeter.core.target import BallSize
+from stadimeter.errors import DeviceClosedError
+from stadimeter.simulation.emulated_port import EmulatedPort
+from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
+
+FRAME_S = 1 / 30
+PATIENCE_S = 40.0
+CORES_BUSY = 2
+
+CONFIGURATION = """
+[camera]
+driver = "steady"
+
+[camera.model]
+width_px = 64
+height_px = 48
+fx_px = 60.0
+fy_px = 60.0
+cx_px = 31.5
+cy_px = 23.5
+
+[targets.ball]
+detector = "steady"
+
+[base]
+driver = "ros-arduino-bridge"
+port = "{port}"
+wheel_diameter = "65 mm"
+ticks_per_turn = 1440
+track_width = "16 cm"
+
+[rules.follow]
+actuator = "base"
+follow = {{ distance = "1 m", max_speed = "0.3 m/s" }}
+"""
+ENTRY_POINTS = """
+[stadimeter.cameras]
+steady = base_under_load:CAMERA
+[stadimeter.detectors]
+steady = base_under_load:DETECTOR
+"""
+
+
+class SteadyCamera:
+    """A live camera of 30 frames a second, whose picture always changes."""
+
+    is_live = True
+    remarks = ()
+
+    def __init__(self) -> None:
+        self._closed = threading.Event()
+        self._count = 0
+
+    def open(self) -> None:
+        self._closed.clear()
+
+    def read(self) -> Frame:
+        if self._closed.wait(FRAME_S):
+            raise DeviceClosedError("closed")
+        self._count += 1
+        image = np.full((48, 64, 3), self._count % 250, np.uint8)
+        return Frame(image=image, captured_at_s=time.monotonic(), sequence=self._count)
+
+    def close(self) -> None:
+        self._closed.set()
+
+
+class SteadyDetector:
+    """Always sees a ball at 2 m."""
+
+    target_size = BallSize(diameter_m=0.2)
+
+    def detect(self, frame: Frame, prediction: object = None) -> Detection:
+        angles = np.arange(60.0)
+        return Detection(
+            target="ball",
+            status=DetectionStatus.FOUND,
+            centre_px=(31.5, 23.5),
+            width_px=6.0,
+            height_px=6.0,
+            size_sigma_px=0.05,
+            outline_px=np.array((31.5, 23.5)) + 3 * np.stack((np.cos(angles), np.sin(angles)), axis=1),
+        )
+
+
+CAMERA = Plugin(Options, lambda _options, _context: SteadyCamera())
+DETECTOR = Plugin(Options, lambda _options, _context: SteadyDetector())
+
+
+@dataclass
+class _Board:
+    """The process of the emulated board: obeys words on its standard input, a line each."""
+
+    plugged: bool = True
+    longest_pause_s: float = 0.0
+    _served_s: float = field(default_factory=time.monotonic)
+
+    def serve(self) -> None:
+        firmware = RosArduinoFirmware(started_s=time.monotonic())
+        port = EmulatedPort(firmware, MonotonicClock(), lambda: self.plugged, self._measure)
+        print(port.path, flush=True)
+        for line in sys.stdin:
+            match line.strip():
+                case "unplug" | "plug" as word:
+                    self.plugged = word == "plug"
+                case "silence" | "answer" as word:
+                    firmware.silent = word == "silence"
+                case "read":
+                    port.is_read = True
+                case "do not read":
+                    port.is_read = False
+                    _fill(port.path)
+                case "report":
+                    driven_tps = firmware.left.driven_tps
+                    print(json.dumps({"pause_s": self.longest_pause_s, "driven_tps": driven_tps}), flush=True)
+        port.close()
+
+    def _measure(self) -> None:
+        now_s = time.monotonic()
+        self.longest_pause_s = max(self.longest_pause_s, now_s - self._served_s)
+        self._served_s = now_s
+
+
+def _fill(path: str) -> None:
+    """Fill the port up with what the firmware passes over."""
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(descriptor, b"\n" * 64)
+    os.close(descriptor)
+
+
+class Rig:
+    """The program and its board, each in a process of its own.
+
+    Attributes:
+        lines: What the program says, a line each.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self.lines: queue.Queue[str] = queue.Queue()
+        self.said: list[str] = []
+        self._seconds = seconds
+        self._cleaning = ExitStack()
+
+    def __enter__(self) -> Self:
+        folder = Path(self._cleaning.enter_context(tempfile.TemporaryDirectory(prefix="base-under-load-")))
+        self._board = self._start([sys.executable, __file__, "--board"])
+        self._write_configuration(folder, self._answer())
+        command = [sys.executable, "-m", "stadimeter", "run", str(folder / "run.toml"), "--no-state"]
+        self.program = self._start([*command, f"--seconds={self._seconds:g}", f"--socket={folder / 's'}"], folder)
+        threading.Thread(target=self._listen, daemon=True).start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._cleaning.close()
+
+    def tell_board(self, words: str) -> None:
+        assert self._board.stdin
+        self._board.stdin.write(words + "\n")
+        self._board.stdin.flush()
+
+    def board(self) -> dict[str, float]:
+        self.tell_board("report")
+        report: dict[str, float] = json.loads(self._answer())
+        return report
+
+    def wait_for(self, words: str) -> str:
+        """Return the next line with these words."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while words not in (line := self.lines.get(timeout=max(0.0, deadline_s - time.monotonic()))):
+            pass
+        return line
+
+    def faults(self) -> list[str]:
+        """Return every fault of the base that was reported so far."""
+        return [line for line in self.said if "safety: base fault" in line]
+
+    def _listen(self) -> None:
+        assert self.program.stdout
+        for line in self.program.stdout:
+            self.said.append(line)
+            self.lines.put(line)
+
+    def _answer(self) -> str:
+        assert self._board.stdout
+        return self._board.stdout.readline().strip()
+
+    def _start(self, command: Sequence[str], *python_path: Path) -> subprocess.Popen[str]:
+        paths = [*python_path, Path(__file__).parent, *filter(None, [os.environ.get("PYTHONPATH")])]
+        process = self._cleaning.enter_context(
+            subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))},
+            )
+        )
+        self._cleaning.callback(process.kill)
+        return process
+
+    @staticmethod
+    def _write_configuration(folder: Path, port: str) -> None:
+        (folder / "run.toml").write_text(CONFIGURATION.format(port=port))
+        (folder / "rig-0.dist-info").mkdir()
+        (folder / "rig-0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: rig\nVersion: 0\n")
+        (folder / "rig-0.dist-info" / "entry_points.txt").write_text(ENTRY_POINTS)
+
+
+@contextmanager
+def busy_cores(processes: int = CORES_BUSY) -> Iterator[None]:
+    """Keep processes running that do nothing but count."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a run without any real fault came to."""
+
+    faults: list[str]
+    drove: bool
+    board_pause_s: float
+
+
+def healthy_run(seconds: float) -> Outcome:
+    """Run once with nothing wrong.
+
+    Args:
+        seconds: For how long.
+
+    Returns:
+        What it came to.
+    """
+    with Rig(seconds) as rig:
+        rig.wait_for("base 0.3")
+        driven_tps = rig.board()["driven_tps"]
+        rig.program.wait(seconds + PATIENCE_S)
+        return Outcome(faults=rig.faults(), drove=driven_tps > 0, board_pause_s=rig.board()["pause_s"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
+    parser.add_argument("--board", action="store_true", help="be the board")
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--at-once", type=int, default=1, help="how many runs go on at the same time")
+    arguments = parser.parse_args()
+    if arguments.board:
+        _Board().serve()
+        return
+    with busy_cores(), ThreadPoolExecutor(arguments.at_once) as pool:
+        outcomes = list(pool.map(healthy_run, [arguments.seconds] * arguments.runs))
+    for outcome in outcomes:
+        print(f"{len(outcome.faults)} faults, the board paused for up to {outcome.board_pause_s * 1e3:.0f} ms")
+        print("".join(outcome.faults), end="")
+    wrong = sum(bool(outcome.faults) for outcome in outcomes)
+    silent = sum(outcome.board_pause_s > LOST_AFTER_S for outcome in outcomes)
+    print(f"runs: {len(outcomes)}, with false faults: {wrong}, whose board really paused too long: {silent}")
+
+
+if __name__ == "__main__":
+    main()
