@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -304,13 +305,26 @@ def test_a_base_unplugged_while_it_is_greeted_cannot_be_opened(bench: Bench) -> 
         bench.base().open()
 
 
-def test_a_stop_behind_half_a_frame_is_not_read_as_part_of_it(bench: Bench, base: RosArduinoBase) -> None:
-    def flood() -> None:
+def flood(bench: Bench, base: RosArduinoBase) -> None:
+    def command() -> None:
         while True:  # time stands still, so nobody reads at the other end
             base.apply(bench.twist(0.3, 0.0))
 
     with pytest.raises(LinkLostError, match="50 ms"):
-        flood()
+        command()
+
+
+def fill(path: str) -> None:
+    """Fill the port up with what the firmware passes over."""
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(descriptor, b"\n" * 64)
+    os.close(descriptor)
+
+
+def test_a_stop_behind_half_a_frame_is_not_read_as_part_of_it(bench: Bench, base: RosArduinoBase) -> None:
+    flood(bench, base)
     bench.clock.advance_s(0.5)
     bench.board.firmware.receive(b"m 50", bench.clock.now_s())  # what the port took of the last frame
     base.stop()
@@ -321,13 +335,17 @@ def test_a_stop_behind_half_a_frame_is_not_read_as_part_of_it(bench: Bench, base
     assert bench.wheels_mps == pytest.approx((0.3, 0.3), rel=0.02)
 
 
-def test_a_stop_that_the_port_did_not_take_is_tried_again(bench: Bench, base: RosArduinoBase) -> None:
-    def flood() -> None:
-        while True:
-            base.apply(bench.twist(0.3, 0.0))
+def test_a_stop_comes_before_the_commands_that_a_full_port_still_held(bench: Bench, base: RosArduinoBase) -> None:
+    bench.drive(base, 0.3, 0.0)
+    flood(bench, base)
+    base.stop()
+    bench.pass_time(base, 0.05)  # sooner than a stop is repeated
+    assert bench.board.firmware.left.driven_tps == 0.0
 
-    with pytest.raises(LinkLostError):
-        flood()
+
+def test_a_stop_that_the_port_did_not_take_is_tried_again(bench: Bench, base: RosArduinoBase) -> None:
+    bench.drive(base, 0.3, 0.0)
+    fill(bench.board.port.path)
     with pytest.raises(LinkLostError):
         base.stop()
     bench.clock.advance_s(0.2)

@@ -7,6 +7,7 @@ import os
 import select
 import termios
 import time
+from contextlib import suppress
 
 import serial
 from serial.tools import list_ports
@@ -69,7 +70,8 @@ class SerialLink:
         Raises:
             DeviceClosedError: The port is not open.
             LinkLostError: The port is gone, or bytes of the frame remain after `UNTAKEN_AFTER_S`. Part of the frame
-                may have been sent.
+                may have been sent. What waited in the port is thrown away: the next frame, mostly a stop, shall neither
+                find it full nor come after commands from before.
         """
         deadline_s = time.monotonic() + UNTAKEN_AFTER_S
         left = frame[self._taken(frame) :]
@@ -79,6 +81,7 @@ class SerialLink:
                 self._wait_for_room(wait_s)
             left = left[self._taken(left) :]
             if left and wait_s <= 0:
+                self._discard()
                 raise LinkLostError(
                     f"the serial port {self._path} has not taken {len(left)} bytes in {UNTAKEN_AFTER_S * 1e3:.0f} ms; "
                     "the other end does not read: check the base and its cable"
@@ -104,19 +107,20 @@ class SerialLink:
             DeviceClosedError: The port is not open.
             LinkLostError: The port is gone, or the bytes have not left in time.
         """
-        port = self._opened()
         deadline_s = time.monotonic() + DRAIN_TIMEOUT_S
-        try:
-            while port.out_waiting and time.monotonic() < deadline_s:
-                time.sleep(0.001)
-            left = port.out_waiting
-        except OSError as error:
-            raise self._lost(error) from error
-        if left:
+        while self._waiting() and time.monotonic() < deadline_s:
+            time.sleep(0.001)
+        if left := self._waiting():
             raise LinkLostError(f"the last {left} bytes to the serial port {self._path} have not left in time")
 
     def close(self) -> None:
-        """Release the port. May be called any number of times."""
+        """Release the port, without what has not left it: the system may wait for that for half a minute.
+
+        May be called any number of times.
+        """
+        with suppress(LinkLostError):
+            if self._port and self._waiting():
+                self._discard()
         port, self._port = self._port, None
         if port:
             port.close()
@@ -130,6 +134,18 @@ class SerialLink:
             return 0
         except OSError as error:
             raise self._lost(error) from error
+
+    def _waiting(self) -> int:
+        """Return how many bytes have not left the port."""
+        port = self._opened()
+        try:
+            return port.out_waiting
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def _discard(self) -> None:
+        with suppress(OSError, termios.error):
+            self._opened().reset_output_buffer()
 
     def _wait_for_room(self, seconds: float) -> None:
         waiting = select.poll()
