@@ -4,10 +4,12 @@ import threading
 from itertools import pairwise
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.guard import Guard, retire_all
-from stadimeter.app.leased_output import RESTING, LeasedOutput
+from stadimeter.app.leased_output import REST_S, RESTING, LeasedOutput
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.errors import DeviceOpenError, LinkLostError
 from stadimeter.testing.manual_clock import ManualClock
@@ -250,6 +252,62 @@ def test_a_run_that_ends_does_not_wait_for_a_driver_that_is_being_opened_again()
     guard.stop()
     output.close()
     assert closed.wait(20)
+
+
+class Flaky(RecordingActuator):
+    """An actuator that keeps when it failed, and what it did when."""
+
+    def __init__(self, clock):
+        super().__init__(clock, "motor")
+        self.failed_at_s, self.moved = [], []
+
+    def _fail_if_told(self, action):
+        try:
+            super()._fail_if_told(action)
+        except LinkLostError:
+            self.failed_at_s.append(self._clock.now_s())
+            raise
+
+    def apply(self, command):
+        applied = super().apply(command)
+        if command != SAFE:
+            self.moved.append((self._clock.now_s(), len(self.failed_at_s)))
+        return applied
+
+
+steps = st.sampled_from(
+    [("break", (action,)) for action in ("open", "apply", "tick", "stop", "close")]
+    + [("mend", None)] * 4
+    + [("pass", seconds) for seconds in (0.01, 0.1, 0.5, 1.0, 3.0)]
+    + [("cycle", None)] * 5
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(steps, min_size=10, max_size=60))
+def test_whatever_fails_when_nothing_moves_before_a_whole_rest_without_a_fault(steps):
+    clock = ManualClock(start_s=100.0)
+    driver = Flaky(clock)
+    output = LeasedOutput(driver, SAFE, lease_s=0.3, clock=clock)
+    output.open()
+    Guard([output], clock).start()
+    for what, value in steps:
+        if what == "break":
+            driver.fail_with, driver.fail_on = LinkLostError("broken"), value
+        elif what == "mend":
+            driver.fail_with = None
+        elif what == "pass":
+            clock.advance_s(value)
+        else:
+            command = SAFE if output.observed_fault() else full(clock.now_s())
+            output.apply(command)
+    for moved_at_s, failures in driver.moved:
+        if failures:
+            assert moved_at_s - driver.failed_at_s[failures - 1] >= REST_S
+    driver.fail_with = None
+    while output.observed_fault():
+        clock.advance_s(0.5)
+    assert output.apply(full(clock.now_s())) is not None, "and it always comes back"
 
 
 def test_a_defect_that_comes_up_while_a_driver_is_opened_again_ends_the_run(guarded, output, driver, clock):
