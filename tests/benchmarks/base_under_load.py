@@ -6,8 +6,8 @@
 
 ``stadimeter run`` has a live camera and a detector that always see a ball 2 m away, so it drives all the time. The
 base is the emulated firmware in a process of its own, behind a pseudo-terminal. There is nothing wrong with it, so each
-fault is a false one. A real board has a processor for itself; the emulated one competes with the rest, so its longest
-pause is reported beside the faults: one beyond `LOST_AFTER_S` would be a real silence.
+fault is a false one. A real board has a processor for itself. The emulated one goes before everything else where that
+is allowed (root), and its longest pause is reported beside the faults: one beyond `LOST_AFTER_S` is a real silence.
 """
 
 from __future__ import annotations
@@ -133,6 +133,8 @@ class _Board:
     _served_s: float = field(default_factory=time.monotonic)
 
     def serve(self) -> None:
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
         firmware = RosArduinoFirmware(started_s=time.monotonic())
         port = EmulatedPort(firmware, MonotonicClock(), lambda: self.plugged, self._measure)
         print(port.path, flush=True)
