@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import select
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -317,8 +318,8 @@ def flood(bench: Bench, base: RosArduinoBase) -> None:
 def fill(path: str) -> None:
     """Fill the port up with what the firmware passes over."""
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    with contextlib.suppress(BlockingIOError):
-        while True:
+    while select.select([], [descriptor], [], 0.1)[1]:  # the kernel moves bytes on between its own buffers
+        with contextlib.suppress(BlockingIOError):
             os.write(descriptor, b"\n" * 64)
     os.close(descriptor)
 
