@@ -2,10 +2,13 @@
 
 import json
 import math
+import os
+import random
 import signal
 import sqlite3
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +16,7 @@ import pytest
 
 from stadimeter.app.keeping.alarm_store import AlarmStore, Memory
 from stadimeter.app.keeping.moments import Moment
+from stadimeter.app.keeping.state_file import Kind, kind_of
 from stadimeter.core.alarms.state import AlarmState, Gates, Leg, Resumed, Timers
 from stadimeter.core.alarms.table import Phase
 from stadimeter.core.decision import Event, EventKind, Severity
@@ -144,20 +148,93 @@ def test_a_change_that_was_cut_off_by_a_power_cut_leaves_what_was_there_before(p
         assert warning == ""
 
 
-def test_a_flipped_byte_anywhere_never_becomes_another_memory(path):
-    good = written(path, NEAR, FAR).read_bytes()
-    expected, _ = read(path)
-    for place in [*range(120), *range(120, len(good), 61)]:
-        path.write_bytes(good[:place] + bytes([good[place] ^ 0x41]) + good[place + 1 :])
-        memory, warning = read(path)
-        if warning:
+SEVERAL = (NEAR, FAR, *(replace(NEAR, rule=f"gate {number}", meaning=f"{number:064x}") for number in range(8)))
+
+
+@pytest.mark.parametrize("flips", [400, pytest.param(10_000, marks=[pytest.mark.long, pytest.mark.timeout(600)])])
+@pytest.mark.parametrize("is_named", [False, True])
+def test_flipped_bytes_are_damage_and_never_another_memory_or_the_end_of_a_start(path, flips, is_named):
+    store = AlarmStore(path)
+    store.open()
+    store.write(remembered(*SEVERAL[:6]))
+    store.write(remembered(*SEVERAL))
+    log = path.with_name(path.name + "-wal")
+    good = {path: path.read_bytes(), log: log.read_bytes()}  # as a power cut would leave them
+    store.close()
+    closed = {path: path.read_bytes()}
+    chance, seen = random.Random(9), Counter()  # noqa: S311 - the same flips each time
+    for number in range(flips):
+        files = dict(closed if number % 2 else good)
+        file = chance.choice(list(files))
+        place = chance.randrange(len(files[file]))
+        files[file] = (
+            files[file][:place] + bytes([files[file][place] ^ chance.randrange(1, 256)]) + files[file][place + 1 :]
+        )
+        for each in path.parent.iterdir():
+            each.unlink()
+        for each, content in files.items():
+            each.write_bytes(content)
+        store = AlarmStore(path, is_named=is_named)
+        memory = store.open()
+        store.write(remembered(FAR))
+        store.close()
+        seen["damaged" if store.warning else "whole"] += 1
+        if store.warning:
             assert memory is None
-            assert "damaged" in warning or "later version" in warning
+            assert "is damaged" in store.warning or "later version" in store.warning
+            assert list(path.parent.glob(f"{path.name}.*-1"))
         else:
-            assert memory == expected
-    asides = list(path.parent.glob("run.sqlite3.damaged-*"))
-    assert len(asides) > 50
-    assert not list(path.parent.glob("*-wal"))
+            # A log with a wrong frame ends before it: what was written before that.
+            assert set(memory.alarms) in ({*SEVERAL}, {*SEVERAL[:6]}) if memory else file == log
+        assert read(path)[0].alarms == (FAR,)
+    assert seen["damaged"] > flips / 20
+    assert seen["whole"] > flips / 20
+
+
+def broken(path, statement, *values):
+    """Change a state file in a way that SQLite takes for right."""
+    with sqlite3.connect(path) as database:
+        database.execute("PRAGMA writable_schema = ON")
+        database.execute(statement, values)
+    database.close()
+
+
+ENDLESS = """CREATE VIEW alarm AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n)
+SELECT x AS rule, x AS memory FROM n"""
+
+
+@pytest.mark.parametrize(
+    ("statement", "values"),
+    [
+        ("UPDATE alarm SET memory = CAST(x'ff9241' AS TEXT)", ()),
+        ("UPDATE alarm SET memory = ?", (b"bytes",)),
+        ("UPDATE alarm SET memory = ?", (2**62,)),
+        ("UPDATE alarm SET memory = ?", ("[" * 100_000,)),
+        ("UPDATE alarm SET memory = ?", ("9" * 5_000,)),
+        ("UPDATE alarm SET memory = CAST(zeroblob(3000000) AS TEXT)", ()),
+        ("UPDATE saved SET moment = ?", (1.5,)),
+        ("DELETE FROM saved", ()),
+        ("UPDATE sqlite_schema SET sql = 'CREATE TABLE alarm (one)' WHERE name = 'alarm'", ()),
+        ("DELETE FROM sqlite_schema WHERE name = 'saved'", ()),
+        ("UPDATE sqlite_schema SET type = 'view', rootpage = 0, sql = ? WHERE name = 'alarm'", (ENDLESS,)),
+    ],
+)
+def test_whatever_a_file_of_ours_holds_is_damage_and_costs_little(path, statement, values):
+    broken(written(path, NEAR, FAR), statement, *values)
+    memory, warning = read(path)
+    assert memory is None
+    assert f"{path} is damaged: " in warning
+    assert path.with_name("run.sqlite3.damaged-1").exists()
+
+
+@pytest.mark.parametrize("ending", ["", "-wal"])
+def test_a_file_of_a_size_that_was_never_written_here_is_not_read(path, ending):
+    written(path, NEAR)
+    with path.with_name(path.name + ending).open("ab") as file:
+        file.truncate(300 * 2**20)
+    memory, warning = read(path)
+    assert memory is None
+    assert "it is larger than any that was written here" in warning
 
 
 def test_a_damaged_file_is_put_aside_and_the_run_starts_without_it(path):
@@ -262,7 +339,75 @@ def test_a_full_disk_leaves_the_file_as_it_was_and_a_later_write_succeeds(path):
     assert set(read(path)[0].alarms) == {FAR, NEAR}
 
 
-@pytest.mark.parametrize("name", ["/proc/none/run.sqlite3", "/dev/null/run.sqlite3"])
-def test_a_place_that_cannot_be_written_is_told_plainly(name):
+def test_a_place_that_cannot_be_written_is_told_plainly():
     with pytest.raises(StateError, match="cannot be written"):
-        AlarmStore(Path(name)).open()
+        AlarmStore(Path("/proc/none/run.sqlite3")).open()
+
+
+def database_of_somebody(path):
+    with sqlite3.connect(path) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("CREATE TABLE photos (name TEXT)")
+    database.close()
+
+
+def words(path):
+    path.write_text("a diary\n" * 400)
+
+
+@pytest.mark.parametrize("make", [words, database_of_somebody])
+def test_a_file_of_somebody_else_that_was_named_is_refused_and_stays_as_it_is(path, make):
+    path.parent.mkdir()
+    make(path)
+    before = path.read_bytes()
+    with pytest.raises(StateError, match="is no state file, and was left as it is; name another file with --state"):
+        AlarmStore(path, is_named=True).open()
+    assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]
+
+
+def a_folder(path):
+    path.mkdir()
+
+
+def a_pipe(path):
+    os.mkfifo(path)
+
+
+def a_loop(path):
+    path.symlink_to(path.name)
+
+
+def a_device(path):
+    path.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("make", [a_folder, a_pipe, a_loop, a_device])
+@pytest.mark.parametrize("is_named", [False, True])
+def test_what_can_be_no_state_file_is_refused_without_waiting_for_it(path, make, is_named):
+    path.parent.mkdir()
+    make(path)
+    with pytest.raises(StateError, match="cannot be used"):
+        AlarmStore(path, is_named=is_named).open()
+    assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "x" * 250, "under/" * 1000 + "x"])
+def test_a_name_that_is_too_long_is_told_plainly(tmp_path, name):
+    with pytest.raises(StateError, match=r"cannot be (used|written)"):
+        AlarmStore(tmp_path / name).open()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may do anything")
+def test_a_file_that_may_not_be_read_is_told_plainly(path):
+    written(path, NEAR).chmod(0)
+    with pytest.raises(StateError, match="cannot be used: Permission denied"):
+        AlarmStore(path, is_named=True).open()
+
+
+def test_a_file_is_known_as_ours_from_its_first_write_on(path):
+    store = AlarmStore(path)
+    store.open()
+    store.write(remembered(NEAR))
+    assert kind_of(path) is Kind.OURS  # though all of it is still in the log
+    store.close()

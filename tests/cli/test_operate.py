@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -289,19 +290,34 @@ def test_alarms_go_on_after_a_kill(terminal):
 
 def test_a_damaged_state_file_is_a_warning_and_the_run_goes_on(terminal):
     state = terminal.folder / "door.sqlite3"
-    state.write_bytes(b"\xff" * 5000)
-    done = terminal.type("run", terminal.config, "--state", state, "--seconds", 1, "--speed", 0)
+    typed = ("run", terminal.config, "--state", state, "--seconds", 1, "--speed", 0)
+    assert terminal.type(*typed).stderr == ""
+    whole = state.read_bytes()
+    damaged = whole[:68] + b"\xff" + whole[69:4096] + bytes(len(whole) - 4096)
+    state.write_bytes(damaged)
+    done = terminal.type(*typed)
     assert done.returncode == 0
     (line,) = done.stderr.splitlines()
-    assert line.startswith(f"warning: {state} is damaged: file is not a database; it is now {state}.damaged-1")
-    assert state.with_name("door.sqlite3.damaged-1").read_bytes() == b"\xff" * 5000
+    assert line.startswith(f"warning: {state} is damaged: ")
+    assert line.endswith(f"it is now {state}.damaged-1, and the alarms start anew")
+    assert state.with_name("door.sqlite3.damaged-1").read_bytes() == damaged
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.symlink_to(path.name)])
+def test_what_can_be_no_state_file_is_an_error_before_anything_moves(terminal, make):
+    state = terminal.folder / "door.sqlite3"
+    make(state)
+    done = terminal.type("run", terminal.config, "--state", state, "--seconds", 1, "--speed", 0)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: {state} cannot be used: ")
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_the_configuration_itself_is_no_state_file_and_stays_as_it_is(terminal):
     before = terminal.config.read_bytes()
     done = terminal.type("run", terminal.config, "--state", terminal.config, "--seconds", 1, "--speed", 0)
     assert done.returncode == 2
-    assert "is the configuration, and no state file; choose another file" in done.stderr
+    assert "is no state file, and was left as it is" in done.stderr
     assert terminal.config.read_bytes() == before
 
 

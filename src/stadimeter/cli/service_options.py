@@ -16,7 +16,7 @@ import typer
 from stadimeter.app.keeping.state_places import state_file
 from stadimeter.app.loop import Loop
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
-from stadimeter.errors import ControlError, StateError
+from stadimeter.errors import ControlError
 
 if TYPE_CHECKING:
     from stadimeter.app.control.requests import Control
@@ -74,7 +74,7 @@ def served(loop: Loop, serving: Serving) -> Iterator[Callable[[], None] | None]:
 
     Raises:
         ControlError: Nobody can listen where it was asked for.
-        StateError: The state file that was asked for is the configuration.
+        StateError: The file that was named for the state is something else, such as the configuration.
     """
     is_right = (lambda: True) if serving.trust_clock else is_synchronised
     with ExitStack() as closing:
@@ -94,14 +94,15 @@ def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> Non
     path = None if serving.no_state else serving.state or usual
     if path is None:
         return
-    if path.resolve() == configuration.path.resolve():
-        raise StateError(f"{path} is the configuration, and no state file; choose another file")
     from stadimeter.app.keeping.alarm_keeper import AlarmKeeper  # noqa: PLC0415 - it takes long, and simulations have none
     from stadimeter.app.keeping.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
     from stadimeter.app.keeping.moments import clock_name, moment  # noqa: PLC0415 - likewise
 
     clock = clock_name(is_live=loop.parts.is_live)
-    loop.services.memory = AlarmKeeper(AlarmStore(path), partial(moment, clock, is_right=is_right))
+    store = AlarmStore(path, is_named=serving.state is not None)
+    if serving.state is not None:
+        store.check()  # whoever names a wrong file wants to know, and before anything moves
+    loop.services.memory = AlarmKeeper(store, partial(moment, clock, is_right=is_right))
 
 
 def _listening(loop: Loop, serving: Serving, closing: ExitStack) -> Control | None:

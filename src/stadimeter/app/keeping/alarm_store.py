@@ -7,12 +7,17 @@ turns in forgetting what the other remembers.
 
 Bytes that a failing card has flipped are noticed by SQLite's own check and by a checksum over everything that is
 remembered. What is damaged, or of a later version, is put aside under another name, for whoever wants to look at it.
+
+The bytes of a file may come from anywhere, and the libraries that read them raise whatever they like: an error of
+SQLite, text that is not UTF-8, a value of another type, no memory. So whatever is raised while reading means the same,
+and the file's size and the length of a value are bounded.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -22,17 +27,16 @@ from pathlib import Path
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from stadimeter.app.keeping.moments import Moment
+from stadimeter.app.keeping.state_file import APPLICATION_ID, Kind, kind_of, put_aside, too_large
 from stadimeter.core.rules.keeping import Absence, KeptAlarm
 from stadimeter.errors import StateError
 
 FORMAT = 1
-APPLICATION_ID = 0x53746164
-"""Says whose file it is: ``Stad``."""
-
 LOG_PAGES_MAX = 64
 """After so many pages of 4 KiB the log is taken over into the file; it needs little room, and that is seldom."""
 
-PAGE_BYTES_MIN = 512
+VALUE_BYTES_MAX = 2 * 2**20
+"""No value in the file is longer."""
 
 _MOMENT = TypeAdapter(Moment)
 _ABSENT = TypeAdapter(tuple[Absence, ...])
@@ -49,11 +53,11 @@ _UNWRITABLE = frozenset(
 )
 """What SQLite says when nothing is wrong with the file, but with the disk or with us."""
 
-_TABLES = """
-CREATE TABLE IF NOT EXISTS alarm (rule TEXT PRIMARY KEY, memory TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS saved
-    (one INTEGER PRIMARY KEY CHECK (one = 1), moment TEXT NOT NULL, absent TEXT NOT NULL, sha256 TEXT NOT NULL);
-"""
+_TABLES = (
+    "CREATE TABLE alarm (rule TEXT PRIMARY KEY, memory TEXT NOT NULL) WITHOUT ROWID",
+    "CREATE TABLE saved (one INTEGER PRIMARY KEY, moment TEXT NOT NULL, absent TEXT NOT NULL, sha256 TEXT NOT NULL)",
+)
+"""As SQLite keeps them, to the letter: a flipped one may change what a column takes, or how long a query runs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,17 +88,28 @@ class AlarmStore:
 
     Args:
         path: The file; its folder is made if it is not there.
+        is_named: Whether a user has named the file. Then one that is not ours is neither moved nor written.
 
     Attributes:
         path: The file.
         warning: What was wrong with the file that was found, and what became of it; empty for nothing.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, is_named: bool = False) -> None:
         self.path = path
         self.warning = ""
+        self._is_named = is_named
         self._database: sqlite3.Connection | None = None
         self._written: dict[str, str] = {}
+
+    def check(self) -> None:
+        """See that the file is ours, or not there yet, without changing anything.
+
+        Raises:
+            StateError: It can be no state file, or a user has named one that is not ours.
+        """
+        if kind_of(self.path) is Kind.FOREIGN and self._is_named:
+            raise StateError(f"{self.path} is no state file, and was left as it is; name another file with --state")
 
     def open(self) -> Memory | None:
         """Open the file and read it. One that cannot be used is put aside, and an empty one is begun.
@@ -103,15 +118,16 @@ class AlarmStore:
             What was remembered; None if nothing was.
 
         Raises:
-            StateError: The file cannot be written, or another run uses it.
+            StateError: The file is not ours, cannot be written, or another run uses it.
         """
+        self.check()
         try:
             return self._opened()
         except _LaterVersionError as error:
-            aside = self._put_aside("newer")
+            aside = put_aside(self.path, "newer")
             self.warning = f"{self.path}: {error}; it is now {aside}, and this run remembers nothing of earlier ones"
         except _DamagedError as error:
-            aside = self._put_aside("damaged")
+            aside = put_aside(self.path, "damaged")
             self.warning = f"{self.path} is damaged: {error}; it is now {aside}, and the alarms start anew"
         try:
             return self._opened()
@@ -159,35 +175,49 @@ class AlarmStore:
     def _opened(self) -> Memory | None:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            self._see_that_it_is_whole()
-            self._database = sqlite3.connect(
-                self.path, timeout=0.5, isolation_level=None, check_same_thread=False, cached_statements=16
-            )
-            return self._read(self._database)
-        except OSError as error:
-            raise StateError(f"{self.path} cannot be written: {error.strerror or error}") from error
-        except sqlite3.Error as error:
+            is_new = self._is_new()
+            self._database = _connected(self.path)
+            return self._read(self._database, is_new=is_new)
+        except Exception as error:
             self.close()
             raise self._converted(error) from error
-        except (_DamagedError, _LaterVersionError):
-            self.close()
-            raise
 
-    def _see_that_it_is_whole(self) -> None:
-        if self.path.is_file() and 0 < self.path.stat().st_size < PAGE_BYTES_MIN:
-            raise _DamagedError("it is cut off")  # SQLite would take it for an empty one
+    def _is_new(self) -> bool:
+        """Whether there is no file yet. SQLite sees no file before this has."""
+        kind = kind_of(self.path)
+        if kind is Kind.FOREIGN:
+            raise _DamagedError("it is no state file")
+        if too_large(self.path):
+            raise _DamagedError("it is larger than any that was written here")
+        return kind is Kind.NOTHING
 
-    def _converted(self, error: sqlite3.Error) -> Exception:
+    def _converted(self, error: Exception) -> Exception:
         """Tell a file that cannot be used as it is from one that cannot be used at all."""
+        if isinstance(error, _DamagedError | _LaterVersionError | StateError):
+            return error
+        if isinstance(error, OSError):
+            return StateError(f"{self.path} cannot be written: {error.strerror or error}")
+        if not isinstance(error, sqlite3.Error):
+            return _DamagedError(f"{type(error).__name__}: {error}")
         code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
         if code in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}:
             return StateError(f"{self.path} is used by another run; this one remembers nothing after its end")
-        if code in _UNWRITABLE:
+        if code in _UNWRITABLE and not self._claims_to_be_read_only(code):
             return StateError(f"{self.path} cannot be written: {error}")
         return _DamagedError(str(error))
 
-    def _read(self, database: sqlite3.Connection) -> Memory | None:
+    def _claims_to_be_read_only(self, code: int) -> bool:
+        """Whether it is a byte in the file that forbids writing, and not the disk."""
+        return code == sqlite3.SQLITE_READONLY and all(
+            os.access(each, os.W_OK) for each in (self.path, self.path.parent)
+        )
+
+    def _read(self, database: sqlite3.Connection, *, is_new: bool) -> Memory | None:
         database.execute("PRAGMA locking_mode = EXCLUSIVE")
+        if (
+            is_new
+        ):  # before there is a log: else the file would not be known as ours until the log is taken over into it
+            database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = FULL")
         database.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES_MAX}")
@@ -195,10 +225,9 @@ class AlarmStore:
         version, application = _pragma(database, "user_version"), _pragma(database, "application_id")
         if version > FORMAT and application == APPLICATION_ID:
             raise _LaterVersionError(f"written by a later version of stadimeter (format {version}, not {FORMAT})")
-        if version == 0 and application == 0:
-            _begin(database)
-        elif (version, application) != (FORMAT, APPLICATION_ID):
+        if version not in {0, FORMAT} or application != APPLICATION_ID:
             raise _DamagedError("it is no state file")
+        _make_tables(database)
         memory = self._checked(database)
         database.execute("COMMIT")
         return memory
@@ -221,31 +250,24 @@ class AlarmStore:
         self._written = rows
         return Memory(moment=moment, alarms=alarms, absent=absent)
 
-    def _put_aside(self, why: str) -> Path:
-        """Give the file another name, and what SQLite keeps beside it too."""
-        number = 1
-        while (aside := self.path.with_name(f"{self.path.name}.{why}-{number}")).exists():
-            number += 1
-        try:
-            self.path.rename(aside)
-            for ending in ("-wal", "-shm", "-journal"):
-                beside = self.path.with_name(self.path.name + ending)
-                if beside.exists():
-                    beside.rename(aside.with_name(aside.name + ending))
-        except OSError as error:
-            raise StateError(f"{self.path} cannot be put aside: {error.strerror or error}") from error
-        return aside
+
+def _connected(path: Path) -> sqlite3.Connection:
+    """Open a file that may hold anything."""
+    database = sqlite3.connect(path, timeout=0.5, isolation_level=None, check_same_thread=False, cached_statements=16)
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, VALUE_BYTES_MAX)
+    return database
 
 
-def _begin(database: sqlite3.Connection) -> None:
-    """Make the tables of an empty file."""
-    (tables,) = database.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    if tables:
-        raise _DamagedError("it is no state file")
-    for statement in filter(str.strip, _TABLES.split(";")):
-        database.execute(statement)
-    database.execute(f"PRAGMA user_version = {FORMAT}")
-    database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+def _make_tables(database: sqlite3.Connection) -> None:
+    """Make the tables that a file does not have yet. It must have no others."""
+    found = {sql for (sql,) in database.execute("SELECT sql FROM sqlite_schema")}
+    if not found <= {*_TABLES}:
+        raise _DamagedError("its tables are not those of a state file")
+    missing = [table for table in _TABLES if table not in found]
+    for table in missing:
+        database.execute(table)
+    if missing:
+        database.execute(f"PRAGMA user_version = {FORMAT}")
 
 
 def _pragma(database: sqlite3.Connection, name: str) -> int:

@@ -1,0 +1,101 @@
+"""A state file seen from outside: whose it is, before SQLite is let near it.
+
+SQLite writes to what it opens, and makes files beside it. So the first bytes are read here, and a file that is not ours
+is never opened. Reading them blocks on nothing, whatever has the name: a folder, a pipe or a device is no state file.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from enum import Enum, auto
+from pathlib import Path
+
+from stadimeter.errors import StateError
+
+APPLICATION_ID = 0x53746164
+"""Says whose file it is: ``Stad``."""
+
+SIZE_MAX = 16 * 2**20
+"""A full state file has about 2 MiB. What is larger was not written by us, and is not read."""
+
+BESIDE = ("-wal", "-shm", "-journal")
+"""What SQLite keeps beside a file."""
+
+_HEADER_BYTES = 100
+_MAGIC = b"SQLite format 3\0"
+_ID_AT = 68
+"""Where a SQLite file has its application id; see https://www.sqlite.org/fileformat.html#the_database_header."""
+
+_FLIPPED_MAX = 1
+"""So many bytes of those by which we know our own may be wrong: a memory card that flips one makes it no stranger's."""
+
+
+class Kind(Enum):
+    """What has the name of a state file."""
+
+    NOTHING = auto()
+    """No file, or an empty one."""
+    OURS = auto()
+    """A state file, whole or not."""
+    FOREIGN = auto()
+    """Something else."""
+
+
+def kind_of(path: Path) -> Kind:
+    """Look at a file, without changing it or waiting for it.
+
+    Raises:
+        StateError: It is a folder, a pipe or a device, or cannot be looked at: its name is too long, a loop of links.
+    """
+    try:
+        header = _header(path)
+    except FileNotFoundError:
+        return Kind.NOTHING
+    except (OSError, ValueError) as error:
+        raise StateError(f"{path} cannot be used: {getattr(error, 'strerror', None) or error}") from error
+    if not header:
+        return Kind.NOTHING
+    known = _MAGIC + APPLICATION_ID.to_bytes(4, "big")
+    found = header[: len(_MAGIC)] + header[_ID_AT : _ID_AT + 4]
+    wrong = sum(here != there for here, there in zip(found, known, strict=False)) + len(known) - len(found)
+    return Kind.OURS if wrong <= _FLIPPED_MAX else Kind.FOREIGN
+
+
+def _header(path: Path) -> bytes:
+    if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: that alone resets some devices
+        raise ValueError("it is no regular file")
+    file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        return os.read(file, _HEADER_BYTES) if stat.S_ISREG(os.fstat(file).st_mode) else b""
+    finally:
+        os.close(file)
+
+
+def too_large(path: Path) -> bool:
+    """Return whether a state file, or its log, has more bytes than we ever write."""
+    files = (path, *(path.with_name(path.name + ending) for ending in BESIDE))
+    return any(file.stat().st_size > SIZE_MAX for file in files if file.exists())
+
+
+def put_aside(path: Path, why: str) -> Path:
+    """Give a state file another name, and what SQLite keeps beside it too.
+
+    Returns:
+        The new name, such as ``run.sqlite3.damaged-1``.
+
+    Raises:
+        StateError: The folder is read-only, for example.
+    """
+    number = 1
+    try:
+        while (aside := path.with_name(f"{path.name}.{why}-{number}")).exists():
+            number += 1
+        path.rename(aside)
+        for ending in BESIDE:
+            beside = path.with_name(path.name + ending)
+            if beside.exists():
+                beside.rename(aside.with_name(aside.name + ending))
+    except OSError as error:
+        raise StateError(f"{path} cannot be put aside: {error.strerror or error}") from error
+    return aside
