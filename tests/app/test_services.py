@@ -74,7 +74,7 @@ def test_a_file_that_cannot_be_used_is_told_and_the_run_goes_on(tmp_path):
     loop.services.tell = told.append
     assert events_of(loop, seconds=1)[0] == [("near", "raised")]
     assert told[0].startswith("warning: ")
-    assert "cannot be written" in told[0]
+    assert "cannot be used" in told[0]
 
 
 def clock(hour, *, is_right=True):

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
-from stadimeter.errors import DeviceOpenError, DriverError, DriverUnavailableError
+from stadimeter.errors import DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
 from stadimeter.messaging.back_off import Patience
 from stadimeter.testing.eventually import eventually
@@ -121,10 +121,9 @@ def test_a_refusal_is_told_with_its_reason_and_without_secrets(
     words = eventually(phone.trouble)
     assert words.startswith("the notifier 'phone': ")
     assert "403" in words
-    with pytest.raises(DriverError) as raised:
-        phone.close()
+    phone.close()
     for secret in ("top%2Dsecret", "top-secret", "4711"):
-        assert secret not in words + str(raised.value) + repr(phone)
+        assert secret not in words + repr(phone)
     assert capfd.readouterr() == ("", "")
 
 
@@ -135,8 +134,8 @@ def test_nobody_listening_is_told_and_tried_again(service: WebhookListener) -> N
     phone.open()
     phone.notify(NOTE)
     assert "trying again in" in eventually(phone.trouble)
-    with pytest.raises(DriverError, match="nobody got: 1"):
-        phone.close()
+    phone.close()
+    assert phone.undelivered() == (NOTE,)
 
 
 def test_a_service_that_hangs_holds_up_neither_the_run_nor_its_end(service: WebhookListener) -> None:
@@ -146,6 +145,6 @@ def test_a_service_that_hangs_holds_up_neither_the_run_nor_its_end(service: Webh
     for _ in range(50):
         phone.notify(NOTE)
     service.asked.wait()
-    with pytest.raises(DriverError, match="nobody got: 50; it did not answer before the end"):
-        phone.close()
+    phone.close()
+    assert phone.undelivered() == (NOTE,) * 50
     service.is_free.set()

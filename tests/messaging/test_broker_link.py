@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import socket
 import threading
+import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 
 import pytest
 
+from stadimeter.core.message import Message
+from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.messaging.mqtt_options import MqttOptions
 from stadimeter.testing.broker import HOST
 from stadimeter.testing.eventually import eventually
 
@@ -198,6 +202,47 @@ def test_the_pauses_between_attempts_double(play: Play, make_messenger: MakeMess
     messenger.open()
     for pause in ("0.05", "0.1", "0.2"):
         eventually(lambda pause=pause: messenger.trouble().endswith(f"trying again in {pause} s"))
+
+
+def test_no_pause_is_longer_than_an_alarm_may_wait(play: Play) -> None:
+    broker = play((BANNED_5, True))
+    patience = Patience(first_pause_s=60.0, alarm_pause_s=0.1)
+    messenger = PahoMessenger(MqttOptions(port=broker.port, node="it"), patience)
+    messenger.open()
+    eventually(lambda: messenger.trouble().endswith("trying again in 60 s"))
+    assert len(broker.greetings) == 1
+    messenger.publish(Message(topic="event/alarm", payload="raised", qos=1))
+    eventually(lambda: messenger.trouble().endswith("trying again in 0.1 s"))
+    eventually(lambda: len(broker.greetings) > 3)
+    messenger.close()
+    assert len(messenger.undelivered()) == 1
+
+
+def packet(kind: int, length: int, announced: int) -> bytes:
+    """Return the beginning of a packet that announces more than it holds."""
+    digits = [(announced >> 7 * place) & 127 | (128 if place < 3 else 0) for place in range(4)]
+    return bytes([kind, *digits]) + bytes(length)
+
+
+@pytest.mark.parametrize(("protocol", "accepted"), [("5", ACCEPTED_5), ("3.1.1", ACCEPTED_311)])
+def test_a_huge_message_is_refused_before_there_is_memory_for_it(
+    protocol: str, accepted: bytes, play: Play, make_messenger: MakeMessenger
+) -> None:
+    bomb = packet(0x30, 64 * 2**20, announced=2**28 - 1)
+    messenger = make_messenger(play((accepted + bomb, False)).port, protocol=protocol)
+    tracemalloc.start()
+    messenger.open()
+    eventually(lambda: "sent a message that is too large for any answer" in messenger.trouble())
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2 * len(bomb)  # the bomb itself is in this process, and what was announced is four times as large
+
+
+def test_a_broker_is_told_how_little_we_read(play: Play, make_messenger: MakeMessenger) -> None:
+    broker = play((ACCEPTED_5, False))
+    make_messenger(broker.port, protocol="5").open()
+    (greeting,) = eventually(lambda: broker.greetings)
+    assert b"\x27\x00\x00\x04\x00" in greeting  # property 39, maximum packet size: 1024 bytes
 
 
 def test_closing_in_the_middle_of_a_pause_does_not_wait_for_its_end(play: Play, make_messenger: MakeMessenger) -> None:

@@ -88,12 +88,12 @@ def test_trouble_says_why_what_waits_and_what_was_given_up_until_the_next_succes
     delivery.add(note("one"))
     eventually(delivery.trouble)
     delivery.add(note("two"))
-    assert delivery.trouble() == "it said no; trying again in 30 s; waiting: 2"
+    assert delivery.trouble() == "it said no; trying again in 10 s; waiting: 2"
     service.refuses = lambda body: body == "one"
     delivery.stop()
     assert service.taken == ["two"]
     assert delivery.trouble() == ""
-    assert delivery.given_up == 1
+    assert delivery.undelivered() == (note("one"),)
 
 
 def test_the_end_does_not_wait_for_a_pause(service: Service) -> None:
@@ -112,10 +112,17 @@ def test_a_service_that_does_not_answer_does_not_hold_up_the_end(service: Servic
     delivery.add(note("behind it"))
     eventually(lambda: service.asked)
     delivery.stop()
-    assert delivery.given_up == 2
-    assert delivery.last_reason == "it did not answer before the end"
+    assert delivery.undelivered() == (note("on its way"), note("behind it"))
     service.is_free.set()
     eventually(lambda: threading.active_count() == 1 or service.taken)
+
+
+def test_no_pause_is_longer_than_a_notification_may_wait(service: Service) -> None:
+    service.refuses = lambda _body: True
+    delivery = started(service, patience=Patience(first_pause_s=60.0, alarm_pause_s=0.01, goodbye_s=10.0))
+    delivery.add(note("urgent"))
+    eventually(lambda: len(service.asked) > 3)
+    delivery.stop()
 
 
 def test_the_oldest_make_way_when_too_many_wait(service: Service) -> None:

@@ -40,7 +40,19 @@ def test_a_full_outbox_gives_up_its_oldest_message_and_counts_it() -> None:
     outbox = MemoryOutbox(capacity=2)
     for number in range(3):
         outbox.add(alert(number), 0.0)
-    assert (payloads(outbox), outbox.dropped) == (["1", "2"], 1)
+    assert (payloads(outbox), outbox.given_up) == (["1", "2"], 1)
+
+
+def test_a_full_outbox_drops_a_state_that_a_newer_one_replaced_before_it_gives_up_an_alarm() -> None:
+    outbox = MemoryOutbox(capacity=3)
+    first, second = (Message(topic="rule/near/state", payload=each, qos=1, retain=True) for each in ("100", "101"))
+    for message in (alert(0), first, second, alert(1)):
+        outbox.add(message, 0.0)
+    assert outbox.undelivered() == (alert(0), second, alert(1))
+    assert (outbox.given_up, outbox.dropped) == (0, 1)
+    outbox.add(alert(2), 0.0)
+    assert outbox.undelivered() == (second, alert(1), alert(2))
+    assert (outbox.given_up, outbox.dropped) == (1, 1)
 
 
 def test_a_message_that_waited_too_long_is_dropped_and_a_younger_one_keeps_what_is_left_of_its_life() -> None:
@@ -48,7 +60,7 @@ def test_a_message_that_waited_too_long_is_dropped_and_a_younger_one_keeps_what_
     outbox.add(alert(0, expires_s=2), 100.0)
     outbox.add(alert(1, expires_s=10), 100.0)
     (message,) = taken(outbox, 103.5)
-    assert (message.payload, message.expires_s, outbox.dropped) == ("1", 7, 1)
+    assert (message.payload, message.expires_s, outbox.given_up) == ("1", 7, 1)
 
 
 def test_a_message_that_expires_right_now_is_not_sent_with_an_expiry_of_zero() -> None:
@@ -78,13 +90,15 @@ def test_starting_over_sends_everything_again_in_the_same_order() -> None:
     assert payloads(outbox) == ["0", "2", "3"]
 
 
-def test_giving_up_counts_what_is_left() -> None:
-    outbox = MemoryOutbox(window=1)
+def test_what_is_on_the_wire_and_what_waits_is_undelivered_until_it_is_answered() -> None:
+    outbox = MemoryOutbox(window=2)
     for number in range(3):
         outbox.add(alert(number), 0.0)
-    assert payloads(outbox) == ["0"]
-    outbox.give_up()
-    assert (outbox.dropped, outbox.is_empty) == (3, True)
+    assert payloads(outbox) == ["0", "1"]
+    assert outbox.undelivered() == (alert(0), alert(1), alert(2))
+    outbox.done(0)
+    outbox.done(1, is_refused=True)
+    assert (outbox.undelivered(), outbox.given_up) == ((alert(2),), 1)
 
 
 @given(
@@ -111,5 +125,4 @@ def test_every_message_is_acknowledged_or_counted_as_dropped_or_still_there(
             outbox.start_over()
             on_wire.clear()
         assert len(on_wire) <= window
-    outbox.give_up()
-    assert added == acknowledged + outbox.dropped
+    assert added == acknowledged + outbox.given_up + len(outbox.undelivered())

@@ -21,7 +21,7 @@ from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.secrets import HIDDEN
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
-from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, DriverUnavailableError
+from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.delivery import Delivery
 
@@ -82,6 +82,18 @@ class AppriseNotifier:
         self._service: Any = None
         self._secrets: frozenset[str] = frozenset()
         self._delivery: Delivery | None = None
+        self._left: tuple[Notification, ...] = ()
+        self._given_up_before = 0
+
+    @property
+    def given_up(self) -> int:
+        """How many notifications were given up: the service did not take them in time, or too many waited."""
+        return self._given_up_before + (self._delivery.given_up if self._delivery else 0)
+
+    def undelivered(self) -> tuple[Notification, ...]:
+        """Return the notifications that were neither taken nor given up, oldest first."""
+        delivery = self._delivery
+        return delivery.undelivered() if delivery is not None else self._left
 
     def open(self) -> None:
         """Load apprise and understand the URL. Nothing is sent yet.
@@ -97,6 +109,9 @@ class AppriseNotifier:
         address = url.partition("://")[2]
         self._secrets = frozenset(_SECRET.findall(f"{address} {unquote(address)}"))
         self._delivery = Delivery(self._deliver, self._options.retry_for, self._patience)
+        left, self._left = self._left, ()
+        for notification in left:
+            self._delivery.add(notification)
         self._delivery.start()
 
     def notify(self, notification: Notification) -> None:
@@ -120,17 +135,14 @@ class AppriseNotifier:
         return f"the notifier '{self._name}': {words}" if words else ""
 
     def close(self) -> None:
-        """Wait a moment at most for what is on its way, and let go.
-
-        Raises:
-            DriverError: Notifications were given up, now or before.
-        """
-        delivery, self._delivery = self._delivery, None
+        """Wait a moment at most for what is on its way, and let go. What is left over is `undelivered`."""
+        delivery = self._delivery
         if delivery is None:
             return
         delivery.stop()
-        if delivery.given_up:
-            raise DriverError(f"notifications that nobody got: {delivery.given_up}; {delivery.last_reason}")
+        self._left = delivery.undelivered()
+        self._given_up_before += delivery.given_up
+        self._delivery = None
 
     def _url(self) -> str:
         url = self._options.url.get_secret_value() if self._options.url else _read_url(self._options.url_file or Path())

@@ -14,12 +14,14 @@ class Patience:
         answer_s: For a broker's answer to a connection. Some brokers that do not know MQTT 5 never answer it.
         first_pause_s: After the first attempt that failed.
         longest_pause_s: The pauses double up to this.
+        alarm_pause_s: No pause is longer while something waits that must arrive: an alarm, or a notification.
         goodbye_s: For what is on its way when we close, and as long again for the thread to end.
     """
 
     answer_s: float = 5.0
     first_pause_s: float = 1.0
     longest_pause_s: float = 60.0
+    alarm_pause_s: float = 10.0
     goodbye_s: float = 1.0
 
 
@@ -31,7 +33,10 @@ class BackOff:
     """
 
     SPREAD = 0.2
-    """A pause is up to this share longer or shorter, so that many nodes do not storm a broker that comes back."""
+    """A pause is up to this share shorter, so that many nodes do not storm a broker that comes back.
+
+    It is never longer: the longest pause is what somebody waits for who mends a broker.
+    """
 
     def __init__(self, patience: Patience) -> None:
         self._first_s = patience.first_pause_s
@@ -53,7 +58,7 @@ class BackOff:
         Returns:
             Seconds.
         """
-        return pause_s * random.uniform(1 - self.SPREAD, 1 + self.SPREAD)  # noqa: S311 - nothing secret depends on it
+        return pause_s * random.uniform(1 - self.SPREAD, 1)  # noqa: S311 - nothing secret depends on it
 
     def reset(self) -> None:
         """Begin with the first pause again."""

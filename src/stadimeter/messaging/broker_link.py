@@ -15,11 +15,17 @@ from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # p
 from stadimeter.core.message import Message
 from stadimeter.messaging.back_off import BackOff, Patience
 from stadimeter.messaging.link_events import LinkEvents
-from stadimeter.messaging.mqtt_client import OFFLINE, ONLINE, Secrets, make_client, publish_properties
+from stadimeter.messaging.mqtt_client import OFFLINE, ONLINE, BombError, Secrets, make_client, publish_properties
 from stadimeter.messaging.mqtt_options import MqttOptions
 from stadimeter.messaging.outbox import MemoryOutbox
 
+LOOK_EVERY_S = 0.5
+"""In a pause, it is looked this often whether something came that must arrive."""
+
 V5, V311 = MQTTProtocolVersion.MQTTv5, MQTTProtocolVersion.MQTTv311
+
+_OURS = (ONLINE, OFFLINE)
+"""What the link says by itself is nothing that anybody sends again."""
 
 
 class BrokerLink:
@@ -54,9 +60,20 @@ class BrokerLink:
 
     @property
     def dropped(self) -> int:
-        """How many messages were given up."""
+        """How many messages were dropped that may be."""
         with self._lock:
             return self._outbox.dropped
+
+    @property
+    def given_up(self) -> int:
+        """How many messages of QoS 1 were given up."""
+        with self._lock:
+            return self._outbox.given_up
+
+    def undelivered(self) -> tuple[Message, ...]:
+        """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
+        with self._lock:
+            return tuple(each for each in self._outbox.undelivered() if each not in _OURS)
 
     def start(self) -> None:
         """Begin to connect."""
@@ -83,7 +100,7 @@ class BrokerLink:
             return self._events.refusal if self._is_connected else self._why_not
 
     def stop(self) -> None:
-        """Say goodbye, wait a moment at most for what is on its way, and end. Messages left over count as dropped."""
+        """Say goodbye, wait a moment at most for what is on its way, and end. What is left over is `undelivered`."""
         with self._lock:
             self._stopping.set()
             if self._is_connected:
@@ -93,15 +110,21 @@ class BrokerLink:
         self._thread.join(
             2 * self._patience.goodbye_s
         )  # a look-up of a name may keep it longer; it then ends by itself
-        with self._lock:
-            self._outbox.give_up()
 
     def _run(self) -> None:
         while not self._stopping.is_set():
             self._attempt()
             if self._stopping.is_set() or (self._change_version() and self._version == V311):
                 continue
-            self._stopping.wait(self._pause_s())
+            self._pause(self._pause_s())
+
+    def _pause(self, pause_s: float) -> None:
+        """Rest, for less long if there is or comes something that must arrive."""
+        began_s = time.monotonic()
+        left_s = pause_s
+        while left_s > 0 and not self._stopping.wait(min(left_s, LOOK_EVERY_S)):
+            longest_s = min(pause_s, self._patience.alarm_pause_s) if self.undelivered() else pause_s
+            left_s = began_s + longest_s - time.monotonic()
 
     def _attempt(self) -> None:
         """Connect, and stay until the connection ends or we stop."""
@@ -135,6 +158,9 @@ class BrokerLink:
         """Let paho read and write; return whether the connection still stands."""
         try:
             return self._client.loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
+        except BombError:
+            self._events.bomb_came()
+            return False
         except (LookupError, TypeError, ValueError, struct.error, MQTTException):  # from paho 2.1, and not caught there
             self._events.nonsense_came()
             return False
@@ -169,6 +195,7 @@ class BrokerLink:
             with suppress(OSError):  # it may be gone already
                 connection.shutdown(socket.SHUT_RDWR)  # type: ignore[attr-defined] # paho's type leaves it out
             self._loop(0.0)  # paho reads the end and closes its side
+            connection.close()  # unless it stumbles over what was sent before
 
     # With the lock held.
 
@@ -192,8 +219,8 @@ class BrokerLink:
             self._outbox.sent(info.mid, message, time.monotonic())
 
     def _note_done(self) -> None:
-        for number in self._events.take_done():
-            self._outbox.done(number)
+        for number, is_refused in self._events.take_done():
+            self._outbox.done(number, is_refused=is_refused)
 
     def _pause_s(self) -> float:
         """Say why there is no connection, and return for how long to rest."""
@@ -202,6 +229,8 @@ class BrokerLink:
         if self._events.was_taken_over:
             self._back_off.jump_to_longest()
         pause_s = self._back_off.next_s()
+        if self.undelivered():
+            pause_s = min(pause_s, self._patience.alarm_pause_s)
         with self._lock:
             self._why_not = f"{self._events.ending}; trying again in {pause_s:.3g} s"
         return self._back_off.spread_s(pause_s)

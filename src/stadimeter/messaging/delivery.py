@@ -34,7 +34,7 @@ class Delivery:
 
     Attributes:
         delivered: How many notifications the service has taken.
-        given_up: How many it has not, and will not be asked again.
+        given_up: How many it will not be asked again, since it did not take them in time or too many waited.
     """
 
     def __init__(self, deliver: Callable[[Notification], str], retry_s: float, patience: Patience) -> None:
@@ -46,16 +46,12 @@ class Delivery:
         self._pauses = BackOff(patience)
         self._waiting: deque[_Waiting] = deque()
         self._trying: _Waiting | None = None
+        self._left: list[_Waiting] = []
         self._changed = threading.Condition()
         self._is_stopping = False
         self._reason = ""
         self._pause_s = 0.0
         self._thread = threading.Thread(target=self._work, name="notifications", daemon=True)
-
-    @property
-    def last_reason(self) -> str:
-        """Why the newest attempt failed; empty if it did not."""
-        return self._reason
 
     def start(self) -> None:
         """Begin to deliver."""
@@ -85,16 +81,17 @@ class Delivery:
             return f"{self._reason}; trying again in {self._pause_s:g} s; waiting: {len(self._waiting)}{given_up}"
 
     def stop(self) -> None:
-        """Give what waits one last chance, for a moment, and count what is left as given up."""
+        """Give what waits one last chance, for a moment. What is left over is `undelivered`."""
         with self._changed:
             self._is_stopping = True
             self._changed.notify()
         self._thread.join(self._patience.goodbye_s)
+
+    def undelivered(self) -> tuple[Notification, ...]:
+        """Return the notifications that were neither taken nor given up, oldest first."""
         with self._changed:
-            left = [*([self._trying] if self._trying else []), *self._waiting]
-            self._waiting.clear()
-            for _ in left:
-                self._give_up(self._reason or "it did not answer before the end")
+            trying = [self._trying] if self._trying else []
+            return tuple(each.notification for each in (*self._left, *trying, *self._waiting))
 
     def _give_up(self, reason: str) -> None:
         self.given_up += 1
@@ -120,10 +117,12 @@ class Delivery:
             self.delivered += 1
             self._reason = ""
             self._pauses.reset()
-        elif self._is_stopping or time.monotonic() >= tried.until_s:
+        elif time.monotonic() >= tried.until_s:
             self._give_up(reason)
+        elif self._is_stopping:
+            self._left.append(tried)
         else:
             self._reason = reason
             self._waiting.appendleft(tried)
-            self._pause_s = self._pauses.next_s()
+            self._pause_s = min(self._pauses.next_s(), self._patience.alarm_pause_s)
             self._changed.wait_for(lambda: self._is_stopping, self._pauses.spread_s(self._pause_s))

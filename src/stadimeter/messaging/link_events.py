@@ -37,7 +37,7 @@ class LinkEvents:
 
     def __init__(self, options: MqttOptions) -> None:
         self._options = options
-        self._done: deque[int] = deque()
+        self._done: deque[tuple[int, bool]] = deque()
         self._short_lives = 0
         self._was_ever_accepted = False
         self.refusal = ""
@@ -84,13 +84,20 @@ class LinkEvents:
         self.ending = words.silent(self._options, had_answered=False)
         self.suspects_version = not self._was_ever_accepted
 
+    def bomb_came(self) -> None:
+        """Note that the other side announced more than a broker has to say to us."""
+        if not self.is_accepted:
+            self.nonsense_came()
+        else:
+            self.ending = words.too_much(self._options)
+
     def nonsense_came(self) -> None:
         """Note that the other side sent what is not MQTT."""
         self.ending = words.no_broker(self._options)
         self.suspects_version = not self._was_ever_accepted
 
-    def take_done(self) -> Iterator[int]:
-        """Yield, once each, the numbers of the messages that were written (QoS 0) or acknowledged (QoS 1)."""
+    def take_done(self) -> Iterator[tuple[int, bool]]:
+        """Yield, once each, the messages that were written (QoS 0) or answered (QoS 1): number, and if refused."""
         while self._done:
             yield self._done.popleft()
 
@@ -122,4 +129,4 @@ class LinkEvents:
     def _on_publish(self, _client: Client, _data: Any, number: int, reason: ReasonCode, _more: Any) -> None:
         if reason.is_failure:
             self.refusal = words.would_not_take(self._options, reason)
-        self._done.append(number)
+        self._done.append((number, reason.is_failure))

@@ -15,7 +15,7 @@ class PahoMessenger:
     """Publishes to an MQTT broker.
 
     A thread of its own does all that can wait for the network. Messages of QoS 1 wait in memory while there is no
-    connection; they do not survive the end of the program.
+    connection. What is left when it is closed is sent when it is opened again.
 
     Args:
         options: The configuration.
@@ -26,12 +26,24 @@ class PahoMessenger:
         self._options = options
         self._patience = patience
         self._link: BrokerLink | None = None
+        self._left: tuple[Message, ...] = ()
         self._dropped_before = 0
+        self._given_up_before = 0
 
     @property
     def dropped(self) -> int:
-        """How many messages were given up: for want of a connection, or because too many waited."""
+        """How many messages of QoS 0 were lost for want of a connection, and states of QoS 1 replaced unsent."""
         return self._dropped_before + (self._link.dropped if self._link else 0)
+
+    @property
+    def given_up(self) -> int:
+        """How many messages of QoS 1 were given up: too many waited, they expired, or the broker refused them."""
+        return self._given_up_before + (self._link.given_up if self._link else 0)
+
+    def undelivered(self) -> tuple[Message, ...]:
+        """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
+        link = self._link
+        return link.undelivered() if link is not None else self._left
 
     def open(self) -> None:
         """Begin to connect and return at once. A broker that is away is not an error.
@@ -42,6 +54,9 @@ class PahoMessenger:
         if self._link is not None:
             return
         self._link = BrokerLink(self._options, read_secrets(self._options), self._patience)
+        left, self._left = self._left, ()
+        for message in left:
+            self._link.send(message)
         self._link.start()
 
     def publish(self, message: Message) -> None:
@@ -69,7 +84,9 @@ class PahoMessenger:
         if self._link is None:
             return
         self._link.stop()
+        self._left = self._link.undelivered()
         self._dropped_before += self._link.dropped
+        self._given_up_before += self._link.given_up
         self._link = None
 
 

@@ -19,8 +19,28 @@ SESSION_EXPIRY_S = 3600
 WILL_DELAY_S = 5
 """A drop of the link that is shorter than this is not reported as offline. MQTT 5 only."""
 
+PACKET_MAX = 1024
+"""We subscribe to nothing, so all that a broker has to say are short answers. No larger one is read.
+
+MQTT allows 256 MiB. A broker of MQTT 5 hears of this bound; for one that does not heed it, and with 3.1.1, `_Client`
+sees to it. Even 65,535 messages of QoS 2 that are never completed then fit into 64 MiB.
+"""
+
 ONLINE = Message(topic="availability", payload="online", qos=1, retain=True)
 OFFLINE = Message(topic="availability", payload="offline", qos=1, retain=True)
+
+
+class BombError(Exception):
+    """The other side announces a packet that is larger than anything it has to say."""
+
+
+class _Client(Client):
+    """Refuses a packet by its length, before there is memory for it: paho asks for the rest of one in one piece."""
+
+    def _sock_recv(self, bufsize: int) -> bytes:
+        if bufsize > PACKET_MAX:
+            raise BombError(bufsize)
+        return super()._sock_recv(bufsize)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +87,7 @@ def make_client(options: MqttOptions, secrets: Secrets, version: MQTTProtocolVer
         The client. It has no thread, and tries nothing by itself.
     """
     is_v5 = version == MQTTProtocolVersion.MQTTv5
-    client = Client(
+    client = _Client(
         CallbackAPIVersion.VERSION2,
         client_id=options.client_id,
         # A session of 3.1.1 never ends. We subscribe to nothing, so there is nothing to keep in it.
@@ -101,7 +121,7 @@ def publish_properties(message: Message) -> Properties | None:
 def _set_session(client: Client, options: MqttOptions, *, is_v5: bool) -> None:
     session, will = None, None
     if is_v5:
-        session = _properties(PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S)
+        session = _properties(PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S, MaximumPacketSize=PACKET_MAX)
         will = _properties(PacketTypes.WILLMESSAGE, WillDelayInterval=WILL_DELAY_S)
     client.will_set(f"{options.base}/{OFFLINE.topic}", OFFLINE.payload, OFFLINE.qos, OFFLINE.retain, will)
     client.connect_async(

@@ -105,6 +105,11 @@ def no_broker(options: MqttOptions) -> str:
     return f"{options.place} does not answer as an MQTT broker does"
 
 
+def too_much(options: MqttOptions) -> str:
+    """Say, in one line, that a message came that is far larger than any answer to us."""
+    return f"{options.place} sent a message that is too large for any answer, though nothing was asked of it"
+
+
 def shared_name(options: MqttOptions) -> str:
     """Guess, for the end of a line, at two programs that take the connection from each other.
 

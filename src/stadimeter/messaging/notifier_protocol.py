@@ -10,6 +10,11 @@ from stadimeter.core.notification import Notification
 class Notifier(Protocol):
     """Tells people. It never keeps the loop waiting, whatever the service behind it does."""
 
+    @property
+    def given_up(self) -> int:
+        """How many notifications were given up so far: they were not taken in time, or too many waited."""
+        ...
+
     def open(self) -> None:
         """Get ready and return at once. A service that is away is not an error: it is tried when there is something.
 
@@ -32,6 +37,14 @@ class Notifier(Protocol):
         """
         ...
 
+    def undelivered(self) -> tuple[Notification, ...]:
+        """Return the notifications that were neither taken nor given up, oldest first.
+
+        After `close`, those that were left over; they are sent if it is opened again. It may be called from any thread,
+        and a run keeps them in its state file: `notify` in the next run sends them again.
+        """
+        ...
+
     def trouble(self) -> str:
         """Return in words what is wrong, or an empty string if everything was delivered so far.
 
@@ -41,9 +54,5 @@ class Notifier(Protocol):
         ...
 
     def close(self) -> None:
-        """Wait a moment at most for what is on its way, and let go. May be called again.
-
-        Raises:
-            DriverError: Notifications were given up, now or before; the message says how many and why.
-        """
+        """Wait a moment at most for what is on its way, and let go. What is left over is `undelivered`."""
         ...

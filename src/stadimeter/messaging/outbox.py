@@ -20,8 +20,8 @@ class _Waiting:
 class MemoryOutbox:
     """Remembers messages of QoS 1 until a broker has acknowledged them, and those of QoS 0 until they are written.
 
-    It does no I/O and knows no clock. A full outbox gives up its oldest message for a new one: of two states or alarms
-    the newer one matters more. Nothing survives the end of the program.
+    It does no I/O and knows no clock. A full outbox gives up a state that a newer one has replaced, or else its oldest
+    message, for a new one. Nothing survives the end of the program by itself; see `undelivered`.
 
     Args:
         capacity: How many messages of QoS 1 may wait.
@@ -29,11 +29,13 @@ class MemoryOutbox:
         unwritten_max: How many of QoS 0 may wait for the operating system to take them.
 
     Attributes:
-        dropped: How many messages were given up.
+        dropped: How many messages of QoS 0 were not written, and how many states of QoS 1 were replaced unsent.
+        given_up: How many other messages of QoS 1 were given up: too many waited, they expired, or were refused.
     """
 
     def __init__(self, *, capacity: int = 1000, window: int = 20, unwritten_max: int = 100) -> None:
         self.dropped = 0
+        self.given_up = 0
         self._capacity = capacity
         self._window = window
         self._unwritten_max = unwritten_max
@@ -59,8 +61,7 @@ class MemoryOutbox:
             now_s: The time on any monotonic clock, the same for every call.
         """
         if len(self._waiting) >= self._capacity:
-            self._waiting.popleft()
-            self.dropped += 1
+            self._make_room()
         lives_s = math.inf if message.expires_s is None else message.expires_s
         self._waiting.append(_Waiting(message, now_s + lives_s))
 
@@ -81,7 +82,7 @@ class MemoryOutbox:
                 return waiting.message
             if left_s > 0:
                 return replace(waiting.message, expires_s=math.ceil(left_s))
-            self.dropped += 1
+            self.given_up += 1
         return None
 
     def sent(self, number: int, message: Message, now_s: float) -> None:
@@ -98,14 +99,16 @@ class MemoryOutbox:
             lives_s = math.inf if message.expires_s is None else message.expires_s
             self._unacknowledged[number] = _Waiting(message, now_s + lives_s)
 
-    def done(self, number: int) -> None:
-        """Note that a message was written (QoS 0) or acknowledged (QoS 1). Unknown numbers are passed over.
+    def done(self, number: int, *, is_refused: bool = False) -> None:
+        """Note that a message was written (QoS 0) or answered (QoS 1). Unknown numbers are passed over.
 
         Args:
             number: Its number on the wire.
+            is_refused: Whether the answer was that it is not taken. It would not be another time either.
         """
         self._unwritten.discard(number)
-        self._unacknowledged.pop(number, None)
+        if self._unacknowledged.pop(number, None) is not None and is_refused:
+            self.given_up += 1
 
     def drop(self) -> None:
         """Count a message that could not be sent."""
@@ -122,8 +125,17 @@ class MemoryOutbox:
         self._waiting.extendleft(reversed(self._unacknowledged.values()))
         self._unacknowledged.clear()
 
-    def give_up(self) -> None:
-        """Drop, and count, whatever is left."""
-        self.start_over()
-        self.dropped += len(self._waiting)
-        self._waiting.clear()
+    def undelivered(self) -> tuple[Message, ...]:
+        """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
+        return tuple(each.message for each in (*self._unacknowledged.values(), *self._waiting))
+
+    def _make_room(self) -> None:
+        """Drop the oldest state that a newer one has replaced; if there is none, give up the oldest message."""
+        newest = {each.message.topic: each for each in self._waiting}
+        for each in self._waiting:
+            if each.message.retain and newest[each.message.topic] is not each:
+                self._waiting.remove(each)
+                self.dropped += 1
+                return
+        self._waiting.popleft()
+        self.given_up += 1

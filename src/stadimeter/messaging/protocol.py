@@ -10,6 +10,11 @@ from stadimeter.core.message import Message
 class Messenger(Protocol):
     """Tells other programs. It never keeps the loop waiting, whatever the network does."""
 
+    @property
+    def given_up(self) -> int:
+        """How many messages of QoS 1 were given up so far: too many waited, they expired, or they were refused."""
+        ...
+
     def open(self) -> None:
         """Begin to connect and return at once. A broker that is away is not an error: it is tried again."""
         ...
@@ -25,6 +30,14 @@ class Messenger(Protocol):
 
         Raises:
             DeviceClosedError: The messenger is not open.
+        """
+        ...
+
+    def undelivered(self) -> tuple[Message, ...]:
+        """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first.
+
+        After `close`, those that were left over; they are sent if it is opened again. It may be called from any thread,
+        and a run keeps them in its state file: publishing them in the next run sends them again.
         """
         ...
 

@@ -61,7 +61,8 @@ class SimulatedMessenger:
         context: The run that it is part of.
 
     Attributes:
-        dropped: How many messages were lost: of QoS 0 without a broker, pushed out of the queue, or past their time.
+        dropped: How many messages of QoS 0 were lost for want of a broker.
+        given_up: How many of QoS 1 were given up: pushed out of the queue, or past their time.
 
     Raises:
         ConfigError: The run has no world.
@@ -69,6 +70,7 @@ class SimulatedMessenger:
 
     def __init__(self, options: SimulatedMessengerOptions, context: DriverContext) -> None:
         self.dropped = 0
+        self.given_up = 0
         self._name = context.name
         self._clock = context.clock
         self._world = shared_world(context)
@@ -102,9 +104,13 @@ class SimulatedMessenger:
             return
         self._deliver()
         if len(self._waiting) == self._waiting.maxlen:
-            self.dropped += 1
+            self.given_up += 1
         self._waiting.append(_Waiting(self._clock.now_s(), message))
         self._deliver()
+
+    def undelivered(self) -> tuple[Message, ...]:
+        """Return the messages that wait for the broker, oldest first."""
+        return tuple(each.message for each in tuple(self._waiting))  # copied first: the loop goes on meanwhile
 
     def trouble(self) -> str:
         """Return in words what is wrong with the connection, or an empty string if it stands."""
@@ -112,7 +118,8 @@ class SimulatedMessenger:
             return "the simulated messenger is not open"
         if self._world.faults.broker_gone:
             return (
-                f"the simulated broker is gone; messages waiting: {len(self._waiting)}, dropped so far: {self.dropped}"
+                f"the simulated broker is gone; messages waiting: {len(self._waiting)}, "
+                f"given up so far: {self.given_up}"
             )
         self._deliver()
         return ""
@@ -131,7 +138,7 @@ class SimulatedMessenger:
             if waiting.is_wanted(now_s):
                 self._sent.append(SentMessage(at_s=now_s, message=waiting.message))
             else:
-                self.dropped += 1
+                self.given_up += 1
 
 
 PLUGIN = Plugin(SimulatedMessengerOptions, SimulatedMessenger)

@@ -143,6 +143,44 @@ class MessengerContract:
         messenger.publish(state("as if nothing had happened"))
         eventually(lambda: rig.arrived("meanwhile", "as if nothing had happened"))
 
+    def test_what_nobody_acknowledged_is_known_and_what_was_is_forgotten(
+        self, rig: MessengerRig, messenger: Messenger
+    ) -> None:
+        rig.break_link()
+        messenger.open()
+        for number in range(30):
+            messenger.publish(alert(str(number)))
+        assert messenger.undelivered() == tuple(alert(str(number)) for number in range(30))
+        rig.mend_link()
+        eventually(lambda: not messenger.trouble())
+        eventually(lambda: messenger.undelivered() == ())
+        assert messenger.given_up == 0
+
+    def test_what_is_left_at_the_end_is_known_and_sent_when_it_is_opened_again(
+        self, rig: MessengerRig, messenger: Messenger
+    ) -> None:
+        rig.break_link()
+        messenger.open()
+        messenger.publish(alert("late"))
+        messenger.publish(state("nobody saw this"))
+        messenger.close()
+        assert messenger.undelivered() == (alert("late"),)
+        rig.mend_link()
+        messenger.open()
+        eventually(lambda: not messenger.trouble())
+        messenger.publish(alert("later"))
+        eventually(lambda: rig.arrived("late", "later"))
+
+    def test_more_messages_than_fit_are_given_up_and_counted(self, rig: MessengerRig, messenger: Messenger) -> None:
+        rig.break_link()
+        messenger.open()
+        for number in range(1500):
+            messenger.publish(alert(str(number)))
+        left = messenger.undelivered()
+        assert left[-1] == alert("1499")
+        assert len(left) + messenger.given_up == 1500
+        assert messenger.given_up > 0
+
     def test_closing_without_the_other_side_returns(self, rig: MessengerRig, messenger: Messenger) -> None:
         rig.break_link()
         messenger.open()

@@ -148,6 +148,8 @@ class RecordingMessenger:
 
     Attributes:
         messages: What was published, in order.
+        given_up: How many messages it says that it gave up.
+        left: What it says that it has not delivered.
         is_open: Whether it is open.
         trouble_text: What `trouble` returns.
         fail_with: If set, `publish` raises this.
@@ -155,6 +157,8 @@ class RecordingMessenger:
 
     def __init__(self) -> None:
         self.messages: list[Message] = []
+        self.given_up = 0
+        self.left: tuple[Message, ...] = ()
         self.is_open = False
         self.trouble_text = ""
         self.fail_with: DriverError | None = None
@@ -170,6 +174,10 @@ class RecordingMessenger:
         if self.fail_with is not None:
             raise self.fail_with
         self.messages.append(message)
+
+    def undelivered(self) -> tuple[Message, ...]:
+        """Return what it was told to have left."""
+        return self.left
 
     def trouble(self) -> str:
         """Return the trouble that it was told to have."""
