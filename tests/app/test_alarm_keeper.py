@@ -9,6 +9,7 @@ from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
 from stadimeter.app.keeping.alarm_store import AlarmStore
 from stadimeter.app.keeping.moments import moment
 from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.message import Message
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.errors import StateError
@@ -38,6 +39,7 @@ class Disk:
         self.trouble = ""
         self.warning = ""
         self.is_closed = False
+        self.undelivered = ()
 
     def open(self):
         if self.trouble:
@@ -47,18 +49,33 @@ class Disk:
         if self.trouble:
             raise StateError(self.trouble)
         self.written.append(memory.alarms)
+        self.undelivered = memory.undelivered
 
     def close(self):
         self.is_closed = True
 
 
+class Post:
+    """In place of messenger and notifiers: what they have not delivered."""
+
+    def __init__(self):
+        self.left = ()
+        self.sent_again = None
+
+    def undelivered(self):
+        return self.left
+
+    def send_again(self, left):
+        self.sent_again = left
+
+
 class Kept:
     """A run whose alarms are kept."""
 
-    def __init__(self, store, *rules, clock="boot 1", clock_s=0.0, unix_s=1e9, is_right=True):
+    def __init__(self, store, *rules, clock="boot 1", clock_s=0.0, unix_s=1e9, is_right=True, post=None):
         self.run = Rehearsal(plan_of(*rules))
         self.run.now_s = clock_s
-        self.keeper = AlarmKeeper(store, partial(moment, clock, unix_s=lambda: unix_s, is_right=lambda: is_right))
+        self.keeper = AlarmKeeper(store, partial(moment, clock, unix_s=lambda: unix_s, is_right=lambda: is_right), post)
         resumption = self.keeper.begin(clock_s)
         if resumption is not None:
             self.run.state = resumption.of(self.run.state)
@@ -66,8 +83,8 @@ class Kept:
     def see(self, *distances_m):
         for distance_m in distances_m:
             before = self.run.state
-            self.run.see(distance_m)
-            self.keeper.cycle(before, self.run.state)
+            decision = self.run.see(distance_m)
+            self.keeper.cycle(before, self.run.state, decision.events)
 
     def end(self):
         return self.keeper.end(self.run.state)
@@ -100,6 +117,56 @@ def test_timers_that_noise_begins_and_ends_are_written_every_ten_seconds_at_most
     kept.see(*[3.0, 0.6, 3.0, 0.6, 3.0] * 120)
     kept.end()
     assert 1 <= len(disk.written) <= 60 / 10 + 2
+
+
+MESSAGE = ("", Message(topic="event/alarm", payload="{}", qos=1))
+
+
+def test_an_alarm_is_written_together_with_its_message(disk):
+    post = Post()
+    kept = Kept(disk, NEAR, post=post)
+    kept.see(3, 3)
+    post.left = (MESSAGE,)
+    kept.see(0.6, 0.6, 0.6)
+    assert eventually(lambda: disk.written and disk.written[-1][0].state.is_active)
+    assert disk.undelivered == (MESSAGE,)
+    kept.end()
+
+
+def test_what_nobody_acknowledges_is_written_soon_and_forgotten_with_what_is_written_next(disk):
+    post = Post()
+    kept = Kept(disk, NEAR, post=post)
+    kept.see(3, 3)
+    post.left = (MESSAGE,)
+    eventually(lambda: disk.undelivered == (MESSAGE,))
+    post.left = ()
+    kept.see(0.6, 0.6, 0.6)
+    eventually(lambda: disk.undelivered == ())
+    assert kept.end() == ""
+    assert kept.keeper.kept == ()
+
+
+def test_no_more_than_a_thousand_undelivered_messages_are_kept(disk):
+    post = Post()
+    kept = Kept(disk, NEAR, post=post)
+    kept.see(3)
+    post.left = tuple(("", Message(topic="event/alarm", payload=str(number), qos=1)) for number in range(1100))
+    kept.end()
+    assert disk.undelivered == post.left[100:]
+
+
+def test_what_an_earlier_run_left_is_sent_again_and_stays_in_the_file_until_it_is_acknowledged(path):
+    first = Kept(AlarmStore(path), NEAR, post=Post())
+    first.keeper._deliveries.left = (MESSAGE,)
+    first.see(3, 3)
+    first.end()
+    for _ in range(2):
+        post = Post()
+        second = Kept(AlarmStore(path), NEAR, post=post)
+        assert post.sent_again == (MESSAGE,)
+        post.left = post.sent_again
+        second.see(3, 3)
+        second.end()
 
 
 def test_a_disk_that_is_full_is_told_and_does_not_hold_up_the_run(disk):

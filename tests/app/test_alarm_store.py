@@ -13,13 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from stadimeter.app.keeping.alarm_store import AlarmStore, Memory
+from stadimeter.app.keeping.alarm_store import AlarmStore, Memory, moved_on
 from stadimeter.app.keeping.moments import Moment
 from stadimeter.app.keeping.state_file import Kind, kind_of
 from stadimeter.core.alarms.state import AlarmState, Gates, Leg, Resumed, Timers
 from stadimeter.core.alarms.table import Phase
 from stadimeter.core.decision import Event, EventKind, Severity
+from stadimeter.core.message import Message
+from stadimeter.core.notification import Notification
 from stadimeter.core.rules.keeping import Absence, KeptAlarm
 from stadimeter.errors import StateError
 
@@ -41,8 +45,17 @@ FAR = KeptAlarm(rule="far", meaning="b" * 64, state=AlarmState())
 NOON = Moment(clock="boot one", at_s=12.5, unix_s=1.7e9, is_synchronised=True)
 
 
-def remembered(*alarms):
-    return Memory(moment=NOON, alarms=alarms, absent=(Absence(target="ball", since_s=3.25),))
+LEFT = (
+    ("", Message(topic="event/alarm", payload='{"id":"a-1","reason":"0.43 m ± 0.01"}', qos=1)),
+    ("", Message(topic="door/alert", payload="on", qos=1, retain=True)),
+    ("", Message(topic="door/alert", payload="on", qos=1, retain=True)),
+    ("phone", Notification(title="near", body="0.43 m", severity=Severity.ALARM, time="2026-06-01T22:14:03+02:00")),
+)
+
+
+def remembered(*alarms, undelivered=LEFT):
+    absent = (Absence(target="ball", since_s=3.25),)
+    return Memory(moment=NOON, alarms=alarms, absent=absent, undelivered=undelivered)
 
 
 @pytest.fixture
@@ -70,7 +83,48 @@ def test_what_was_written_is_read_again_to_the_last_bit(path):
     assert memory.moment == NOON
     assert memory.absent == (Absence(target="ball", since_s=3.25),)
     assert set(memory.alarms) == {NEAR, FAR}
+    assert memory.undelivered == LEFT
     assert warning == ""
+
+
+def alert(number):
+    return "", Message(topic="event/alarm", payload=str(number), qos=1)
+
+
+def test_of_what_was_not_delivered_only_what_came_and_what_went_is_written(path):
+    store = AlarmStore(path)
+    store.open()
+    for first, last in ((0, 0), (0, 300), (1, 301), (250, 400), (399, 400), (400, 400), (400, 402)):
+        statements = []
+        store._database.set_trace_callback(statements.append)
+        left = tuple(alert(number) for number in range(first, last) if number != 260) + LEFT[3:]
+        store.write(remembered(NEAR, undelivered=left))
+        store._database.set_trace_callback(None)
+        if (first, last) == (1, 301):
+            assert len([each for each in statements if "undelivered" in each]) == 2
+    store.close()
+    memory, warning = read(path)
+    assert warning == ""
+    assert set(memory.undelivered) == {alert(400), alert(401), LEFT[3]}
+    assert [each for each in memory.undelivered if not each[0]] == [alert(400), alert(401)]
+
+
+@given(
+    steps=st.lists(
+        st.lists(st.tuples(st.sampled_from(["", "phone"]), st.sampled_from("abc")), max_size=8), min_size=2, max_size=5
+    )
+)
+def test_rows_become_whatever_queues_became(steps):
+    rows = {}
+    for queued in steps:
+        after, gone = moved_on(rows, queued)
+        assert {number for (number,) in gone} == {*rows} - {*after}
+        assert all(rows[number] == after[number] for number in {*rows} & {*after})
+        rows = after
+        for name in ("", "phone"):
+            assert [row for _, row in sorted(rows.items()) if row[0] == name] == [
+                row for row in queued if row[0] == name
+            ]
 
 
 def test_nothing_is_remembered_at_first(path):
@@ -214,6 +268,9 @@ SELECT x AS rule, x AS memory FROM n"""
         ("UPDATE alarm SET memory = CAST(zeroblob(3000000) AS TEXT)", ()),
         ("UPDATE saved SET moment = ?", (1.5,)),
         ("DELETE FROM saved", ()),
+        ("DELETE FROM undelivered WHERE number = 2", ()),
+        ("UPDATE undelivered SET item = '{}'", ()),
+        ("UPDATE undelivered SET name = 7", ()),
         ("UPDATE sqlite_schema SET sql = 'CREATE TABLE alarm (one)' WHERE name = 'alarm'", ()),
         ("DELETE FROM sqlite_schema WHERE name = 'saved'", ()),
         ("UPDATE sqlite_schema SET type = 'view', rootpage = 0, sql = ? WHERE name = 'alarm'", (ENDLESS,)),

@@ -67,7 +67,7 @@ def sent(rule: AlarmRule, made: Decision) -> tuple[tuple[Message, ...], tuple[tu
 
 def test_a_notification_tells_of_the_rules_own_target() -> None:
     _, notifications = sent(alarm(to_phone("{target}: {distance_m} m", "{rule} at {time_of_day}")), decision(0))
-    note = Notification(title="near at 22:14:03", body="ball: 0.41 m", severity=Severity.ALARM)
+    note = Notification(title="near at 22:14:03", body="ball: 0.41 m", severity=Severity.ALARM, time=TIME)
     assert notifications == (("phone", note),)
 
 
@@ -198,7 +198,7 @@ def test_a_service_that_hangs_does_not_hold_up_a_run_and_what_was_lost_is_told(
     loop.parts.notifiers = {"phone": AppriseNotifier(options, "phone", Patience(goodbye_s=0.01))}
     loop.run(Limits(seconds=8))
     service.is_free.set()
-    assert loop.troubles == ["phone: notifications that nobody got: 2; it did not answer before the end"]
+    assert loop.troubles == ["given up: 2 notifications for phone"]
 
 
 def test_a_service_that_refuses_is_said_while_running(tmp_path: Path, service: WebhookListener) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.deliveries import Deliveries
 from stadimeter.app.guard import Guard, retire_all
 from stadimeter.app.health import Health
 from stadimeter.app.notifying import Notifying
@@ -76,6 +77,7 @@ class Loop:
         notifying: Fills in what rules send.
         published: The newest messages with the time of each on the run's clock, newest first.
         services: What the run has beside its cycles.
+        deliveries: What other programs and people have not got yet, and what was given up.
     """
 
     parts: Parts
@@ -90,9 +92,11 @@ class Loop:
     services: Services = field(default_factory=Services)
     _state: State | None = None
     notifying: Notifying = field(init=False)
+    deliveries: Deliveries = field(init=False)
 
     def __post_init__(self) -> None:
         """Send what the rules of the configuration send."""
+        self.deliveries = Deliveries(self.parts)
         self.notifying = Notifying(self.parts.configuration.plan.rules)
 
     def run(self, limits: Limits | None = None) -> None:
@@ -108,6 +112,7 @@ class Loop:
             StadimeterError: The run cannot go on; the outputs are stopped.
         """
         with ExitStack() as closing:
+            closing.callback(self._remember)  # last of all: then it is known what could not be delivered
             try:
                 guard = self._open(closing)
             except _EndedWhileOpening:
@@ -118,9 +123,10 @@ class Loop:
                 self.ending = self.ending or str(end)
             finally:
                 self.troubles += retire_all(self.parts.outputs)
+                if self._state is not None:
+                    self.services.keep(self._state)
                 self.parts.clock.sleep_until_s(self.parts.clock.now_s() + SETTLE_S)
-                trouble = self.services.end(self._state) if self._state is not None else ""
-                self.troubles += [trouble] if trouble else []
+                self.deliveries.closing()
             self._publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
 
     def stop(self, why: str) -> None:
@@ -192,9 +198,6 @@ class Loop:
         self._state = self.services.begin(parts.configuration.plan, began_s, self._recordings())
         while not self.ending:
             self._state, record, frame = self._cycle(self._state)
-            if self.journal is not None:
-                self.journal.write(record)
-            self._report(record)
             self.health.add(record)
             for listener in self.listeners:
                 listener(record, frame)
@@ -203,12 +206,15 @@ class Loop:
             self.ending = self.ending or self._limit_reached(limits, record.observation.now_s - began_s)
 
     def _cycle(self, state: State) -> tuple[State, CycleRecord, Frame | None]:
-        """Attend to what people ask, turn once, and remember."""
+        """Attend to what people ask, turn once, tell of it, and remember."""
         told = self.services.told()
         change = self.services.change()
         before = self._taken_over(state, change) if change is not None else state
         after, record, frame = self.parts.cycle.run(before, told, self.services.wall(self.parts.clock.now_s()))
-        self.services.cycle(before, after, record)
+        if self.journal is not None:
+            self.journal.write(record)
+        self._report(record)
+        self.services.cycle(before, after, record)  # what has just been sent is kept with what it is about
         return after, record, frame
 
     def _taken_over(self, state: State, change: Change) -> State:
@@ -243,6 +249,8 @@ class Loop:
         self._publish(now_s, outgoing.messages)
         for name, notification in outgoing.notifications:
             self.parts.notifiers[name].notify(notification)
+        if self.parts.messenger is not None and not self.parts.messenger.trouble():
+            self._publish(now_s, self.reporter.given_up(_wall_clock, self.deliveries.given_up()))
 
     def _publish(self, now_s: float, messages: Iterable[Message]) -> None:
         if self.parts.messenger is None:
@@ -250,6 +258,14 @@ class Loop:
         for message in messages:
             self.parts.messenger.publish(message)
             self.published.appendleft((now_s, message))
+
+    def _remember(self) -> None:
+        """Keep what is remembered and what could not be delivered, and say what is lost."""
+        if self._state is None:
+            return
+        trouble = self.services.end(self._state)
+        self.troubles += [trouble] if trouble else []
+        self.troubles += self.deliveries.last_words(self.services.kept())
 
     def _close(self, name: str, close: Callable[[], None]) -> None:
         try:

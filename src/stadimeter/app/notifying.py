@@ -75,7 +75,7 @@ class Notifying:
             if send.topic:
                 messages.append(_message(send, values))
             else:
-                notifications.append((send.notifier, _notification(rule, notice, send, values)))
+                notifications.append((send.notifier, _notification(rule, notice, send, values, time)))
         return Outgoing(messages=tuple(messages), notifications=tuple(notifications))
 
 
@@ -88,8 +88,10 @@ def _message(send: Send, values: Mapping[str, templates.Value]) -> Message:
     return Message(topic=send.topic, payload=templates.render(send.template, values), qos=1, retain=send.retain)
 
 
-def _notification(rule: AlarmRule, notice: Notice, send: Send, values: Mapping[str, templates.Value]) -> Notification:
+def _notification(
+    rule: AlarmRule, notice: Notice, send: Send, values: Mapping[str, templates.Value], time: str
+) -> Notification:
     title = templates.render(Template(text=send.title), values) if send.title else rule.name
     title = " ".join(title.split())[:TITLE_LONGEST] or rule.name
     body = templates.render(send.template, values).strip() or title
-    return Notification(title=title, body=body, severity=notice.event.severity)
+    return Notification(title=title, body=body, severity=notice.event.severity, time=time)

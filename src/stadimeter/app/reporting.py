@@ -9,7 +9,7 @@ topic, below the base       QoS  retain  when
                                          other changes at most twice a second
 ``event/alarm``             1    never   what happened to a rule: raised, cleared, acknowledged, shelved and so on
 ``event/system``            1    never   what happened to a target, camera or output: target_seen, target_lost, fault,
-                                         fault_cleared
+                                         fault_cleared; or to messages: given_up
 ==========================  ===  ======  ==========================================================================
 
 Payloads are JSON objects whose keys and their order are fixed; ``v`` is the version of that form. Numbers are in SI
@@ -24,8 +24,9 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
-from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace
+from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
 from stadimeter.core.message import Message
+from stadimeter.core.notification import Notification
 from stadimeter.core.track import Track
 
 FORM = 1
@@ -38,7 +39,7 @@ DEADBAND_SIGMAS = 0.5
 WallClock = Callable[[], str]
 
 _JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-_SYSTEM_EVENTS = {EventKind.TARGET_SEEN, EventKind.TARGET_LOST, EventKind.FAULT, EventKind.FAULT_CLEARED}
+SYSTEM_EVENTS = {EventKind.TARGET_SEEN, EventKind.TARGET_LOST, EventKind.FAULT, EventKind.FAULT_CLEARED}
 _ACTIVE = {RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED}
 
 
@@ -56,6 +57,7 @@ class Reporter:
         self._rules: dict[str, _RuleReports] = {}
         self._rules_before: tuple[RuleTrace, ...] = ()
         self._held_back: set[str] = set()
+        self._given_up: Mapping[str, int] = {}
 
     def messages(self, now_s: float, wall_clock: WallClock, decision: Decision) -> tuple[Message, ...]:
         """Return what is to be told after a cycle. Call it for every cycle: silence is also decided here.
@@ -109,6 +111,25 @@ class Reporter:
             self._rules.pop(name, None)
             self._held_back.discard(name)
         return tuple(Message(topic=f"rule/{name}/state", payload="", qos=1, retain=True) for name in rules)
+
+    def given_up(self, wall_clock: WallClock, counts: Mapping[str, int]) -> tuple[Message, ...]:
+        """Return what is to be told of messages and notifications that were given up since this was asked last.
+
+        Args:
+            wall_clock: Tells the time of day. Asked only when there is something to tell.
+            counts: How many were given up since the start, by the name of the notifier; empty for the messenger.
+
+        Returns:
+            One event for each of those that gave up more.
+        """
+        before, self._given_up = self._given_up, counts
+        if before == counts:
+            return ()
+        return tuple(
+            _given_up_message(name, count, self._boot_id, wall_clock())
+            for name, count in counts.items()
+            if count != before.get(name)
+        )
 
     def last_messages(self, wall_clock: str) -> tuple[Message, ...]:
         """Return the figures that were held back so far, for the end of a run.
@@ -285,7 +306,7 @@ class _RuleReports:
 
 
 def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
-    is_of_rule = event.kind not in _SYSTEM_EVENTS
+    is_of_rule = event.kind not in SYSTEM_EVENTS
     payload: dict[str, object] = {
         "v": FORM,
         "ts": wall_clock,
@@ -300,6 +321,27 @@ def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
     if is_of_rule:
         payload |= {"notify": event.notify, "first_out": event.first_out, "by": event.by or None}
     return _message("event/alarm" if is_of_rule else "event/system", payload, qos=1, retain=False)
+
+
+def _given_up_message(name: str, count: int, boot_id: str, wall_clock: str) -> Message:
+    source = name or "messenger"
+    payload: dict[str, object] = {
+        "v": FORM,
+        "ts": wall_clock,
+        "id": f"{boot_id}-{source}-{count}",
+        "event_type": "given_up",
+        "source": source,
+        "severity": Severity.WARNING.value,
+        "reason": f"{'notifications' if name else 'messages'} given up since the start: {count}",
+        "distance_m": None,
+        "sigma_m": None,
+    }
+    return _message("event/system", payload, qos=1, retain=False)
+
+
+def is_state(item: Message | Notification) -> bool:
+    """Whether it says how things are, and not what happened: each run says so anew, so no older one is sent again."""
+    return isinstance(item, Message) and (item.qos == 0 or item.topic.startswith("rule/"))
 
 
 def _message(

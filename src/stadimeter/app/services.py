@@ -17,6 +17,7 @@ from stadimeter.core.rules.keeping import TakenOver, carried_over
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.reloading import Change
     from stadimeter.app.control.requests import Control
+    from stadimeter.app.deliveries import Undelivered
     from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 
@@ -122,7 +123,7 @@ class Services:
         return self.time_of_day.at(now_s) if self.time_of_day is not None and self._goes_by_the_clock else None
 
     def cycle(self, before: State, after: State, record: CycleRecord) -> None:
-        """Take in a cycle. Never waits.
+        """Take in a cycle, after its messages are on their way. Never waits.
 
         Args:
             before: What was remembered before it.
@@ -130,7 +131,7 @@ class Services:
             record: What was known and decided in it.
         """
         if self.memory is not None:
-            self.memory.cycle(before, after)
+            self.memory.cycle(before, after, record.decision.events)
         if self.control is not None:
             self.control.heard(record)
 
@@ -138,8 +139,21 @@ class Services:
         """Return what is wrong with them, in words; empty if nothing is."""
         return self.memory.trouble() if self.memory is not None else ""
 
+    def keep(self, state: State) -> None:
+        """Keep what is remembered, as soon as the disk can. Never waits for it.
+
+        Args:
+            state: What is remembered.
+        """
+        if self.memory is not None:
+            self.memory.keep(state)
+
+    def kept(self) -> tuple[Undelivered, ...]:
+        """Return what is kept, for the next run, of what nobody got."""
+        return self.memory.kept if self.memory is not None else ()
+
     def end(self, state: State) -> str:
-        """Keep what is remembered at the end of the run.
+        """Keep what is remembered at the end of the run, and what could not be delivered until then.
 
         Args:
             state: What is remembered.

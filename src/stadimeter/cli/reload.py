@@ -67,6 +67,9 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     for target in data["targets"]:
         distance_m = target["distance_m"]
         yield f"{target['target']}: {target['status']}" + ("" if distance_m is None else f", {distance_m:.2f} m")
+    for each in data["deliveries"]:
+        if each["waiting"] or each["given_up"]:
+            yield f"{each['to']}: not delivered yet: {each['waiting']}, given up: {each['given_up']}"
     for rule in data["rules"]:
         marks = [] if rule["acknowledged"] else ["unacknowledged"]
         marks += ["first of its group"] if rule["first_out"] else []

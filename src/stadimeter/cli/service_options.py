@@ -102,7 +102,7 @@ def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> Non
     store = AlarmStore(path, is_named=serving.state is not None)
     if serving.state is not None:
         store.check()  # whoever names a wrong file wants to know, and before anything moves
-    loop.services.memory = AlarmKeeper(store, partial(moment, clock, is_right=is_right))
+    loop.services.memory = AlarmKeeper(store, partial(moment, clock, is_right=is_right), loop.deliveries)
 
 
 def _listening(loop: Loop, serving: Serving, closing: ExitStack) -> Control | None:
@@ -126,7 +126,7 @@ def _listening(loop: Loop, serving: Serving, closing: ExitStack) -> Control | No
             raise
         loop.services.tell(f"warning: {error}; nobody can ask this run for anything")
         return None
-    loop.services.control = Control(listener, Reloader(configuration))
+    loop.services.control = Control(listener, Reloader(configuration), deliveries=loop.deliveries.figures)
     return loop.services.control
 
 

@@ -15,8 +15,10 @@ class Notification:
         title: One line.
         body: The text.
         severity: How much it matters.
+        time: When it arose, the local time for people; empty if that does not matter.
     """
 
     title: str
     body: str
     severity: Severity = Severity.WARNING
+    time: str = ""

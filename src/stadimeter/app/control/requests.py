@@ -45,12 +45,20 @@ class Control:
         requests: Where requests come from.
         reloader: Reads the configuration again.
         unix_s: Tells the time of the wall clock.
+        deliveries: Tells how much waits for other programs and people, and how much was given up.
     """
 
-    def __init__(self, requests: Requests, reloader: Reloader, unix_s: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        requests: Requests,
+        reloader: Reloader,
+        unix_s: Callable[[], float] = time.time,
+        deliveries: Callable[[], list[dict[str, Any]]] = list,
+    ) -> None:
         self._requests = requests
         self._reloader = reloader
         self._unix_s = unix_s
+        self._deliveries = deliveries
         self._commands = 0
         self._waiting: dict[str, Answer] = {}
         self._questions: list[Asked] = []
@@ -129,7 +137,7 @@ class Control:
     def _reply(self, request: object, record: CycleRecord) -> Reply | Callable[[], Reply]:
         if isinstance(request, ExplainRequest):
             return self._explained(request, record.observation.now_s)
-        return lambda: Reply(_status(record.decision))
+        return lambda: Reply({**_status(record.decision), "deliveries": self._deliveries()})
 
     def _explained(self, request: ExplainRequest, now_s: float) -> Reply | Callable[[], Reply]:
         ago_s = 0.0 if request.args.at_unix_s is None else self._unix_s() - request.args.at_unix_s

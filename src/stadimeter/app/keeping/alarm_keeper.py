@@ -3,18 +3,27 @@
 What people were told of, or have said, is written at once. What noise may change several times a second, such as a
 timer that begins, is written every ten seconds at most: what is lost with it is taken up again by the time that has
 passed. In a quiet hour nothing is written at all.
+
+An alarm's message goes to the broker and into the file at the same time, in one transaction with the alarm itself,
+since the alarm will not be raised anew. Everything else that nobody has acknowledged after half a second is written,
+too, and so outlives a power cut. It goes out of the file with whatever is written next, after ten seconds at most: a
+power cut in between sends it twice, with one id.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable
 
+from stadimeter.app.deliveries import Deliveries, Undelivered
 from stadimeter.app.keeping.alarm_store import AlarmStore, Memory
 from stadimeter.app.keeping.moments import Moment
 from stadimeter.app.keeping.resumption import Resumption, resumption_at
+from stadimeter.app.reporting import SYSTEM_EVENTS
 from stadimeter.core.decide import State
+from stadimeter.core.decision import Event
 from stadimeter.core.rules.keeping import Turn, absent, kept, turn
 from stadimeter.errors import StateError
 
@@ -22,8 +31,14 @@ PASSING_EVERY_S = 10.0
 RETRY_S = 60.0
 """What could not be written is tried again after this long."""
 
-END_WAIT_S = 10.0
-"""At the end of a run the disk is waited for this long."""
+LOOK_EVERY_S = 0.5
+"""It is looked this often for what nobody has acknowledged."""
+
+UNDELIVERED_MAX = 1000
+"""Of what nobody got, the newest are kept, and no more than this."""
+
+END_WAIT_S = 1.0
+"""At the end of a run the disk is waited for this long; it has had the time of closing everything before."""
 
 MomentOf = Callable[[float], Moment]
 """Returns this moment, given what the run's clock shows."""
@@ -35,27 +50,35 @@ class AlarmKeeper:
     Args:
         store: The file.
         moment_of: Returns this moment.
+        deliveries: Knows what other programs and people have not got yet; None if nobody tells them anything.
 
     Attributes:
         writes: How often the file was written.
         warning: What was wrong with the file at the beginning, and what became of it; empty for nothing.
+        kept: What the file holds of what nobody got.
     """
 
-    def __init__(self, store: AlarmStore, moment_of: MomentOf) -> None:
+    def __init__(self, store: AlarmStore, moment_of: MomentOf, deliveries: Deliveries | None = None) -> None:
         self.writes = 0
         self.warning = ""
+        self.kept: tuple[Undelivered, ...] = ()
         self._store = store
         self._moment_of = moment_of
+        self._deliveries = deliveries
         self._trouble = ""
         self._is_owed = False
         self._submitted_s = -math.inf
         self._newest: State | None = None
+        self._latest: State | None = None
+        self._written_at_s = -math.inf
         self._is_ending = False
         self._turned = threading.Condition()
         self._thread: threading.Thread | None = None
 
     def begin(self, now_s: float) -> Resumption | None:
-        """Read the file, and begin to write it. A file that cannot be used keeps no run from beginning.
+        """Read the file, send what an earlier run left in it, and begin to write it.
+
+        A file that cannot be used keeps no run from beginning.
 
         Args:
             now_s: The run's clock.
@@ -69,18 +92,25 @@ class AlarmKeeper:
             self.warning = str(error)
             return None
         self.warning = self._store.warning
+        if memory is not None and self._deliveries is not None:
+            self.kept = memory.undelivered
+            self._deliveries.send_again(memory.undelivered)
         self._thread = threading.Thread(target=self._write_all, name="alarm keeper", daemon=True)
         self._thread.start()
         return resumption_at(self._moment_of(now_s), memory) if memory else None
 
-    def cycle(self, before: State, after: State) -> None:
-        """Take in a cycle. Never waits for the disk.
+    def cycle(self, before: State, after: State, events: Iterable[Event] = ()) -> None:
+        """Take in a cycle, after its messages are on their way. Never waits for the disk.
 
         Args:
             before: What was remembered before it.
             after: What was remembered after it.
+            events: What happened in it.
         """
+        self._latest = after
         found = turn(before, after)
+        if any(event.kind not in SYSTEM_EVENTS for event in events) and self._undelivered():
+            found = Turn.LASTING
         if found is Turn.NOTHING and not self._is_owed:
             return
         now_s = after.now_s or 0.0
@@ -95,15 +125,17 @@ class AlarmKeeper:
         Args:
             state: What is remembered now.
         """
-        if self._thread is None:
+        if self._thread is None or state.now_s is None:
             return
-        self._is_owed, self._submitted_s = False, state.now_s or 0.0
+        self._is_owed, self._submitted_s = False, state.now_s
         with self._turned:
             self._newest = state
             self._turned.notify()
 
     def end(self, state: State) -> str:
         """Write what is remembered at the end of the run, and close the file. Waits for the disk.
+
+        Call it when messenger and notifiers are closed: then it is known what they could not deliver.
 
         Args:
             state: What is remembered.
@@ -113,8 +145,7 @@ class AlarmKeeper:
         """
         if self._thread is None:
             return ""
-        if state.now_s is not None:
-            self.keep(state)
+        self.keep(state)
         with self._turned:
             self._is_ending = True
             self._turned.notify()
@@ -133,20 +164,31 @@ class AlarmKeeper:
         """Write the newest state, again and again, until the end."""
         while True:
             with self._turned:
-                while self._newest is None and not self._is_ending:
-                    self._turned.wait()
+                self._turned.wait_for(lambda: self._newest is not None or self._is_ending, LOOK_EVERY_S)
                 state, self._newest = self._newest, None
                 is_last = self._is_ending
+            if state is None and self._owes_deliveries():
+                state = self._latest
             if state is not None and not self._write(state) and not is_last:
                 self._wait_and_try_again(state)
             if is_last:
                 return
 
+    def _undelivered(self) -> tuple[Undelivered, ...]:
+        return self._deliveries.undelivered()[-UNDELIVERED_MAX:] if self._deliveries is not None else ()
+
+    def _owes_deliveries(self) -> bool:
+        """Whether what nobody got is to be written: at once if it grew; if it shrank only, when that has time."""
+        undelivered = self._undelivered()
+        if undelivered == self.kept:
+            return False
+        return not {*undelivered} <= {*self.kept} or time.monotonic() - self._written_at_s >= PASSING_EVERY_S
+
     def _write(self, state: State) -> bool:
+        undelivered = self._undelivered()
         try:
-            self._store.write(
-                Memory(moment=self._moment_of(state.now_s or 0.0), alarms=kept(state), absent=absent(state))
-            )
+            moment = self._moment_of(state.now_s or 0.0)
+            self._store.write(Memory(moment=moment, alarms=kept(state), absent=absent(state), undelivered=undelivered))
         except StateError as error:
             self._trouble = str(error)
             return False
@@ -154,6 +196,7 @@ class AlarmKeeper:
             self._trouble = f"what alarms remember cannot be written: {type(error).__name__}: {error}"
             return False
         self._trouble = ""
+        self.kept, self._written_at_s = undelivered, time.monotonic()
         self.writes += 1
         return True
 

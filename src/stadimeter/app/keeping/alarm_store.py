@@ -1,4 +1,4 @@
-"""What alarms remember, in a file that survives a restart and a power cut: SQLite.
+"""What alarms remember, and what nobody got yet, in a file that survives a restart and a power cut: SQLite.
 
 The file is written with a write-ahead log and ``synchronous=FULL``: each change is one append and one flush, and after
 a power cut the file holds what was before the change or what was after it. A rollback journal would flush three times
@@ -19,15 +19,19 @@ import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.keeping.moments import Moment
 from stadimeter.app.keeping.state_file import APPLICATION_ID, Kind, kind_of, put_aside, too_large
+from stadimeter.core.message import Message
+from stadimeter.core.notification import Notification
 from stadimeter.core.rules.keeping import Absence, KeptAlarm
 from stadimeter.errors import StateError
 
@@ -39,6 +43,7 @@ VALUE_BYTES_MAX = 2 * 2**20
 """No value in the file is longer."""
 
 _MOMENT = TypeAdapter(Moment)
+_ITEM: TypeAdapter[Message | Notification] = TypeAdapter(Message | Notification)
 _ABSENT = TypeAdapter(tuple[Absence, ...])
 _ROW: TypeAdapter[tuple[KeptAlarm]] = TypeAdapter(tuple[KeptAlarm], config=ConfigDict(ser_json_inf_nan="constants"))
 
@@ -55,9 +60,14 @@ _UNWRITABLE = frozenset(
 
 _TABLES = (
     "CREATE TABLE alarm (rule TEXT PRIMARY KEY, memory TEXT NOT NULL) WITHOUT ROWID",
+    "CREATE TABLE undelivered (number INTEGER PRIMARY KEY, name TEXT NOT NULL, item TEXT NOT NULL)",
     "CREATE TABLE saved (one INTEGER PRIMARY KEY, moment TEXT NOT NULL, absent TEXT NOT NULL, sha256 TEXT NOT NULL)",
 )
 """As SQLite keeps them, to the letter: a flipped one may change what a column takes, or how long a query runs."""
+
+
+Queued = tuple[str, str]
+"""Who has not delivered it yet, and what, as JSON."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,11 +78,13 @@ class Memory:
         moment: When it was written.
         alarms: What each alarm remembered.
         absent: Which targets were out of sight.
+        undelivered: What other programs and people had not got yet, oldest first.
     """
 
     moment: Moment
     alarms: tuple[KeptAlarm, ...]
     absent: tuple[Absence, ...] = ()
+    undelivered: tuple[Undelivered, ...] = ()
 
 
 class _DamagedError(Exception):
@@ -101,6 +113,7 @@ class AlarmStore:
         self._is_named = is_named
         self._database: sqlite3.Connection | None = None
         self._written: dict[str, str] = {}
+        self._queued: dict[int, Queued] = {}
 
     def check(self) -> None:
         """See that the file is ours, or not there yet, without changing anything.
@@ -145,14 +158,19 @@ class AlarmStore:
         """
         memories = {alarm.rule: _ROW.dump_json((alarm,)).decode() for alarm in memory.alarms}
         rest = _MOMENT.dump_json(memory.moment).decode(), _ABSENT.dump_json(memory.absent).decode()
+        queued = [(name, _ITEM.dump_json(item).decode()) for name, item in memory.undelivered]
+        rows, delivered = moved_on(self._queued, queued)
         changed = [(rule, memory) for rule, memory in memories.items() if self._written.get(rule) != memory]
         gone = [(rule,) for rule in self._written if rule not in memories]
         with self._transaction() as database:
             database.executemany("INSERT OR REPLACE INTO alarm VALUES (?, ?)", changed)
             database.executemany("DELETE FROM alarm WHERE rule = ?", gone)
-            saved = (*rest, _sha256(rest, memories.items()))
+            database.executemany("DELETE FROM undelivered WHERE number = ?", delivered)
+            new = [(number, *row) for number, row in rows.items() if number not in self._queued]
+            database.executemany("INSERT INTO undelivered VALUES (?, ?, ?)", new)
+            saved = (*rest, _sha256(rest, memories.items(), rows.values()))
             database.execute("INSERT OR REPLACE INTO saved VALUES (1, ?, ?, ?)", saved)
-        self._written = memories
+        self._written, self._queued = memories, rows
 
     def close(self) -> None:
         """Close the file. May be called any number of times."""
@@ -239,17 +257,20 @@ class AlarmStore:
             raise _DamagedError(verdict)
         rows = dict(database.execute("SELECT rule, memory FROM alarm ORDER BY rule").fetchall())
         saved = database.execute("SELECT moment, absent, sha256 FROM saved").fetchall()
-        if not saved and not rows:
+        queued = database.execute("SELECT number, name, item FROM undelivered ORDER BY number").fetchall()
+        if not (saved or rows or queued):
             return None
-        if len(saved) != 1 or saved[0][2] != _sha256(saved[0][:2], rows.items()):
+        queue = {number: (name, item) for number, name, item in queued}
+        if len(saved) != 1 or saved[0][2] != _sha256(saved[0][:2], rows.items(), queue.values()):
             raise _DamagedError("its checksum is wrong")
         try:
             alarms = tuple(_ROW.validate_json(memory)[0] for memory in rows.values())
+            undelivered = tuple((name, _ITEM.validate_json(item)) for name, item in queue.values())
             moment, absent = _MOMENT.validate_json(saved[0][0]), _ABSENT.validate_json(saved[0][1])
         except ValidationError as error:
             raise _DamagedError(f"it holds something else than alarms: {error.errors()[0]['msg']}") from error
-        self._written = rows
-        return Memory(moment=moment, alarms=alarms, absent=absent)
+        self._written, self._queued = rows, queue
+        return Memory(moment=moment, alarms=alarms, absent=absent, undelivered=undelivered)
 
 
 def _connected(path: Path) -> sqlite3.Connection:
@@ -276,6 +297,21 @@ def _pragma(database: sqlite3.Connection, name: str) -> int:
     return int(value)
 
 
-def _sha256(rest: Sequence[str], memories: Iterable[tuple[str, str]]) -> str:
+def moved_on(rows: Mapping[int, Queued], queued: Iterable[Queued]) -> tuple[dict[int, Queued], list[tuple[int]]]:
+    """Return the rows as they shall be, and which ones go: queues lose in any place, and grow at their ends only."""
+    queues: dict[str, deque[Queued]] = {}
+    for each in queued:
+        queues.setdefault(each[0], deque()).append(each)
+    stay, gone = {}, []
+    for number, row in rows.items():
+        if (queue := queues.get(row[0])) and queue[0] == row:
+            stay[number] = queue.popleft()
+        else:
+            gone.append((number,))
+    new = (each for queue in queues.values() for each in queue)
+    return stay | dict(enumerate(new, start=max(rows, default=0) + 1)), gone
+
+
+def _sha256(rest: Sequence[str], memories: Iterable[tuple[str, str]], queued: Iterable[Queued]) -> str:
     """Return a checksum over everything in the file."""
-    return hashlib.sha256(json.dumps([rest, sorted(memories)]).encode()).hexdigest()
+    return hashlib.sha256(json.dumps([rest, sorted(memories), *queued]).encode()).hexdigest()

@@ -16,8 +16,8 @@ from stadimeter.errors import StateError
 APPLICATION_ID = 0x53746164
 """Says whose file it is: ``Stad``."""
 
-SIZE_MAX = 16 * 2**20
-"""A full state file has about 2 MiB. What is larger was not written by us, and is not read."""
+SIZE_MAX = 32 * 2**20
+"""A full state file has about 2 MiB, with the longest texts ten. What is larger we did not write, and do not read."""
 
 BESIDE = ("-wal", "-shm", "-journal")
 """What SQLite keeps beside a file."""

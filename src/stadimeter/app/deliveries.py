@@ -1,0 +1,118 @@
+"""What other programs and people are still to get: what waits, what an earlier run left, and what was given up."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from stadimeter.app.reporting import is_state
+from stadimeter.core.message import Message
+from stadimeter.core.notification import Notification
+from stadimeter.errors import StadimeterError
+
+if TYPE_CHECKING:
+    from stadimeter.app.bootstrap import Parts
+    from stadimeter.messaging.notifier_protocol import Notifier
+    from stadimeter.messaging.protocol import Messenger
+
+MESSENGER = ""
+"""Stands for the messenger where else the name of a notifier stands."""
+
+Undelivered = tuple[str, Message | Notification]
+"""Who has not delivered it yet, `MESSENGER` or the name of a notifier; and what."""
+
+
+class Deliveries:
+    """Knows what messenger and notifiers have not delivered. It may be asked from any thread.
+
+    States of rules are left out: each run tells them anew.
+
+    Args:
+        parts: The parts of the run.
+    """
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        self._unwanted: Counter[str] = Counter()
+        self._reasons: list[str] = []
+
+    def undelivered(self) -> tuple[Undelivered, ...]:
+        """Return what is neither delivered nor given up, oldest first."""
+        return tuple(
+            (name, each) for name, sender in self._senders() for each in sender.undelivered() if not is_state(each)
+        )
+
+    def given_up(self) -> dict[str, int]:
+        """Return by name how much was given up so far; nothing for those who gave up nothing."""
+        counts = self._unwanted + Counter({name: sender.given_up for name, sender in self._senders()})
+        return dict(counts)
+
+    def send_again(self, left: Iterable[Undelivered]) -> None:
+        """Send what an earlier run has left, before anything of this one.
+
+        A message says itself when it arose, and by its id whether it came before. A notification that does not is
+        given its time: nobody must take last night's alarm for one of now.
+
+        Args:
+            left: What it left. What nobody carries any more is given up.
+        """
+        for name, item in left:
+            messenger, notifier = self._parts.messenger, self._parts.notifiers.get(name)
+            try:
+                if isinstance(item, Message) and messenger is not None:
+                    messenger.publish(item)
+                elif isinstance(item, Notification) and notifier is not None:
+                    notifier.notify(_with_its_time(item))
+                else:
+                    self._unwanted[name] += 1
+            except StadimeterError:  # its topic cannot be one any more, for example
+                self._unwanted[name] += 1
+
+    def figures(self) -> list[dict[str, Any]]:
+        """Return, for programs, how much waits and how much was given up."""
+        waiting, given_up = Counter(name for name, _ in self.undelivered()), self.given_up()
+        names = dict.fromkeys([*(name for name, _ in self._senders()), *given_up])
+        return [
+            {"to": name or "messenger", "waiting": waiting[name], "given_up": given_up.get(name, 0)} for name in names
+        ]
+
+    def closing(self) -> None:
+        """Note why something waits, for `last_words`: once they are closed, they say nothing else."""
+        self._reasons = [words for _, sender in self._senders() if (words := sender.trouble())]
+
+    def last_words(self, kept: Iterable[Undelivered]) -> list[str]:
+        """Say at the end of a run what becomes of what was not delivered.
+
+        Args:
+            kept: What is kept for the next run.
+
+        Returns:
+            Lines; none if everything was delivered.
+        """
+        left = Counter(name for name, _ in self.undelivered())
+        later = left & Counter(name for name, _ in kept)
+        lost = left - later + Counter(self.given_up())
+        why = f" ({'; '.join(self._reasons)})" if self._reasons else ""
+        lines = [f"not delivered yet, the next run sends them: {in_words(later)}{why}"] if later else []
+        return lines + ([f"given up: {in_words(lost)}{why}"] if lost else [])
+
+    def _senders(self) -> Iterator[tuple[str, Messenger | Notifier]]:
+        if self._parts.messenger is not None:
+            yield MESSENGER, self._parts.messenger
+        yield from self._parts.notifiers.items()
+
+
+def in_words(counts: Mapping[str, int]) -> str:
+    """Return counts in words, such as ``3 messages, 1 notification for phone``."""
+    return ", ".join(
+        f"{count} {'notification' if name else 'message'}{'' if count == 1 else 's'}{f' for {name}' if name else ''}"
+        for name, count in counts.items()
+    )
+
+
+def _with_its_time(notification: Notification) -> Notification:
+    if not notification.time or notification.time in notification.body:
+        return notification
+    return replace(notification, body=f"{notification.body}\n({notification.time})")

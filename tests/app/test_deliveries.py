@@ -1,0 +1,149 @@
+"""What was not delivered: kept for the next run, sent by it, or counted; never lost without a word."""
+
+import json
+from functools import partial
+
+import pytest
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.deliveries import MESSENGER, Deliveries, in_words
+from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
+from stadimeter.app.keeping.alarm_store import AlarmStore
+from stadimeter.app.keeping.moments import moment
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.message import Message
+from stadimeter.core.notification import Notification
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+
+RAISED = Message(topic="event/alarm", payload='{"id":"a-1"}', qos=1)
+NOTE = Notification(title="near", body="0.41 m", time="2026-06-01T22:14:03+02:00")
+
+BACK_AND_FORTH = """
+[messenger]
+driver = "simulated"
+
+[notifiers.phone]
+driver = "simulated"
+
+[rules.near]
+when = { below = "2 m" }
+on_delay = "0 s"
+then = [{ notify = "phone", text = "{distance_m}" }, { topic = "door", text = "{event}" }]
+
+[world]
+path = [
+    { at = "0 s", x = "3 m", y = "0 m" },
+    { at = "2 s", x = "1 m", y = "0 m" },
+    { at = "4 s", x = "3 m", y = "0 m" },
+]
+"""
+
+
+class Run:
+    """A simulated run whose broker and notification service may be away."""
+
+    def __init__(self, folder, *, is_gone, keeps=True, messenger=True):
+        text = SIMULATED_BALL + BACK_AND_FORTH
+        path = folder / "run.toml"
+        for part in (
+            () if messenger else ('[messenger]\ndriver = "simulated"\n', ', { topic = "door", text = "{event}" }')
+        ):
+            text = text.replace(part, "")
+        path.write_text(text)
+        self.loop = Loop(build(load_configuration(path), speed=None))
+        self.messenger, self.phone = self.loop.parts.messenger, self.loop.parts.notifiers["phone"]
+        self.set_gone(is_gone)
+        if keeps:
+            store = AlarmStore(folder / "run.sqlite3")
+            self.loop.services.memory = AlarmKeeper(store, partial(moment, "stepped"), self.loop.deliveries)
+
+    def set_gone(self, is_gone):
+        if self.messenger is not None:
+            self.messenger._world.faults.broker_gone = is_gone
+        self.phone.is_gone = is_gone
+
+    def for_s(self, seconds):
+        self.loop.run(Limits(seconds=seconds))
+        return self
+
+    def sent(self):
+        """Return the messages that must not be lost, and the notifications, as they arrived."""
+        messages = [each.message for each in self.messenger.sent if each.message.topic in {"event/alarm", "door"}]
+        return messages, [each.notification for each in self.phone.sent]
+
+
+def test_what_a_run_could_not_deliver_is_sent_by_the_next_with_its_own_time_and_before_all_else(tmp_path):
+    first = Run(tmp_path, is_gone=True).for_s(6)
+    (words,) = first.loop.troubles
+    assert words.startswith("not delivered yet, the next run sends them: ")
+    assert "messages, 1 notification for phone (the simulated broker is gone; " in words
+    left = [item for name, item in first.loop.deliveries.undelivered() if name == MESSENGER]
+    notes = [item for name, item in first.loop.deliveries.undelivered() if name]
+
+    second = Run(tmp_path, is_gone=False).for_s(0.5)
+    assert second.loop.troubles == []
+    every = [each.message for each in second.messenger.sent]
+    assert every[: len(left)] == left  # the same payloads, with the same ids and times
+    assert [note.body for note in second.sent()[1][: len(notes)]] == [f"{note.body}\n({note.time})" for note in notes]
+
+    third = Run(tmp_path, is_gone=False).for_s(0.5)
+    assert not set(left) & {each.message for each in third.messenger.sent}
+
+
+def test_states_of_rules_are_not_sent_again_since_each_run_says_them_anew(tmp_path):
+    first = Run(tmp_path, is_gone=True).for_s(6)
+    assert any(each.topic == "rule/near/state" for each in first.messenger.undelivered())
+    assert not any(item.topic.startswith("rule/") for name, item in first.loop.deliveries.undelivered() if not name)
+
+
+def test_a_run_without_a_state_file_counts_what_it_loses(tmp_path):
+    run = Run(tmp_path, is_gone=True, keeps=False).for_s(6)
+    messages = len([each for each in run.loop.deliveries.undelivered() if each[0] == MESSENGER])
+    (words,) = run.loop.troubles
+    assert words.startswith(f"given up: {messages} messages, 1 notification for phone (")
+
+
+def test_what_nobody_carries_any_more_is_given_up_and_counted(tmp_path):
+    Run(tmp_path, is_gone=True).for_s(6)
+    run = Run(tmp_path, is_gone=False, messenger=False).for_s(0.5)
+    (words,) = run.loop.troubles
+    assert words.startswith("given up: ")
+    assert words.endswith(" messages")
+    assert run.loop.deliveries.figures()[-1]["to"] == "messenger"
+
+
+def test_what_was_given_up_is_told_over_mqtt_when_the_broker_is_back(tmp_path):
+    run = Run(tmp_path, is_gone=True)
+
+    def comes_back(record, _frame):
+        if record.observation.now_s >= 1.0:
+            run.set_gone(is_gone=False)
+
+    run.messenger.given_up = 7
+    run.loop.listeners.append(comes_back)
+    run.for_s(2)
+    events = [json.loads(each.message.payload) for each in run.messenger.sent if each.message.topic == "event/system"]
+    (told,) = [event for event in events if event["event_type"] == "given_up"]
+    assert (told["source"], told["reason"]) == ("messenger", "messages given up since the start: 7")
+    assert run.loop.deliveries.figures() == [
+        {"to": "messenger", "waiting": 0, "given_up": 7},
+        {"to": "phone", "waiting": 0, "given_up": 0},
+    ]
+    assert run.loop.troubles == ["given up: 7 messages"]
+
+
+def test_a_notification_that_says_its_time_is_sent_again_as_it_was(tmp_path):
+    run = Run(tmp_path, is_gone=False)
+    run.phone.open()
+    says_so = Notification(title="near", body=f"at {NOTE.time}", time=NOTE.time)
+    run.loop.deliveries.send_again([("phone", NOTE), ("phone", says_so)])
+    assert [note.body for note in run.sent()[1]] == [f"0.41 m\n({NOTE.time})", says_so.body]
+
+
+@pytest.mark.parametrize("message", [RAISED, Message(topic="#", payload="", qos=1)])
+def test_what_cannot_be_sent_again_is_given_up_and_counted(tmp_path, message):
+    deliveries = Deliveries(Run(tmp_path, is_gone=False).loop.parts)
+    deliveries.send_again([(MESSENGER, message), ("telephone", NOTE)])  # the messenger is not open
+    assert deliveries.given_up() == {MESSENGER: 1, "telephone": 1}
+    assert in_words(deliveries.given_up()) == "1 message, 1 notification for telephone"
