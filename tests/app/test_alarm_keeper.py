@@ -1,5 +1,6 @@
 """Alarms are remembered: written seldom, never by the loop itself, and found again after a restart."""
 
+import threading
 from dataclasses import replace
 from functools import partial
 
@@ -40,6 +41,8 @@ class Disk:
         self.warning = ""
         self.is_closed = False
         self.undelivered = ()
+        self.is_free = threading.Event()
+        self.is_free.set()
 
     def open(self):
         if self.trouble:
@@ -48,6 +51,7 @@ class Disk:
     def write(self, memory):
         if self.trouble:
             raise StateError(self.trouble)
+        self.is_free.wait()
         self.written.append(memory.alarms)
         self.undelivered = memory.undelivered
 
@@ -131,6 +135,20 @@ def test_an_alarm_is_written_together_with_its_message(disk):
     assert eventually(lambda: disk.written and disk.written[-1][0].state.is_active)
     assert disk.undelivered == (MESSAGE,)
     kept.end()
+
+
+def test_an_alarm_does_not_wait_for_a_disk_that_hangs(disk):
+    post = Post()
+    kept = Kept(disk, NEAR, post=post)
+    kept.see(3, 3)
+    post.left = (MESSAGE,)
+    disk.is_free.clear()
+    kept.see(0.6, 0.6, 0.6)
+    assert kept.run.events("near") == ["raised"]
+    assert disk.written == []
+    disk.is_free.set()
+    kept.end()
+    assert disk.undelivered == (MESSAGE,)
 
 
 def test_what_nobody_acknowledges_is_written_soon_and_forgotten_with_what_is_written_next(disk):

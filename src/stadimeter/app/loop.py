@@ -211,10 +211,10 @@ class Loop:
         change = self.services.change()
         before = self._taken_over(state, change) if change is not None else state
         after, record, frame = self.parts.cycle.run(before, told, self.services.wall(self.parts.clock.now_s()))
-        if self.journal is not None:
-            self.journal.write(record)
         self._report(record)
         self.services.cycle(before, after, record)  # what has just been sent is kept with what it is about
+        if self.journal is not None:
+            self.journal.write(record)
         return after, record, frame
 
     def _taken_over(self, state: State, change: Change) -> State:

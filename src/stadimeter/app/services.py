@@ -123,7 +123,7 @@ class Services:
         return self.time_of_day.at(now_s) if self.time_of_day is not None and self._goes_by_the_clock else None
 
     def cycle(self, before: State, after: State, record: CycleRecord) -> None:
-        """Take in a cycle, after its messages are on their way. Never waits.
+        """Take in a cycle, after its messages are on their way. Waits a hundredth of a second at most, for an alarm.
 
         Args:
             before: What was remembered before it.

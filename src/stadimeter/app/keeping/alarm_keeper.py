@@ -1,4 +1,4 @@
-"""Decides when what alarms remember is written, and writes it without holding up the loop.
+"""Decides when what alarms remember is written, and writes it without the loop having to wait for a slow disk.
 
 What people were told of, or have said, is written at once. What noise may change several times a second, such as a
 timer that begins, is written every ten seconds at most: what is lost with it is taken up again by the time that has
@@ -33,6 +33,13 @@ RETRY_S = 60.0
 
 LOOK_EVERY_S = 0.5
 """It is looked this often for what nobody has acknowledged."""
+
+ALARM_WAIT_S = 0.01
+"""So long the loop waits at most until an alarm is in the file. A program that is killed after that has kept it.
+
+The operating system takes a write in a millisecond or two; only a power cut can lose what it has not flushed yet. The
+outputs have their commands by then, and a disk that hangs costs a third of a cycle.
+"""
 
 UNDELIVERED_MAX = 1000
 """Of what nobody got, the newest are kept, and no more than this."""
@@ -72,6 +79,7 @@ class AlarmKeeper:
         self._latest: State | None = None
         self._written_at_s = -math.inf
         self._is_ending = False
+        self._is_writing = False
         self._turned = threading.Condition()
         self._thread: threading.Thread | None = None
 
@@ -100,7 +108,9 @@ class AlarmKeeper:
         return resumption_at(self._moment_of(now_s), memory) if memory else None
 
     def cycle(self, before: State, after: State, events: Iterable[Event] = ()) -> None:
-        """Take in a cycle, after its messages are on their way. Never waits for the disk.
+        """Take in a cycle, after its messages are on their way and before anybody sees it.
+
+        Never waits for the disk, but a moment if there is an alarm that others have not got yet.
 
         Args:
             before: What was remembered before it.
@@ -108,9 +118,12 @@ class AlarmKeeper:
             events: What happened in it.
         """
         self._latest = after
-        found = turn(before, after)
         if any(event.kind not in SYSTEM_EVENTS for event in events) and self._undelivered():
-            found = Turn.LASTING
+            self.keep(after)
+            with self._turned:
+                self._turned.wait_for(lambda: self._newest is None and not self._is_writing, ALARM_WAIT_S)
+            return
+        found = turn(before, after)
         if found is Turn.NOTHING and not self._is_owed:
             return
         now_s = after.now_s or 0.0
@@ -130,7 +143,7 @@ class AlarmKeeper:
         self._is_owed, self._submitted_s = False, state.now_s
         with self._turned:
             self._newest = state
-            self._turned.notify()
+            self._turned.notify_all()
 
     def end(self, state: State) -> str:
         """Write what is remembered at the end of the run, and close the file. Waits for the disk.
@@ -145,10 +158,10 @@ class AlarmKeeper:
         """
         if self._thread is None:
             return ""
-        self.keep(state)
         with self._turned:
+            self._newest = state if state.now_s is not None else None
             self._is_ending = True
-            self._turned.notify()
+            self._turned.notify_all()
         self._thread.join(END_WAIT_S)
         is_stuck, self._thread = self._thread.is_alive(), None
         if is_stuck:
@@ -167,9 +180,14 @@ class AlarmKeeper:
                 self._turned.wait_for(lambda: self._newest is not None or self._is_ending, LOOK_EVERY_S)
                 state, self._newest = self._newest, None
                 is_last = self._is_ending
+                self._is_writing = state is not None
             if state is None and self._owes_deliveries():
                 state = self._latest
-            if state is not None and not self._write(state) and not is_last:
+            is_written = state is None or self._write(state)
+            with self._turned:
+                self._is_writing = False
+                self._turned.notify_all()
+            if state is not None and not is_written and not is_last:
                 self._wait_and_try_again(state)
             if is_last:
                 return
