@@ -43,6 +43,8 @@ class Disk:
         self.undelivered = ()
         self.is_free = threading.Event()
         self.is_free.set()
+        self.takes = threading.Event()
+        self.takes.set()
 
     def open(self):
         if self.trouble:
@@ -54,6 +56,9 @@ class Disk:
         self.is_free.wait()
         self.written.append(memory.alarms)
         self.undelivered = memory.undelivered
+
+    def flush(self):
+        self.takes.wait()
 
     def close(self):
         self.is_closed = True
@@ -134,6 +139,20 @@ def test_an_alarm_is_written_together_with_its_message(disk):
     kept.see(0.6, 0.6, 0.6)
     assert eventually(lambda: disk.written and disk.written[-1][0].state.is_active)
     assert disk.undelivered == (MESSAGE,)
+    kept.end()
+
+
+def test_an_alarm_is_written_while_the_disk_still_flushes_the_one_before(disk):
+    post = Post()
+    kept = Kept(disk, NEAR, post=post)
+    kept.see(3, 3)
+    post.left = (MESSAGE,)
+    disk.takes.clear()
+    kept.see(0.6, 0.6, 0.6)
+    eventually(lambda: disk.written and disk.written[-1][0].state.is_active)
+    kept.see(*[3] * 8)
+    eventually(lambda: not disk.written[-1][0].state.is_active)
+    disk.takes.set()
     kept.end()
 
 

@@ -37,7 +37,7 @@ LOOK_EVERY_S = 0.5
 ALARM_WAIT_S = 0.01
 """So long the loop waits at most until an alarm is in the file. A program that is killed after that has kept it.
 
-The operating system takes a write in a millisecond or two; only a power cut can lose what it has not flushed yet. The
+The operating system takes a write in a millisecond or two; only a power cut can lose what is not flushed yet. The
 outputs have their commands by then, and a disk that hangs costs a third of a cycle.
 """
 
@@ -80,6 +80,7 @@ class AlarmKeeper:
         self._written_at_s = -math.inf
         self._is_ending = False
         self._is_writing = False
+        self._is_unflushed = False
         self._turned = threading.Condition()
         self._thread: threading.Thread | None = None
 
@@ -105,6 +106,7 @@ class AlarmKeeper:
             self._deliveries.send_again(memory.undelivered)
         self._thread = threading.Thread(target=self._write_all, name="alarm keeper", daemon=True)
         self._thread.start()
+        threading.Thread(target=self._flush_all, name="alarm flusher", daemon=True).start()
         return resumption_at(self._moment_of(now_s), memory) if memory else None
 
     def cycle(self, before: State, after: State, events: Iterable[Event] = ()) -> None:
@@ -186,11 +188,25 @@ class AlarmKeeper:
             is_written = state is None or self._write(state)
             with self._turned:
                 self._is_writing = False
+                self._is_unflushed |= state is not None and is_written
                 self._turned.notify_all()
             if state is not None and not is_written and not is_last:
                 self._wait_and_try_again(state)
             if is_last:
                 return
+
+    def _flush_all(self) -> None:
+        """Have the disk take what was written, apart from writing: an alarm must not wait for that of the last one."""
+        while True:
+            with self._turned:
+                self._turned.wait_for(lambda: self._is_unflushed or self._is_ending)
+                if self._is_ending:  # closing the file flushes it
+                    return
+                self._is_unflushed = False
+            try:
+                self._store.flush()
+            except StateError as error:
+                self._trouble = str(error)
 
     def _undelivered(self) -> tuple[Undelivered, ...]:
         return self._deliveries.undelivered()[-UNDELIVERED_MAX:] if self._deliveries is not None else ()

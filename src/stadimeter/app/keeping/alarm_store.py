@@ -1,9 +1,10 @@
 """What alarms remember, and what nobody got yet, in a file that survives a restart and a power cut: SQLite.
 
-The file is written with a write-ahead log and ``synchronous=FULL``: each change is one append and one flush, and after
-a power cut the file holds what was before the change or what was after it. A rollback journal would flush three times
-and rewrite pages in place, which wears out a memory card sooner. The lock is exclusive: two runs on one file would take
-turns in forgetting what the other remembers.
+The file is written with a write-ahead log: each change is one append and one flush, and after a power cut it holds what
+was before the change or what was after it. The append outlives the program at once; the flush, which outlives a power
+cut, takes a memory card up to half a second, so it is a call of its own (``synchronous=NORMAL``). A rollback journal
+would flush three times and rewrite pages in place, which wears out a memory card sooner. The lock is exclusive: two runs
+on one file would take turns in forgetting what the other remembers.
 
 Bytes that a failing card has flipped are noticed by SQLite's own check and by a checksum over everything that is
 remembered. What is damaged, or of a later version, is put aside under another name, for whoever wants to look at it.
@@ -172,6 +173,23 @@ class AlarmStore:
             database.execute("INSERT OR REPLACE INTO saved VALUES (1, ?, ?, ?)", saved)
         self._written, self._queued = memories, rows
 
+    def flush(self) -> None:
+        """Have the disk take what was written. In any thread, also while something is written.
+
+        Raises:
+            StateError: The disk does not take it.
+        """
+        try:
+            log = os.open(f"{self.path}-wal", os.O_RDONLY | os.O_CLOEXEC)
+            try:
+                os.fsync(log)
+            finally:
+                os.close(log)
+        except FileNotFoundError:  # it was taken over into the file, and flushed with it
+            pass
+        except OSError as error:
+            raise StateError(f"{self.path} cannot be written: {error.strerror or error}") from error
+
     def close(self) -> None:
         """Close the file. May be called any number of times."""
         if self._database is not None:
@@ -237,7 +255,7 @@ class AlarmStore:
         ):  # before there is a log: else the file would not be known as ours until the log is taken over into it
             database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         database.execute("PRAGMA journal_mode = WAL")
-        database.execute("PRAGMA synchronous = FULL")
+        database.execute("PRAGMA synchronous = NORMAL")  # the rest is `flush`
         database.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES_MAX}")
         database.execute("BEGIN EXCLUSIVE")  # takes the lock, and keeps it
         version, application = _pragma(database, "user_version"), _pragma(database, "application_id")
