@@ -3,8 +3,8 @@
 The file is written with a write-ahead log: each change is one append and one flush, and after a power cut it holds what
 was before the change or what was after it. The append outlives the program at once; the flush, which outlives a power
 cut, takes a memory card up to half a second, so it is a call of its own (``synchronous=NORMAL``). A rollback journal
-would flush three times and rewrite pages in place, which wears out a memory card sooner. The lock is exclusive: two runs
-on one file would take turns in forgetting what the other remembers.
+would flush three times and rewrite pages in place, which wears out a memory card sooner. The lock is exclusive: two
+runs on one file would take turns in forgetting what the other remembers.
 
 Bytes that a failing card has flipped are noticed by SQLite's own check and by a checksum over everything that is
 remembered. What is damaged, or of a later version, is put aside under another name, for whoever wants to look at it.
