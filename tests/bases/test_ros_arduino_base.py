@@ -3,7 +3,6 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import select
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -318,9 +317,14 @@ def flood(bench: Bench, base: RosArduinoBase) -> None:
 def fill(path: str) -> None:
     """Fill the port up with what the firmware passes over."""
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    while select.select([], [descriptor], [], 0.1)[1]:  # the kernel moves bytes on between its own buffers
-        with contextlib.suppress(BlockingIOError):
-            os.write(descriptor, b"\n" * 64)
+    refusals = 0
+    while refusals < 10:  # the kernel moves bytes on between its own buffers, and then has room once more
+        try:
+            os.write(descriptor, b"\n")
+            refusals = 0
+        except BlockingIOError:
+            refusals += 1
+            time.sleep(0.01)
     os.close(descriptor)
 
 
