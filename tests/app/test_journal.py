@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -158,17 +159,98 @@ def a_record():
     return CycleRecord(observation=Observation(now_s=1.0), decision=decision, applied=(), timings_s={})
 
 
-def test_an_old_journal_is_kept_until_there_is_a_new_cycle(tmp_path):
-    path = tmp_path / "run.jsonl"
-    recorded(path, 5, 4, 3)
-    old = path.read_bytes()
-    journal = JournalWriter(path, "")
-    journal.close()
-    assert path.read_bytes() == old
+def written(path):
     journal = JournalWriter(path, "")
     journal.write(a_record())
     journal.close()
+    return journal
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_an_older_journal_is_kept_under_another_name_from_the_first_cycle_on(tmp_path):
+    path = tmp_path / "run.jsonl"
+    recorded(path, 5, 4, 3)
+    old = path.read_bytes()
+    JournalWriter(path, "").close()
+    assert (names(tmp_path), path.read_bytes()) == (["run.jsonl"], old)
+    assert written(path).kept() == f"{path} held an older journal, which is now {tmp_path / 'run-1.jsonl'}"
     assert len(list(read_journal(path).records())) == 1
+    assert (tmp_path / "run-1.jsonl").read_bytes() == old
+    written(path)
+    assert names(tmp_path) == ["run-1.jsonl", "run-2.jsonl", "run.jsonl"]
+    assert (tmp_path / "run-1.jsonl").read_bytes() == old
+
+
+def test_a_name_that_is_taken_is_never_taken_again(tmp_path):
+    (tmp_path / "run-1.jsonl").write_text("mine\n")
+    (tmp_path / "run-2.jsonl").symlink_to(tmp_path / "nowhere")
+    written(tmp_path / "run.jsonl")
+    assert written(tmp_path / "run.jsonl").kept().endswith("run-3.jsonl")
+    assert (tmp_path / "run-1.jsonl").read_text() == "mine\n"
+    assert not (tmp_path / "nowhere").exists()
+
+
+@pytest.mark.parametrize("stem", ["x" * 249, "é" * 124 + "x"])
+def test_the_longest_name_is_shortened_for_the_number(tmp_path, stem):
+    path = tmp_path / f"{stem}.jsonl"
+    written(path)
+    written(path)
+    (kept,) = [each for each in tmp_path.iterdir() if each != path]
+    assert kept.name.startswith(stem[:100])
+    assert kept.name.endswith("-1.jsonl")
+    assert len(list(read_journal(kept).records())) == 1
+
+
+def test_what_a_link_leads_to_is_kept_beside_it_and_the_link_stays(tmp_path):
+    (tmp_path / "disk").mkdir()
+    path = tmp_path / "run.jsonl"
+    path.symlink_to(tmp_path / "disk" / "night.jsonl")
+    written(path)
+    written(path)
+    assert path.is_symlink()
+    assert names(tmp_path / "disk") == ["night-1.jsonl", "night.jsonl"]
+
+
+def test_two_runs_with_one_name_lose_nothing(tmp_path):
+    """The second takes the name, and the first goes on in the file that was renamed under it."""
+    path = tmp_path / "run.jsonl"
+    first, second = JournalWriter(path, ""), JournalWriter(path, "")
+    for _ in range(3):
+        first.write(a_record())
+        second.write(a_record())
+    first.close()
+    second.close()
+    lengths = {each.name: len(list(read_journal(each).records())) for each in tmp_path.iterdir() if each.stat().st_size}
+    assert lengths == {"run.jsonl": 3, "run-1.jsonl": 3}
+
+
+def test_only_the_user_can_read_a_new_journal_and_an_older_one_keeps_its_mode(tmp_path):
+    path = tmp_path / "run.jsonl"
+    path.touch(0o644)
+    path.chmod(0o644)
+    written(path)
+    assert path.stat().st_mode & 0o777 == 0o644
+    written(path)
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert (tmp_path / "run-1.jsonl").stat().st_mode & 0o777 == 0o644
+
+
+def test_a_pipe_is_no_journal_and_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(JournalError, match="holds something else than a journal"):
+        JournalWriter(tmp_path / "pipe", "")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write in every folder")
+def test_a_folder_in_which_the_older_one_cannot_be_kept_is_refused_at_once(tmp_path):
+    written(tmp_path / "run.jsonl")
+    tmp_path.chmod(0o500)
+    with pytest.raises(JournalError, match="the older journal cannot be kept"):
+        JournalWriter(tmp_path / "run.jsonl", "")
+    tmp_path.chmod(0o700)
 
 
 def test_a_file_that_is_no_journal_is_not_overwritten(tmp_path):
@@ -247,7 +329,7 @@ def test_a_disk_that_fills_up_leaves_a_journal_of_whole_lines(tmp_path):
     """A limit on the size of files stands in for the disk: the system cuts a write short in the same way."""
     path = tmp_path / "run.jsonl"
     done = subprocess.run([sys.executable, "-c", FILL_THE_DISK, path], capture_output=True, text=True, check=True)
-    assert done.stdout == f"{path}: the disk is full; the journal ends here, intact\n"
+    assert done.stdout == f"{path}: File too large; the journal ends here, intact\n"
     assert 4000 < path.stat().st_size <= 5000
     assert path.read_bytes().endswith(b"\n")
     assert len(list(read_journal(path).records())) >= 5

@@ -1,5 +1,6 @@
 """Recording beside the loop: what the disk does never holds up a run."""
 
+import math
 import threading
 
 import numpy as np
@@ -17,6 +18,9 @@ from stadimeter.testing.observing import Rehearsal
 
 class Gate:
     """A writer whose disk waits until it is let go on, or fails."""
+
+    kind = "recording"
+    takes_pictures = True
 
     def __init__(self, failure=None):
         self.go_on = threading.Event()
@@ -81,6 +85,19 @@ def test_a_recording_that_fails_never_stops_the_run(is_live, failure):
     recorder.close()
     assert str(failure) in recorder.failure
     assert gate.is_abandoned
+
+
+@pytest.mark.parametrize("is_live", [True, False])
+def test_a_run_that_was_asked_to_end_does_not_wait_for_a_disk_that_hangs(is_live, monkeypatch):
+    monkeypatch.setattr(recorder_module, "END_WAIT_S", math.inf)
+    monkeypatch.setattr(recorder_module, "GOODBYE_S", 0.0)
+    gate = Gate()
+    recorder = Recorder(gate, is_live=is_live, is_hurried=lambda: True)
+    for _ in range(20):
+        recorder(RECORD, FRAME)
+    recorder.close()
+    assert "the disk does not answer; the end of the recording is missing" in recorder.failure
+    gate.go_on.set()
 
 
 def test_what_waits_is_written_before_the_end():

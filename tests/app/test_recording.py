@@ -284,7 +284,7 @@ def test_an_mcap_file_of_another_program_is_refused_and_not_overwritten(tmp_path
     assert path.read_bytes() == before
 
 
-def test_an_old_recording_is_kept_until_there_is_a_new_cycle(tmp_path):
+def test_an_older_recording_is_kept_under_another_name_from_the_first_cycle_on(tmp_path):
     path = tmp_path / "run.mcap"
     recorded(path, 5, 4, 3)
     old = path.read_bytes()
@@ -292,6 +292,8 @@ def test_an_old_recording_is_kept_until_there_is_a_new_cycle(tmp_path):
     assert path.read_bytes() == old
     recorded(path, 5)
     assert len(list(read_mcap(path).records())) == 6
+    assert (tmp_path / "run-1.mcap").read_bytes() == old
+    assert path.stat().st_mode & 0o777 == 0o600
 
 
 def test_a_recording_that_cannot_be_written_is_refused_at_once(tmp_path):
@@ -363,7 +365,7 @@ def test_a_disk_that_fills_up_leaves_a_recording_of_whole_records(tmp_path):
     path = tmp_path / "run.mcap"
     command = [sys.executable, "-c", FILL_THE_DISK, path, Path(__file__).parent]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout == f"{path}: the disk is full; the recording ends here, intact\n"
+    assert done.stdout == f"{path}: File too large; the recording ends here, intact\n"
     read = read_mcap(path)
     assert read.is_cut_off()
     assert len(list(read.records())) >= 10

@@ -208,13 +208,16 @@ def test_a_journal_of_a_run_that_was_reloaded_replays_to_identical_decisions(tmp
 
     from stadimeter.app.recordings.journal import JournalWriter
     from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+    from stadimeter.app.recordings.recorder import Recorder
     from stadimeter.cli.main import app
 
     rig = Rig(tmp_path, NEAR)
-    rig.loop.journal = JournalWriter(tmp_path / "run.jsonl", to_be_recorded(rig.loop.parts.configuration))
+    writer = JournalWriter(tmp_path / "run.jsonl", to_be_recorded(rig.loop.parts.configuration))
+    journal = Recorder(writer, is_live=False)
+    rig.loop.listeners.append(journal)
     rig.change = lambda: rig.write(FAR)
     assert rig.run().error == ""
-    rig.loop.journal.close()
+    journal.close()
     done = CliRunner().invoke(app, ["replay", str(tmp_path / "run.jsonl"), "--strict"])
     assert done.exit_code == 0, done.output
     assert "60 cycles, 60 decisions identical" in done.output

@@ -10,6 +10,7 @@ import pytest
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.app.rule_tests.running import RuleTestResult, RuleTests
 from stadimeter.app.rule_tests.watching import Failure
 from stadimeter.config.loader import Configuration, load_configuration
@@ -319,9 +320,10 @@ path = [
 loop = false
 """
     loop = Loop(build(load(world), speed=None))
-    loop.journal = JournalWriter(path, loop.parts.configuration.text)
+    recorder = Recorder(JournalWriter(path, loop.parts.configuration.text), is_live=False)
+    loop.listeners.append(recorder)
     loop.run(Limits(seconds=8))
-    loop.journal.close()
+    recorder.close()
     return path
 
 

@@ -109,14 +109,16 @@ def test_what_was_taken_over_is_recorded_so_that_a_replay_begins_with_it_too(tmp
 
     from stadimeter.app.recordings.journal import JournalWriter
     from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+    from stadimeter.app.recordings.recorder import Recorder
     from stadimeter.cli.main import app
 
     path, journal = tmp_path / "run.sqlite3", tmp_path / "run.jsonl"
     events_of(remembering(loop_of(tmp_path, NEAR), path), seconds=1)
     loop = remembering(loop_of(tmp_path, NEAR), path)
-    loop.journal = JournalWriter(journal, to_be_recorded(loop.parts.configuration))
+    recorder = Recorder(JournalWriter(journal, to_be_recorded(loop.parts.configuration)), is_live=False)
+    loop.listeners.append(recorder)
     assert events_of(loop, seconds=1)[0] == []
-    loop.journal.close()
+    recorder.close()
     done = CliRunner().invoke(app, ["replay", str(journal), "--strict"])
     assert done.exit_code == 0, done.output
     assert "30 cycles, 30 decisions identical" in done.output

@@ -29,6 +29,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.frame import Frame
@@ -153,8 +154,9 @@ def turn_times_s(path: Path, frames: int, journal: Path | None) -> list[float]:
     if journal is None:
         loop.run(Limits(frames=frames))
         return turns.times_s[10:]
-    loop.journal = JournalWriter(journal, loop.parts.configuration.text)
-    with closing(loop.journal):
+    recorder = Recorder(JournalWriter(journal, loop.parts.configuration.text), is_live=False)
+    loop.listeners.insert(0, recorder)
+    with closing(recorder):
         loop.run(Limits(frames=frames))
     return turns.times_s[10:]
 

@@ -4,7 +4,7 @@ Run ``python tests/benchmarks/recording_cost.py``.
 
 A run of the demonstration is kept in memory, with its pictures of 640 x 480, and then recorded in several ways. In the
 loop there is only the handing over of a cycle; encoding, compressing and writing is done by a thread of the recorder,
-and most of it in libraries that let the loop go on meanwhile. A journal is written by the loop itself.
+and most of it in libraries that let the loop go on meanwhile. A journal is written by such a thread, too.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def measure_all(frames: int = FRAMES) -> list[Row]:
         rows.append(_row("handing a cycle to the recorder, in the loop", handed_s, 0))
         with closing(JournalWriter(Path(name) / "journal", recorded.configuration)) as journal:
             times_s = [_timed(partial(journal.write, record)) for record, _ in kept]
-        rows.append(_row("journal, in the loop", times_s, (Path(name) / "journal").stat().st_size))
+        rows.append(_row("journal, in its thread", times_s, (Path(name) / "journal").stat().st_size))
     return rows
 
 

@@ -17,4 +17,4 @@ def test_it_records_in_every_way_and_prints_a_table():
     assert len(rows) == len(recording_cost.OPTIONS) + 2
     bytes_of = {row.what: row.cycle_bytes for row in rows}
     assert bytes_of["recording, every picture"] > 10 * bytes_of["recording without pictures"] > 0
-    assert "| journal, in the loop |" in recording_cost.markdown(rows)
+    assert "| journal, in its thread |" in recording_cost.markdown(rows)

@@ -10,6 +10,7 @@ import pytest
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.app.replaying.explaining import seconds_ago, seconds_since_the_beginning
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError
@@ -49,9 +50,10 @@ def journal(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explain")
     (folder / "rules.toml").write_text(CONFIG)
     loop = Loop(build(load_configuration(folder / "rules.toml"), speed=None))
-    loop.journal = JournalWriter(folder / "run.jsonl", CONFIG)
+    recorder = Recorder(JournalWriter(folder / "run.jsonl", CONFIG), is_live=False)
+    loop.listeners.append(recorder)
     loop.run(Limits(seconds=6))
-    loop.journal.close()
+    recorder.close()
     return folder / "run.jsonl"
 
 

@@ -141,10 +141,16 @@ def test_a_configuration_that_is_missing_or_a_directory_is_one_clear_line_and_2(
         assert str(path) in done.stderr
 
 
-def test_a_full_disk_under_the_journal_is_one_clear_line_and_2(simulated):
-    done = stadimeter("run", simulated, "--seconds", 1, "--speed", 0, "--journal", "/dev/full")
-    assert done.returncode == 2
-    assert done.stderr.splitlines() == ["error: /dev/full: No space left on device; the journal ends here, intact"]
+def test_a_full_disk_under_the_journal_is_told_at_once_and_at_the_end_and_ends_no_run(simulated):
+    done = stadimeter("run", simulated, "--seconds", 5, "--speed", 0, "--journal", "/dev/full")
+    assert done.returncode == 0
+    why = "/dev/full: No space left on device; the journal ends here, intact"
+    assert done.stderr.splitlines() == [
+        f"warning: {why}; the run goes on without it",
+        f"warning: the journal is not whole: {why}",
+    ]
+    assert f"journal: {why}" in done.stdout
+    assert "150 frames" in done.stdout
 
 
 def test_a_journal_in_a_folder_that_is_not_there_is_one_clear_line_and_2(simulated, tmp_path):

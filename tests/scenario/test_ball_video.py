@@ -9,6 +9,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.loop import Loop
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.app.replaying.replay import replay
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
@@ -55,9 +56,10 @@ def run(real_pictures, tmp_path_factory):
         for output in configuration.plan.outputs
     )
     parts.messenger = RecordingMessenger()
-    loop = Loop(parts, journal=JournalWriter(folder / "ball.jsonl", configuration.text))
+    journal = Recorder(JournalWriter(folder / "ball.jsonl", configuration.text), is_live=False)
+    loop = Loop(parts, listeners=[journal])
     loop.run()
-    loop.journal.close()
+    journal.close()
     return loop, read_journal(folder / "ball.jsonl")
 
 

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.app.replaying.replay import replay
 from stadimeter.testing.simulated_run import SIMULATED_BALL
 
@@ -94,9 +95,10 @@ def test_a_broker_that_is_away_does_not_change_a_single_decision(standing):
 
 def test_a_run_replayed_from_its_journal_gives_identical_decisions(standing, tmp_path):
     run = standing('faults = [{ at = "7 s", for = "1 s", kind = "freeze-camera" }]\n')
-    run.loop.journal = JournalWriter(tmp_path / "run.jsonl", run.loop.parts.configuration.text)
+    journal = Recorder(JournalWriter(tmp_path / "run.jsonl", run.loop.parts.configuration.text), is_live=False)
+    run.loop.listeners.append(journal)
     run.run(16)
-    run.loop.journal.close()
+    journal.close()
     result = replay(read_journal(tmp_path / "run.jsonl"), run.loop.parts.configuration.plan)
     assert result.cycles == len(run.records) > 450
     assert result.identical == result.cycles

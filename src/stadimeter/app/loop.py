@@ -24,9 +24,8 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.errors import DriverError, EndOfFramesError
 
-if TYPE_CHECKING:  # few runs have a journal or are reloaded, and what that needs takes long to load
+if TYPE_CHECKING:  # few runs are reloaded, and what that needs takes long to load
     from stadimeter.app.control.reloading import Change
-    from stadimeter.app.recordings.journal import JournalWriter
 
 
 class _EndedWhileOpening(BaseException):
@@ -68,10 +67,11 @@ class Loop:
 
     Attributes:
         parts: The parts.
-        journal: Where each cycle is recorded; None for nowhere.
-        listeners: Called after each cycle with its record and the frame that was new in it.
+        listeners: Called after each cycle with its record and the frame that was new in it: views, journals and
+            recordings. None of them may wait for anything on a live camera.
         health: Figures on the run so far.
         ending: Why the run ended, in words; empty while it runs.
+        is_stopped: Whether it was asked to end, by a signal for example; what is left to do must be done soon.
         troubles: What went wrong on the way out.
         reporter: Composes what other programs are told.
         notifying: Fills in what rules send.
@@ -81,16 +81,17 @@ class Loop:
     """
 
     parts: Parts
-    journal: JournalWriter | None = None
     listeners: list[Listener] = field(default_factory=list)
     health: Health = field(default_factory=Health)
     ending: str = ""
+    is_stopped: bool = False
     troubles: list[str] = field(default_factory=list)
     reporter: Reporter = field(default_factory=lambda: Reporter(boot_id=uuid.uuid4().hex))
     _is_opening: bool = False
     published: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=PUBLISHED_MAX))
     services: Services = field(default_factory=Services)
     _state: State | None = None
+    _recordings: list[Recording] = field(default_factory=list)
     notifying: Notifying = field(init=False)
     deliveries: Deliveries = field(init=False)
 
@@ -139,6 +140,7 @@ class Loop:
             why: The reason, in words.
         """
         self.ending = self.ending or why
+        self.is_stopped = True
         self.troubles += retire_all(self.parts.outputs)
         if self._is_opening:
             self._is_opening = False
@@ -153,7 +155,8 @@ class Loop:
         messenger = self.parts.messenger
         capture = self.parts.capture
         notifiers = [notifier.trouble() for notifier in self.parts.notifiers.values()]
-        others = (messenger.trouble() if messenger else "", *notifiers, self.services.trouble())
+        recordings = [recording.trouble() for recording in self._recordings]
+        others = (messenger.trouble() if messenger else "", *notifiers, *recordings, self.services.trouble())
         troubles = (capture.trouble(), *capture.remarks(), *others)
         return "; ".join(trouble for trouble in troubles if trouble)
 
@@ -195,7 +198,9 @@ class Loop:
     def _turn(self, limits: Limits, guard: Guard) -> None:
         parts = self.parts
         began_s = parts.clock.now_s()
-        self._state = self.services.begin(parts.configuration.plan, began_s, self._recordings())
+        everybody: list[object] = [*self.listeners]
+        self._recordings = [each for each in everybody if isinstance(each, Recording)]
+        self._state = self.services.begin(parts.configuration.plan, began_s, self._recordings)
         while not self.ending:
             self._state, record, frame = self._cycle(self._state)
             self.health.add(record)
@@ -213,8 +218,6 @@ class Loop:
         after, record, frame = self.parts.cycle.run(before, told, self.services.wall(self.parts.clock.now_s()))
         self._report(record)
         self.services.cycle(before, after, record)  # what has just been sent is kept with what it is about
-        if self.journal is not None:
-            self.journal.write(record)
         return after, record, frame
 
     def _taken_over(self, state: State, change: Change) -> State:
@@ -225,15 +228,11 @@ class Loop:
         parts.cycle.max_frame_age_s = configuration.plan.safety.max_frame_age_s
         self.notifying.take(configuration.plan.rules)
         now_s = parts.clock.now_s()
-        for recording in self._recordings():
+        for recording in self._recordings:
             recording.reloaded(now_s, change.recorded)
         self._publish(now_s, self.reporter.forget(taken.removed))
         self.services.taken_over(change, taken)
         return taken.state
-
-    def _recordings(self) -> list[Recording]:
-        everybody: list[object] = [self.journal, *self.listeners]
-        return [each for each in everybody if isinstance(each, Recording)]
 
     def _limit_reached(self, limits: Limits, seconds: float) -> str:
         if limits.frames is not None and self.health.frames >= limits.frames:

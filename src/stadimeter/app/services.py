@@ -34,6 +34,10 @@ class Recording(Protocol):
         """Take in a configuration that was taken over, before its first cycle."""
         ...
 
+    def trouble(self) -> str:
+        """Return in words what is wrong with it; empty if nothing is."""
+        ...
+
 
 @dataclass(slots=True)
 class Services:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,7 +14,8 @@ from stadimeter.app.loop import Loop
 from stadimeter.errors import JournalError
 
 if TYPE_CHECKING:
-    from stadimeter.app.recordings.recorder import Recorder
+    from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.app.recordings.recorder import Recorder, Writer
 
 JournalFile = Annotated[
     Path | None, typer.Option("--journal", metavar="FILE", help="Record every cycle, for `stadimeter replay`.")
@@ -48,7 +49,7 @@ class Keeping:
         images: Which pictures the recording holds.
         image_rate_hz: How many of them in a second; None for no limit.
         image_quality_percent: The quality of their JPEGs.
-        is_quiet: Whether to say what goes wrong at the end only, since something else has the screen.
+        is_quiet: Whether to say what goes wrong at the end only, since the view of the run says it at once.
     """
 
     journal: Path | None = None
@@ -76,64 +77,83 @@ def kept(loop: Loop, keeping: Keeping) -> Iterator[None]:
     """
     if keeping.journal is not None and keeping.record is not None and keeping.journal == keeping.record:
         raise JournalError(f"--journal and --record both name {keeping.journal}; they need a file each")
-    with _journal(loop, keeping), _recording(loop, keeping):
+    with ExitStack() as closing:
+        recorders: list[Recorder] = []
+        teller = _Teller(recorders, loop.services.tell, is_quiet=keeping.is_quiet)
+        closing.callback(teller.at_end)
+        for writer in _writers(loop, keeping):
+            recorders.append(_recorder(writer, loop))
+            closing.callback(recorders[-1].close)
+        loop.listeners += [*recorders, teller]
         yield
+        for recorder in recorders:  # both at once
+            recorder.end()
 
 
-@contextmanager
-def _journal(loop: Loop, keeping: Keeping) -> Iterator[None]:
-    if keeping.journal is None:
-        yield
+def _recorder(writer: Writer, loop: Loop) -> Recorder:
+    from stadimeter.app.recordings.recorder import Recorder  # noqa: PLC0415 - it takes long, and few runs have one
+
+    return Recorder(writer, is_live=loop.parts.is_live, is_hurried=lambda: loop.is_stopped)
+
+
+def _writers(loop: Loop, keeping: Keeping) -> Iterator[Writer]:
+    if keeping.journal is None and keeping.record is None:
         return
-    from stadimeter.app.recordings.journal import JournalWriter  # noqa: PLC0415 - it takes long, and few runs have one
     from stadimeter.app.recordings.recorded_configuration import to_be_recorded  # noqa: PLC0415 - likewise
 
-    loop.journal = JournalWriter(keeping.journal, to_be_recorded(loop.parts.configuration))
-    try:
-        yield
-    finally:
-        loop.journal.close()
+    configuration = to_be_recorded(loop.parts.configuration)
+    if keeping.journal is not None:
+        from stadimeter.app.recordings.journal import JournalWriter  # noqa: PLC0415 - likewise
+
+        yield JournalWriter(keeping.journal, configuration)
+    if keeping.record is not None:
+        yield _recording_writer(loop, keeping, keeping.record, configuration)
 
 
-@contextmanager
-def _recording(loop: Loop, keeping: Keeping) -> Iterator[None]:
-    if keeping.record is None:
-        yield
-        return
-    from stadimeter.app.recordings.recorded_configuration import to_be_recorded  # noqa: PLC0415 - it takes long, and few need it
-    from stadimeter.app.recordings.recorder import Recorder  # noqa: PLC0415 - likewise
+def _recording_writer(loop: Loop, keeping: Keeping, path: Path, configuration: RecordedConfiguration) -> Writer:
     from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter  # noqa: PLC0415 - likewise
 
-    parts = loop.parts
     recorded = Recorded(
-        configuration=to_be_recorded(parts.configuration),
-        camera=parts.configuration.camera_model,
-        sizes={name: detector.target_size for name, detector in parts.cycle.detectors.items()},
+        configuration=configuration,
+        camera=loop.parts.configuration.camera_model,
+        sizes={name: detector.target_size for name, detector in loop.parts.cycle.detectors.items()},
     )
     options = ImageOptions(
         images=keeping.images, rate_hz=keeping.image_rate_hz, quality_percent=keeping.image_quality_percent
     )
-    recorder = Recorder(RecordingWriter(keeping.record, recorded, options), is_live=parts.is_live)
-    tell = _FailureTeller(recorder)
-    loop.listeners += [recorder] if keeping.is_quiet else [recorder, tell]
-    try:
-        yield
-    finally:
-        recorder.close()
-        tell()
-        if recorder.images_left_out and not recorder.failure:
-            typer.echo(f"warning: {recorder.trouble()}", err=True)
+    return RecordingWriter(path, recorded, options)
 
 
-class _FailureTeller:
-    """Tells at once, and once, that a recording has ended before the run."""
+class _Teller:
+    """Tells what becomes of the files: each thing once, and what is missing in a file again at the end."""
 
-    def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
-        self._has_said = False
+    def __init__(self, recorders: Sequence[Recorder], tell: Callable[[str], None], *, is_quiet: bool) -> None:
+        self._recorders = recorders
+        self._tell = tell
+        self._is_quiet = is_quiet
+        self._said: set[str] = set()
 
     def __call__(self, *_: object) -> None:
-        failure = self._recorder.failure
-        if failure and not self._has_said:
-            self._has_said = True
-            typer.echo(f"warning: {failure}; the run goes on without it", err=True)
+        for recorder in self._recorders:
+            self._say_kept(recorder)
+            if recorder.failure and not self._is_quiet:
+                self._say(f"warning: {recorder.failure}; the run goes on without it")
+
+    def at_end(self) -> None:
+        """Tell what is not whole, after the files were closed."""
+        for recorder in self._recorders:
+            self._say_kept(recorder)
+            if recorder.failure:
+                self._say(f"warning: the {recorder.kind} is not whole: {recorder.failure}")
+            elif recorder.images_left_out:
+                count = recorder.images_left_out
+                self._say(f"warning: recording: {count} pictures were left out, since the disk did not keep up")
+
+    def _say_kept(self, recorder: Recorder) -> None:
+        if recorder.kept():
+            self._say(recorder.kept())
+
+    def _say(self, words: str) -> None:
+        if words not in self._said:
+            self._said.add(words)
+            self._tell(words)

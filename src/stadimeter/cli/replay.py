@@ -137,6 +137,8 @@ def _written(run: ReplayRun, journal: Path | None) -> Iterator[Iterator[Replayed
         closing.callback(writer.close)
         writer.resumed(source.header.resumed)
         yield _writing(run, writer)
+        if writer.kept():
+            typer.echo(writer.kept(), err=True)
 
 
 def _writing(run: ReplayRun, writer: JournalWriter) -> Iterator[Replayed]:

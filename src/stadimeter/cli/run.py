@@ -85,8 +85,8 @@ def run(
 
     - `stadimeter run config/follow-ball.toml --record run.mcap --image-rate 5`
 
-    **Exit code**: 0 the run ended as it should; 2 a device, the configuration or the journal is wrong. A recording
-    that cannot go on, for a full disk for example, is a warning: the run goes on without it.
+    **Exit code**: 0 the run ended as it should; 2 a device or the configuration is wrong, or a journal or recording
+    cannot be begun. One that cannot go on, for a full disk for example, is a warning: the run goes on without it.
     """
     view: View = "json" if as_json else "live" if watch else "plain"
     with told_plainly():
@@ -97,7 +97,7 @@ def run(
             images=record_images,
             image_rate_hz=image_rate,
             image_quality_percent=image_quality,
-            is_quiet=view == "live",
+            is_quiet=view != "plain",
         )
         serving = Serving(
             state=state,

@@ -25,6 +25,7 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, first_detail, reload_json, reload_of
 from stadimeter.app.recordings.record_file import RecordFile
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, sha256_of
+from stadimeter.core.frame import Frame
 from stadimeter.errors import JournalError
 
 __all__ = ["FORMAT", "Journal", "JournalHeader", "JournalWriter", "read_journal", "sha256_of"]
@@ -66,10 +67,9 @@ _HEADER = TypeAdapter(JournalHeader)
 
 
 class JournalWriter:
-    """Writes a journal. Each line is written whole or not at all.
+    """Writes a journal, in the thread of the caller; each line whole or not at all. A `Recorder` does so in a thread.
 
-    An old journal of that name is replaced by the first cycle, and not before: a run whose camera is missing destroys
-    nothing.
+    An older journal of that name is kept under another one, from the first cycle on: see `RecordFile`.
 
     Args:
         path: The file.
@@ -79,6 +79,9 @@ class JournalWriter:
     Raises:
         JournalError: The file cannot be written, or holds something else than a journal.
     """
+
+    kind = "journal"
+    takes_pictures = False
 
     def __init__(self, path: Path, configuration: RecordedConfiguration | str, began_at: str | None = None) -> None:
         if isinstance(configuration, str):
@@ -92,13 +95,10 @@ class JournalWriter:
             configuration_sha256=sha256_of(configuration.text),
             files=configuration.files,
         )
-        self._file = RecordFile(path, "journal", lambda head: head.startswith(_FIRST_BYTES))
+        self._file = RecordFile(path, self.kind, lambda head: head.startswith(_FIRST_BYTES))
 
-    def write(self, record: CycleRecord) -> None:
+    def write(self, record: CycleRecord, _frame: Frame | None = None) -> None:
         """Add one cycle.
-
-        Args:
-            record: The cycle.
 
         Raises:
             JournalError: The line could not be written whole, for a full disk for example. What was written before
@@ -107,11 +107,7 @@ class JournalWriter:
         self._append(self._encoder.encode(record))
 
     def resumed(self, text: str) -> None:
-        """Take in what the run takes over from an earlier one. Only before the first cycle.
-
-        Args:
-            text: What it takes over.
-        """
+        """Take in what the run takes over from an earlier one. Only before the first cycle."""
         self._header = replace(self._header, resumed=text)
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
@@ -128,9 +124,15 @@ class JournalWriter:
             configuration = RecordedConfiguration(text=configuration)
         self._append(reload_json(now_s, configuration))
 
+    def kept(self) -> str:
+        """Return in words where an older journal of that name is now; empty if there was none."""
+        return self._file.kept()
+
     def close(self) -> None:
         """Close the file. May be called any number of times."""
         self._file.close()
+
+    abandon = close
 
     def _append(self, line: bytes) -> None:
         if self._file.tell() == 0:

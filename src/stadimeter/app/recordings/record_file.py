@@ -1,7 +1,12 @@
-"""A file that grows by whole records: an old one is kept until there is something new, and none is cut in half."""
+"""A file that grows by whole records. An older one of that name is kept under another, and no record is cut in half.
+
+Losing what was recorded is worse than an untidy folder: a service that crashes is started again at once, with the same
+file name, and the record of the crash must survive that. So nothing that holds a record is ever overwritten or deleted.
+"""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import stat
 from collections.abc import Callable
@@ -12,62 +17,64 @@ from pathlib import Path
 from stadimeter.errors import JournalError
 
 HEAD_BYTES = 4096
-"""So much of a file is looked at to tell whose it is."""
+"""The length of the beginning of a file that tells whose it is."""
+
+NAME_BYTES_MAX = 255
+"""The longest file name that Linux takes."""
+
+_OPENING = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK
+"""Without waiting: the opening of a pipe that has no reader would never end."""
 
 
 class RecordFile:
     """A file that grows by whole records. The writer of the library ``mcap`` takes it for a file, too.
 
-    What is given to one `write` is written whole or not at all. An old file of that name is replaced by the first
-    one, and not before: a run whose camera is missing destroys nothing.
+    The data of one `write` is written whole or not at all. An older file of that name gets another name with the first
+    record, and not before: a run whose camera is missing leaves nothing behind. Only the user can read a new file.
+
+    A character device such as ``/dev/null`` will do as well. A pipe will not: its reader could hold up the writer.
 
     Args:
         path: The file.
-        kind: What it is called in messages, such as ``journal``.
-        is_ours: Tells from the first bytes of a file that there is, up to 4 KiB, whether it may be replaced.
+        kind: Its name in messages, such as ``journal``.
+        is_ours: Tells from the first bytes of a file, up to 4 KiB, whether it is of that kind.
+
+    Attributes:
+        kept_as: The new name of the older file; None if there was none.
 
     Raises:
         JournalError: It cannot be written, or holds something else than one of that kind.
     """
 
     def __init__(self, path: Path, kind: str, is_ours: Callable[[bytes], bool]) -> None:
+        self.kept_as: Path | None = None
         self._path = path
         self._kind = kind
+        self._is_ours = is_ours
         self._size = 0
-        try:
-            self._file = FileIO(path, "r+" if path.exists() and not path.is_dir() else "w+")
-        except OSError as error:
-            raise JournalError(f"{path}: the {kind} cannot be written: {error.strerror or error}") from error
-        if not _may_replace(self._file, is_ours):
+        self._file = self._opened(path)
+        self._real_path = Path(os.path.realpath(path))
+        if self._is_taken() and not os.access(self._real_path.parent, os.W_OK | os.X_OK):
             self._file.close()
-            raise JournalError(f"{path} holds something else than a {kind}; choose another file")
+            raise JournalError(f"{path}: the older {kind} cannot be kept: its folder cannot be written")
 
     def write(self, data: bytes) -> int:
-        """Write some records.
-
-        Args:
-            data: The records.
-
-        Returns:
-            How many bytes were written: all.
+        """Write some records; return how many bytes were written, which is all.
 
         Raises:
-            JournalError: They could not be written whole, for a full disk for example. What was written before is
-                intact.
+            JournalError: They could not be written whole, for a full disk for example. The earlier ones are intact.
         """
         if self._size == 0:
             self._begin()
         try:
-            written = self._file.write(data) if data else 0
+            rest = memoryview(data)
+            while rest:  # a disk that fills up takes a part of it, and says why with the next part
+                rest = rest[self._file.write(rest) :]
         except OSError as error:
             self._drop_fragment()
-            reason = error.strerror or str(error)
-            raise JournalError(f"{self._path}: {reason}; the {self._kind} ends here, intact") from error
-        if written != len(data):
-            self._drop_fragment()
-            raise JournalError(f"{self._path}: the disk is full; the {self._kind} ends here, intact")
-        self._size += written
-        return written
+            raise self._failure(error, f"; the {self._kind} ends here, intact") from error
+        self._size += len(data)
+        return len(data)
 
     def tell(self) -> int:
         """Return how many bytes were written."""
@@ -80,20 +87,84 @@ class RecordFile:
         """Close the file. May be called any number of times."""
         self._file.close()
 
+    def kept(self) -> str:
+        """Return in words where an older file is now; empty if there was none."""
+        return f"{self._path} held an older {self._kind}, which is now {self.kept_as}" if self.kept_as else ""
+
+    def _opened(self, path: Path) -> FileIO:
+        try:
+            file = FileIO(os.open(path, _OPENING, 0o600), "r+")
+            mode = os.fstat(file.fileno()).st_mode
+            head = file.read(HEAD_BYTES) if stat.S_ISREG(mode) else b""
+        except OSError as error:
+            raise self._failure(error, "", f"the {self._kind} cannot be written: ") from error
+        if stat.S_ISCHR(mode):
+            os.set_blocking(file.fileno(), True)
+        elif not stat.S_ISREG(mode) or (head and not self._is_ours(head)):
+            file.close()
+            raise JournalError(f"{path} holds something else than a {self._kind}; choose another file")
+        return file
+
     def _begin(self) -> None:
-        with suppress(OSError):  # a device or pipe has no beginning to go back to
-            self._file.seek(0)
-            self._file.truncate()
+        """Take the name for ourselves. Another run may have begun to write there since the file was opened."""
+        if not stat.S_ISREG(os.fstat(self._file.fileno()).st_mode):
+            return
+        self._file.close()
+        self._file = self._opened(self._real_path)
+        while self._is_taken():
+            self._file.close()
+            try:
+                self.kept_as = _set_aside(self._real_path)
+            except OSError as error:
+                raise self._failure(error, "", f"the older {self._kind} cannot be kept: ") from error
+            self._file = self._opened(self._real_path)
+
+    def _is_taken(self) -> bool:
+        """Return whether the open file holds something, or will: another run that is about to write has locked it."""
+        about = os.fstat(self._file.fileno())
+        if not stat.S_ISREG(about.st_mode) or about.st_size:
+            return about.st_size > 0
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # this file system has no locks
+            return False
+        return os.fstat(self._file.fileno()).st_size > 0
+
+    def _failure(self, error: OSError, after: str = "", before: str = "") -> JournalError:
+        return JournalError(f"{self._path}: {before}{error.strerror or error}{after}")
 
     def _drop_fragment(self) -> None:
-        with suppress(OSError):  # a device or pipe cannot be cut; the reader stops where a record is not whole
+        with suppress(OSError):  # a device cannot be cut; the reader stops where a record is not whole
             os.ftruncate(self._file.fileno(), self._size)
         self._file.close()
 
 
-def _may_replace(file: FileIO, is_ours: Callable[[bytes], bool]) -> bool:
-    """Return whether a file is empty, one of ours, or no file that could hold anything, such as a device."""
-    if not file.seekable() or not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        return True
-    head = file.read(HEAD_BYTES)
-    return not head or is_ours(head)
+def _set_aside(path: Path) -> Path:
+    """Give a file the next free name with a number, ``run-1.jsonl`` for ``run.jsonl``, and return that.
+
+    The name is taken by an empty file first, which the renamed one then replaces. So nothing else is ever replaced, on
+    every file system, even if two programs do this at once.
+    """
+    number = 1
+    while True:
+        kept = path.with_name(_numbered(path, number))
+        try:
+            os.close(os.open(kept, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+        except FileExistsError:
+            number += 1
+            continue
+        try:
+            path.replace(kept)
+        except OSError:
+            kept.unlink()
+            raise
+        return kept
+
+
+def _numbered(path: Path, number: int) -> str:
+    stem, ending = path.stem, f"-{number}{path.suffix}"
+    while len(stem) > 1 and len(os.fsencode(stem + ending)) > NAME_BYTES_MAX:
+        stem = stem[:-1]
+    return stem + ending

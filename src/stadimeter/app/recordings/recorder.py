@@ -1,25 +1,72 @@
-"""Records a run beside the loop: what takes time is done in a thread, and what fails there ends no run."""
+"""Records a run beside the loop: the disk's work is done in a thread, and no failure of the disk ends a run.
+
+A full disk, one that fails and one that hangs are the same to the loop: it hands a cycle over and goes on.
+"""
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
-from stadimeter.app.recordings.recording import RecordingWriter
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StadimeterError
 
 WAITING_MAX = 4096
-"""So many cycles may wait for the disk: two minutes at 30 a second. A memory card that pauses needs a few seconds."""
+"""The most cycles that wait for the disk: two minutes at 30 a second. A memory card that pauses needs a few seconds."""
 
 IMAGES_WAITING_MAX = 8
 """While more cycles than this wait, pictures are left out: they take the time and the memory."""
 
 END_WAIT_S = 30.0
-"""How long `Recorder.close` waits for what is not written yet."""
+"""How long the end of a run waits for the disk."""
+
+GOODBYE_S = 0.7
+"""How long it waits if the run was asked to end, by SIGTERM for example."""
+
+_STEP_S = 0.1
+
+
+class Writer(Protocol):
+    """Writes a journal or a recording, in the thread of the caller.
+
+    Attributes:
+        kind: ``journal`` or ``recording``.
+        takes_pictures: Whether it has a use for frames.
+    """
+
+    kind: str
+    takes_pictures: bool
+
+    def write(self, record: CycleRecord, frame: Frame | None = None, /) -> None:
+        """Add one cycle."""
+        ...
+
+    def resumed(self, text: str) -> None:
+        """Take in what the run takes over from an earlier one, before the first cycle."""
+        ...
+
+    def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+        """Add that another configuration was taken over."""
+        ...
+
+    def kept(self) -> str:
+        """Return in words where an older file of that name is now; empty if there was none."""
+        ...
+
+    def close(self) -> None:
+        """Finish the file."""
+        ...
+
+    def abandon(self) -> None:
+        """Close the file as it is, after a failure."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,101 +87,108 @@ class Recorder:
     Args:
         writer: Writes them.
         is_live: Whether the camera is live.
+        is_hurried: Whether the run was asked to end, so that it can wait no longer for a disk that hangs.
 
     Attributes:
+        kind: ``journal`` or ``recording``.
         failure: Why the recording ended before the run; empty while it goes on.
         images_left_out: How many pictures were left out, since the disk did not keep up.
     """
 
-    def __init__(self, writer: RecordingWriter, *, is_live: bool) -> None:
+    def __init__(self, writer: Writer, *, is_live: bool, is_hurried: Callable[[], bool] = lambda: False) -> None:
+        self.kind = writer.kind
         self.failure = ""
         self.images_left_out = 0
         self._writer = writer
         self._is_live = is_live
-        self._waiting: queue.Queue[_Item | None] = queue.Queue(WAITING_MAX if is_live else IMAGES_WAITING_MAX)
-        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._is_hurried = is_hurried
+        self._waiting: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
+        self._room = threading.Semaphore(WAITING_MAX if is_live else IMAGES_WAITING_MAX)
+        self._ended_s: float | None = None
+        self._thread = threading.Thread(target=self._run, name=writer.kind, daemon=True)
         self._thread.start()
 
     def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
-        """Take one cycle.
-
-        Args:
-            record: The cycle.
-            frame: The frame that was new in it.
-        """
-        if self.failure:
-            return
+        """Take one cycle, and the frame that was new in it."""
+        if not self._writer.takes_pictures:
+            frame = None
         if self._is_live and frame is not None and self._waiting.qsize() > IMAGES_WAITING_MAX:
             self.images_left_out += 1
             frame = None
         self._put((record, frame))
 
     def resumed(self, text: str) -> None:
-        """Take in what the run takes over from an earlier one. Only before the first cycle.
-
-        Args:
-            text: What it takes over.
-        """
+        """Take in what the run takes over from an earlier one. Only before the first cycle."""
         self._writer.resumed(text)
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
-        """Take that another configuration was taken over, before the first cycle that it decides.
+        """Take in that another configuration was taken over, before the first cycle that it decides.
 
         Args:
             now_s: When, on the run's monotonic clock.
             configuration: The configuration, or its text.
         """
-        if not self.failure:
-            self._put(_Reload(now_s, configuration))
+        self._put(_Reload(now_s, configuration))
 
-    def _put(self, item: _Item) -> None:
-        if not self._is_live:
-            self._waiting.put(item)
-            return
-        try:
-            self._waiting.put_nowait(item)
-        except queue.Full:
-            self.failure = f"the disk does not keep up: {WAITING_MAX} cycles wait for it; the recording ends here"
+    def kept(self) -> str:
+        """Return in words where an older file of that name is now; empty if there was none."""
+        return self._writer.kept()
 
     def trouble(self) -> str:
-        """Return in words what is wrong with the recording; empty if nothing is."""
+        """Return in words what is wrong; empty if nothing is. The words stay the same while that lasts."""
         if self.failure:
-            return f"recording: {self.failure}"
-        if self.images_left_out:
-            return f"recording: {self.images_left_out} pictures are left out, since the disk does not keep up"
-        return ""
+            return f"{self.kind}: {self.failure}"
+        return "recording: pictures are left out, since the disk does not keep up" if self.images_left_out else ""
+
+    def end(self) -> None:
+        """Have what waits written and the file finished. Returns at once; `close` waits for it."""
+        if self._ended_s is None:
+            self._ended_s = time.monotonic()
+            self._waiting.put(None)
 
     def close(self) -> None:
-        """Write what waits, and finish the file. May be called any number of times."""
-        if not self._thread.is_alive():
-            return
-        try:
-            self._waiting.put(None, timeout=END_WAIT_S)
-        except queue.Full:
-            self.failure = self.failure or "the disk does not answer; the end of the recording is missing"
-            return
-        self._thread.join(END_WAIT_S)
+        """Wait until what waits is written and the file is finished. May be called any number of times."""
+        self.end()
+        while self._thread.is_alive() and not self._is_too_late(self._ended_s or 0.0):
+            self._thread.join(_STEP_S)
         if self._thread.is_alive():
-            self.failure = self.failure or "the disk does not answer; the end of the recording is missing"
+            self._give_up()
+
+    def _put(self, item: _Item) -> None:
+        began_s = time.monotonic()
+        while not self.failure:
+            if self._room.acquire(timeout=0 if self._is_live else _STEP_S):
+                self._waiting.put(item)
+                return
+            if self._is_live:
+                words = f"the disk does not keep up: {WAITING_MAX} cycles wait for it; the {self.kind} ends here"
+                self.failure = words
+            elif self._is_too_late(began_s):
+                self._give_up()
+
+    def _give_up(self) -> None:
+        """Wait for the disk no longer, at the end neither. The thread stays behind; it ends if the disk comes back."""
+        self.failure = self.failure or f"the disk does not answer; the end of the {self.kind} is missing"
+        self.end()
+        self._ended_s = -math.inf
+
+    def _is_too_late(self, began_s: float) -> bool:
+        """Return whether a wait for the disk has been long enough; a program has no more than two seconds to end."""
+        return time.monotonic() - began_s >= (GOODBYE_S if self._is_hurried() else END_WAIT_S)
 
     def _run(self) -> None:
         try:
             while (item := self._waiting.get()) is not None:
+                self._room.release()
                 if not self.failure:
                     self._write(item)
             self._writer.close()
         except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on without the recording
             self.failure = str(error) if isinstance(error, StadimeterError) else f"{type(error).__name__}: {error}"
             self._writer.abandon()
-            self._discard()
 
     def _write(self, item: _Item) -> None:
         if isinstance(item, _Reload):
             self._writer.reloaded(item.now_s, item.configuration)
         else:
             self._writer.write(*item)
-
-    def _discard(self) -> None:
-        """Let go of what waits until the end, so that nobody waits for room."""
-        while self._waiting.get() is not None:
-            pass

@@ -102,12 +102,15 @@ class RecordingWriter:
         DriverUnavailableError: The library ``mcap`` is not installed.
     """
 
+    kind = "recording"
+    takes_pictures = True
+
     def __init__(self, path: Path, recorded: Recorded, options: ImageOptions | None = None) -> None:
         require_mcap("recording to an MCAP file")
         self._recorded = recorded
         self._choice = _ImageChooser(options or ImageOptions())
         self._quality_percent = (options or ImageOptions()).quality_percent
-        self._file = RecordFile(path, "recording", is_ours)
+        self._file = RecordFile(path, self.kind, is_ours)
         self._encoder = CycleEncoder(repeats_rules=True)
         self._writer: Writer | None = None
         self._channels: dict[str, int] = {}
@@ -162,6 +165,10 @@ class RecordingWriter:
             configuration = RecordedConfiguration(text=configuration)
         writer = self._writer or self._begin(now_s)
         self._add(writer, CONFIGURATION, schemas.CONFIGURATION, now_s, reload_json(now_s, configuration))
+
+    def kept(self) -> str:
+        """Return in words where an older recording of that name is now; empty if there was none."""
+        return self._file.kept()
 
     def close(self) -> None:
         """Finish the file, so that it can be searched by time, and close it. May be called any number of times.

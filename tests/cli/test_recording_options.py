@@ -1,0 +1,128 @@
+"""What a run leaves behind when the disk fails, hangs or already holds something: real processes and real limits."""
+
+from __future__ import annotations
+
+import os
+import pty
+import resource
+import signal
+import subprocess
+import sys
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from stadimeter.app.recordings.opening import read_recording
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+
+SIMULATED = SIMULATED_BALL + '[rules.far]\nactuator = "motor"\nramp = { from = "0.5 m", to = "1 m" }\n[world]\n'
+OPTIONS = [("--journal", "run.jsonl"), ("--record", "run.mcap")]
+
+
+def command(*words: object) -> list[str]:
+    return [sys.executable, "-m", "stadimeter", "run", *map(str, words)]
+
+
+def stadimeter(*words: object, limit_bytes: int = resource.RLIM_INFINITY) -> subprocess.CompletedProcess[str]:
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, resource.RLIM_INFINITY))
+
+    return subprocess.run(command(*words), capture_output=True, text=True, check=False, preexec_fn=limit)
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "simulated.toml"
+    path.write_text(SIMULATED)
+    return path
+
+
+@pytest.mark.parametrize(("option", "name"), OPTIONS)
+def test_a_disk_that_fills_up_ends_the_file_intact_and_the_run_goes_on(
+    config: Path, tmp_path: Path, option: str, name: str
+) -> None:
+    """A limit on the size of files stands in for the disk: the system cuts a write short in the same way."""
+    path = tmp_path / name
+    done = stadimeter(config, "--seconds", 60, "--speed", 0, option, path, limit_bytes=400_000)
+    assert done.returncode == 0, done.stderr
+    assert "Ended: 60 s, as asked for. 1800 frames" in done.stdout
+    first, last = done.stderr.splitlines()
+    assert first.endswith("the run goes on without it")
+    assert "is not whole: " in last
+    cycles = list(read_recording(path).records())
+    assert 50 < len(cycles) < 1800
+    assert path.stat().st_size <= 400_000
+    if name.endswith("jsonl"):
+        assert path.read_bytes().endswith(b"}\n")
+
+
+@pytest.mark.parametrize(("option", "name"), OPTIONS)
+def test_a_restart_replaces_no_record_of_an_earlier_run_and_says_where_that_is(
+    config: Path, tmp_path: Path, option: str, name: str
+) -> None:
+    path = tmp_path / name
+    counts = {}
+    for frames in (20, 30, 40):
+        done = stadimeter(config, "--frames", frames, "--speed", 0, option, path)
+        assert done.returncode == 0, done.stderr
+        counts[frames] = done.stderr
+    assert counts[20] == ""
+    for number, frames in ((1, 30), (2, 40)):
+        assert counts[frames].endswith(f", which is now {path.with_stem(f'run-{number}')}\n")
+    lengths = [len(list(read_recording(path.with_stem(stem)).records())) for stem in ("run-1", "run-2", "run")]
+    assert lengths == [20, 30, 40]
+
+
+def test_the_journal_of_a_run_that_was_killed_is_still_there_after_the_restart(config: Path, tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    with subprocess.Popen(command(config, "--journal", path), stdout=subprocess.DEVNULL) as killed:
+        eventually(lambda: path.exists() and path.read_bytes().count(b"\n") > 20, within_s=60)
+        killed.kill()
+    crashed = path.read_bytes()
+    assert stadimeter(config, "--frames", 3, "--speed", 0, "--journal", path).returncode == 0
+    assert (tmp_path / "run-1.jsonl").read_bytes() == crashed
+
+
+def test_a_run_that_begins_no_cycle_leaves_an_older_journal_where_it_is(config: Path, tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    assert stadimeter(config, "--frames", 3, "--speed", 0, "--journal", path).returncode == 0
+    before = path.read_bytes()
+    camera = '[camera]\ndriver = "opencv"\ndevice = "/dev/video-none"\n'
+    config.write_text(SIMULATED.replace(SIMULATED[: SIMULATED.index("[camera.model]")], camera))
+    assert stadimeter(config, "--no-state", "--journal", path).returncode == 2
+    assert path.read_bytes() == before
+    assert sorted(each.name for each in tmp_path.glob("run*")) == ["run.jsonl"]
+
+
+def test_a_pipe_is_refused_at_once(config: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    done = stadimeter(config, "--journal", tmp_path / "pipe")
+    assert done.returncode == 2
+    assert "holds something else than a journal" in done.stderr
+
+
+@pytest.fixture
+def stuck() -> Iterator[str]:
+    """Return a terminal that takes a few kilobytes and then hangs, as a disk may: its other side is never read."""
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    yield os.ttyname(theirs)
+    os.close(ours)
+    os.close(theirs)
+
+
+def test_a_disk_that_hangs_does_not_keep_a_run_from_ending_on_sigterm(config: Path, stuck: str) -> None:
+    words = command(config, "--speed", 0, "--journal", stuck)
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline()
+        time.sleep(1.0)  # until the terminal is full
+        run.send_signal(signal.SIGTERM)
+        out, err = run.communicate(timeout=20)  # without a bound, it would be never
+    assert run.returncode == 0, err
+    assert "Ended: SIGTERM" in out
+    assert "the disk does not answer; the end of the journal is missing" in err
