@@ -78,6 +78,16 @@ def read(path):
     return memory, store.warning
 
 
+def test_only_the_user_can_read_a_new_file_and_what_is_kept_beside_it(path):
+    store = AlarmStore(path)
+    store.open()
+    store.write(remembered(NEAR))
+    modes = {each.name: each.stat().st_mode & 0o777 for each in path.parent.iterdir()}
+    store.close()
+    assert set(modes) >= {"run.sqlite3", "run.sqlite3-wal"}
+    assert set(modes.values()) == {0o600}
+
+
 def test_what_was_written_is_read_again_to_the_last_bit(path):
     memory, warning = read(written(path, NEAR, FAR))
     assert memory.moment == NOON

@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.secrets import address_for_people, words_for_people
 from stadimeter.errors import ConfigError
 from stadimeter.testing.simulated_run import SIMULATED_BALL
 
@@ -70,3 +73,122 @@ def test_a_wrong_url_is_refused_without_repeating_it(tmp_path: Path, written: st
     with pytest.raises(ConfigError) as raised:
         load(tmp_path, f'[notifiers.phone]\ndriver = "apprise"\nurl = {written}')
     assert "AbCdEf" not in str(raised.value)
+
+
+PASSWORD = "hunter2"
+TOKEN = "tok3n"
+ADDRESS = f"rtsp://admin:{PASSWORD}@camera.local:554/live?token={TOKEN}&x=1"
+
+
+@pytest.mark.parametrize(
+    ("address", "shown"),
+    [
+        (ADDRESS, "rtsp://camera.local:554/live?…"),
+        ("http://camera/?action=stream", "http://camera/?…"),
+        ("rtsp://camera/live", "rtsp://camera/live"),
+        ("/dev/video0", "/dev/video0"),
+        ("rtsp://admin@camera/live#hunter2", "rtsp://camera/live#…"),
+        ("rtsp://admin:hunt@hunter2@camera/live", "rtsp://camera/live"),
+        ("rtsp://admin:hunter2/hunter2@camera/live", "rtsp://camera/live"),
+        ("rtsp://admin:hunter2 hunter2@[fe80::1]/live", "rtsp://[fe80::1]/live"),
+        ("rtsp://[admin:hunter2@camera", "rtsp://camera"),
+        ("rtsp://camera/user=admin&password=hunter2&channel=1.sdp", "rtsp://camera/…"),
+        ("rtsp://camera/live;token=hunter2", "rtsp://camera/live;…"),
+        ("rtsp://admin:?hunter2@camera/live", "rtsp://…"),
+        ("rtsp://me@admin:a;hunter2@camera/live", "rtsp://…"),
+        ("async:http://admin:hunter2@camera/", "async:http://camera/"),
+    ],
+)
+def test_an_address_is_shown_without_what_may_be_secret(address: str, shown: str) -> None:
+    assert address_for_people(address) == shown
+    assert address_for_people(shown) == shown
+
+
+@given(
+    user=st.text(max_size=5),
+    password=st.text(max_size=9),
+    path=st.text(alphabet="abc/.:@?=&;#", max_size=9),
+    token=st.text(alphabet="xyz@?=/", max_size=5),
+)
+def test_no_password_and_no_token_is_ever_shown(user: str, password: str, path: str, token: str) -> None:
+    shown = address_for_people(f"rtsp://{user}:{PASSWORD}{password}@camera/{path}?token={TOKEN}{token}")
+    assert PASSWORD not in shown
+    assert TOKEN not in shown
+    assert address_for_people(shown) == shown
+
+
+def test_a_sentence_keeps_its_words_around_an_address() -> None:
+    words = words_for_people(
+        f"cannot open '{ADDRESS}': refused by camera@home, see https://example.org/help?page=3 now"
+    )
+    assert words == (
+        "cannot open 'rtsp://camera.local:554/live?…': refused by camera@home, see https://example.org/help?… now"
+    )
+
+
+def camera(tmp_path: Path, device: str, more: str = "") -> Configuration:
+    """Load a configuration whose camera has an address, written in some way."""
+    text = SIMULATED_BALL[SIMULATED_BALL.index("[camera.model]") :].replace('"ideal"', '"sheet"\nwidth = 1\nheight = 2')
+    text = text.replace("width = 1\nheight = 2", 'width = "10 cm"\nheight = "20 cm"')
+    path = tmp_path / "run.toml"
+    rule = '[rules.far]\nactuator = "motor"\nwhen = { lost = true }'
+    path.write_text(f'[camera]\ndriver = "opencv"\n{device}\n{text}\n{rule}\n{more}')
+    return load_configuration(path)
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        f'device = "{ADDRESS}"  # {ADDRESS}',
+        f"device='{ADDRESS}'",
+        f'"device" = """{ADDRESS}"""',
+        f'device = "{ADDRESS.replace("@", chr(92) + "u0040")}"',
+        f'device = "{ADDRESS.replace(PASSWORD, PASSWORD + " " + PASSWORD)}"',
+        f'device = "{ADDRESS.replace(PASSWORD, chr(92) + chr(34) + PASSWORD)}"',
+        f'# device = "{ADDRESS}"\ndevice = 0',
+    ],
+)
+def test_the_password_of_a_camera_is_in_nothing_that_is_recorded(tmp_path: Path, written: str) -> None:
+    configuration = camera(tmp_path, written)
+    assert PASSWORD not in configuration.text
+    assert TOKEN not in configuration.text
+    path = tmp_path / "recorded.toml"
+    path.write_text(configuration.text)
+    again = load_configuration(path)
+    assert again.text == configuration.text
+    assert "secret" not in {warning.code for warning in again.warnings}
+
+
+def test_a_password_in_an_address_is_warned_of_with_the_key_to_write_instead(tmp_path: Path) -> None:
+    (warning,) = [each for each in camera(tmp_path, f'device = "{ADDRESS}"').warnings if each.code == "secret"]
+    assert (warning.key, warning.line) == ("camera.device", 3)
+    assert 'write device_file = "…"' in warning.hint
+    assert PASSWORD not in str(warning)
+
+
+def test_an_address_without_a_password_is_no_reason_for_a_warning(tmp_path: Path) -> None:
+    configuration = camera(tmp_path, 'device = "http://camera:8080/?action=stream"')
+    assert "secret" not in {warning.code for warning in configuration.warnings}
+
+
+def test_the_file_of_an_address_is_recorded_by_its_name_only(tmp_path: Path) -> None:
+    (tmp_path / "camera.txt").write_text(ADDRESS + "\n")
+    configuration = camera(tmp_path, 'device_file = "camera.txt"')
+    assert configuration.text == configuration.path.read_text()
+    assert configuration.warnings == ()
+    assert configuration.camera.options.source() == ADDRESS
+
+
+def test_an_address_in_what_a_rule_sends_is_sent_whole_and_recorded_without_its_token(tmp_path: Path) -> None:
+    then = f'[[rules.far.then]]\ntopic = "away"\ntext = "see http://dash/?token={TOKEN} now"\n'
+    configuration = camera(tmp_path, "device = 0", f'{then}[messenger]\ndriver = "simulated"\n')
+    assert TOKEN in repr(configuration.plan)
+    assert 'text = "see http://dash/?… now"' in configuration.text
+    assert "secret" not in {warning.code for warning in configuration.warnings}
+
+
+@pytest.mark.parametrize("device", [f"rtsp:/admin:{PASSWORD}@camera", f"admin:{PASSWORD}@camera"])
+def test_an_address_that_is_wrong_is_refused_without_repeating_it(tmp_path: Path, device: str) -> None:
+    with pytest.raises(ConfigError, match="is not a camera") as raised:
+        camera(tmp_path, f'device = "{device}"')
+    assert PASSWORD not in str(raised.value)

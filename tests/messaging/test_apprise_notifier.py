@@ -70,8 +70,8 @@ def test_the_url_may_stand_in_a_file_of_its_own(service: WebhookListener, tmp_pa
     ("text", "words"),
     [
         (None, "cannot be read: no such file or directory"),
-        (b"", "is not the URL of a service"),
-        (b"top-secret-token", "is not the URL of a service"),
+        (b"", "is not an address such as 'ntfys://…'"),
+        (b"top-secret-token", "is not an address such as 'ntfys://…'"),
         (b"json://\xff\xfe", "it is not utf-8 text"),
     ],
 )

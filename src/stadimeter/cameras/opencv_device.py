@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
-from urllib.parse import urlsplit
 
 # OpenCV waits 10 s for a frame of a Video4Linux device unless this says otherwise, in whole seconds. It is read when
 # OpenCV first waits, so it is in time here even if OpenCV was imported before. A user's own setting is kept.
@@ -65,8 +64,8 @@ class OpenCvCamera:
         self._options = options
         self._clock = clock
         self._open_capture = open_capture
-        self._source = f"/dev/video{options.device}" if isinstance(options.device, int) else options.device
-        self._name = _without_password(self._source) if options.is_stream else self._source
+        self._source = ""
+        self._name = options.name
         self._lock = threading.Lock()
         self._is_closing = True
         self._capture: CaptureLike | None = None
@@ -146,6 +145,7 @@ class OpenCvCamera:
             self._capture = None
 
     def _acquire(self) -> None:
+        self._source = self._options.source()  # anew each time: the password in a file may have changed
         capture = self._capture = self._opened_stream() if self._options.is_stream else self._opened_device()
         self._stamp.restart()
         differ = () if self._options.is_stream else apply_settings(capture, self._options)
@@ -219,14 +219,13 @@ def _decoded(capture: CaptureLike) -> Image | None:
     return np.asarray(image, np.uint8)
 
 
-def _without_password(address: str) -> str:
-    parts = urlsplit(address)
-    place = parts.netloc.rpartition("@")[2]
-    return parts._replace(netloc=place, query="…" if parts.query else "").geturl()
-
-
 def _build(options: OpenCvOptions, context: DriverContext) -> OpenCvCamera:
     return OpenCvCamera(options, context.clock)
 
 
-PLUGIN = Plugin(OpenCvOptions, _build)
+def _lacks(options: OpenCvOptions) -> tuple[str, ...]:
+    file = options.device_file
+    return (f"there is no file {file}",) if file is not None and not file.is_file() else ()
+
+
+PLUGIN = Plugin(OpenCvOptions, _build, lacks=_lacks)

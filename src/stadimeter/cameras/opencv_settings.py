@@ -8,7 +8,9 @@ from typing import Annotated, Any, Protocol, Self
 import cv2
 from pydantic import BeforeValidator, Field, model_validator
 
+from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import Options
+from stadimeter.config.secrets import address_for_people, address_in
 from stadimeter.config.units import Duration, Frequency
 from stadimeter.core.frame import Image
 
@@ -25,8 +27,9 @@ def _check_device(value: object) -> object:
         return value
     if isinstance(value, str) and (value.startswith("/") or "://" in value):
         return value
+    words = "this" if isinstance(value, str) and "@" in value else repr(value)  # it may hold a password
     raise ValueError(
-        f"{value!r} is not a camera; write a number such as 0, a path such as '/dev/v4l/by-id/…-index0',"
+        f"{words} is not a camera; write a number such as 0, a path such as '/dev/v4l/by-id/…-index0',"
         " or an address such as 'rtsp://…'"
     )
 
@@ -36,7 +39,8 @@ class OpenCvOptions(Options):
 
     Attributes:
         device: A number, 0 for ``/dev/video0``; a path such as ``/dev/v4l/by-id/…-index0``; or the address of a stream
-            such as ``rtsp://…`` or ``http://…``.
+            such as ``rtsp://…`` or ``http://…``. An address with a password is better kept in a `device_file`.
+        device_file: A text file with the address of a stream on its first line. It may be a systemd credential.
         width_px: The width to ask for, together with ``height_px``; None takes what the camera gives.
         height_px: The height to ask for.
         rate: The frame rate to ask for in hertz; None takes what the camera gives.
@@ -46,7 +50,8 @@ class OpenCvOptions(Options):
         read_timeout: How long to wait for a frame, in seconds.
     """
 
-    device: Annotated[int | str, BeforeValidator(_check_device)]
+    device: Annotated[int | str, BeforeValidator(_check_device)] | None = None
+    device_file: FilePath | None = None
     width_px: Annotated[int, Field(gt=0, le=20_000)] | None = None
     height_px: Annotated[int, Field(gt=0, le=20_000)] | None = None
     rate: Annotated[Frequency, Field(gt=0)] | None = None
@@ -54,6 +59,12 @@ class OpenCvOptions(Options):
     exposure: Annotated[Duration, Field(gt=0)] | None = None
     autofocus: bool = False
     read_timeout: Annotated[Duration, Field(gt=0, le=60)] = 1.0
+
+    @model_validator(mode="after")
+    def _one_camera_only(self) -> Self:
+        if (self.device is None) is (self.device_file is None):
+            raise ValueError("a camera needs either device or device_file")
+        return self
 
     @model_validator(mode="after")
     def _size_is_whole(self) -> Self:
@@ -64,7 +75,24 @@ class OpenCvOptions(Options):
     @property
     def is_stream(self) -> bool:
         """Whether the device is the address of a stream."""
-        return isinstance(self.device, str) and "://" in self.device
+        return self.device_file is not None or (isinstance(self.device, str) and "://" in self.device)
+
+    @property
+    def name(self) -> str:
+        """What messages call the camera: its path or address, without what may be a secret in it."""
+        if self.device_file is not None:
+            return f"named in {self.device_file}"
+        return f"/dev/video{self.device}" if isinstance(self.device, int) else address_for_people(self.device or "")
+
+    def source(self) -> str:
+        """Return the path of the device, or the address of the stream, which may hold a password.
+
+        Raises:
+            DeviceOpenError: The file with the address cannot be read.
+        """
+        if self.device_file is not None:
+            return address_in(self.device_file, "rtsp://…")
+        return f"/dev/video{self.device}" if isinstance(self.device, int) else self.device or ""
 
 
 class CaptureLike(Protocol):

@@ -1,10 +1,19 @@
-"""Secrets that stand in a configuration, which is shown, recorded and shared: they are taken out of its text."""
+"""Secrets that stand in a configuration, which is shown, recorded and shared: they are taken out of its text.
+
+There are two kinds. What a driver declares as a `pydantic.SecretStr` is a secret as a whole. The address of a camera is
+often one in part: it holds a password or a token. User info, parameters and fragment of every address in a
+configuration, wherever it stands, are left out of what is recorded and of what is said to people. Drivers name what
+they talk to by `address_for_people` in every message; words of a library that may hold an address go through
+`words_for_people`.
+"""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from pydantic import SecretStr
@@ -12,11 +21,67 @@ from pydantic import SecretStr
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding
 from stadimeter.config.toml_lines import KeyPath, Place
+from stadimeter.errors import DeviceOpenError
 
 HIDDEN = "hidden://"
 """What stands in the place of a secret in the text that is recorded."""
 
-_TEXT_VALUE = re.compile(r"""=\s*("[^"]*"|'[^']*')\s*$""")
+ADDRESS_BYTES_MAX = 8192
+"""So much of a file is read for the address on its first line."""
+
+LEFT_OUT = "…"
+"""What stands in the place of the secret parts of an address."""
+
+_TEXT_VALUE = re.compile(r"""(?:^|(?<==))\s*("(?:[^"\\]|\\.)*"|'[^']*')\s*$""")
+_ADDRESS = re.compile(r"""://([^\s"'`<>\\]+)""")
+_SCHEME = re.compile(r"\s*[\w+.-]+://")
+_PARAMETERS = re.compile(r"[?#;]|(?<=/)[^/?#;]*=")
+"""Where the parameters of an address begin. Some cameras have them in the path: ``/user=me&password=secret``."""
+
+_TELLING = re.compile(r"@|\w*(?:pass|pw|token|key|secret|auth|sig|cred)\w*=", re.IGNORECASE)
+"""What stands in an address that holds a secret most likely. Others, such as ``?action=stream``, deserve no warning."""
+
+_TEXT_FOR_PEOPLE = frozenset({"rules", "tests"})
+"""The sections in which an address is a part of a sentence."""
+
+
+def address_for_people(address: str) -> str:
+    """Return an address without what may be a secret in it. Doing so twice changes nothing more.
+
+    Args:
+        address: Such as ``rtsp://me:secret@camera/live?token=abc``.
+
+    Returns:
+        Such as ``rtsp://camera/live?…``.
+    """
+    scheme, mark, rest = address.partition("://")
+    return f"{scheme}{mark}{_for_people(rest)}"
+
+
+def words_for_people(text: str) -> str:
+    """Return a text without what may be a secret in the addresses that stand in it."""
+    return _ADDRESS.sub(lambda found: f"://{_for_people(found[1])}", text)
+
+
+def address_in(file: Path, example: str) -> str:
+    """Return the address on the first line of a file, which may be a systemd credential.
+
+    Args:
+        file: The file.
+        example: How such an address begins.
+
+    Raises:
+        DeviceOpenError: It cannot be read, or no address stands there. The message repeats nothing of it.
+    """
+    try:
+        with file.open("rb") as opened:
+            lines = opened.read(ADDRESS_BYTES_MAX).decode("utf-8-sig").strip().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise DeviceOpenError(f"the file with its address, {file}, cannot be read: {reason.lower()}") from error
+    if not lines or "://" not in lines[0]:
+        raise DeviceOpenError(f"the first line of {file} is not an address such as '{example}'")
+    return lines[0].strip()
 
 
 def secret_warnings(draft: Draft) -> Iterator[Finding]:
@@ -33,6 +98,10 @@ def secret_warnings(draft: Draft) -> Iterator[Finding]:
             message = "this may hold a secret, and configurations are shown and shared"
             hint = f'put it into a file of its own and write {path[-1]}_file = "…"'
             yield Finding(path, message, hint, "secret")
+    for path, text in _addresses(draft):
+        if path[0] not in _TEXT_FOR_PEOPLE and text != _shown(path, text) and _TELLING.search(text):
+            message = "this address holds a password or a token, and configurations are shown and shared"
+            yield Finding(path, f"{message}; journals and recordings leave it out", _hint(draft, path), "secret")
 
 
 def without_secrets(draft: Draft, text: str, places: Mapping[KeyPath, Place]) -> tuple[str, tuple[Finding, ...]]:
@@ -46,20 +115,52 @@ def without_secrets(draft: Draft, text: str, places: Mapping[KeyPath, Place]) ->
     Returns:
         The text with something else for each secret; and what is wrong with a secret that cannot be taken out.
     """
+    safe = {path: shown for path, value in _addresses(draft) if (shown := _shown(path, value)) != value}
+    safe |= dict.fromkeys(_secrets(draft), HIDDEN)
     lines = text.split("\n")
-    paths = [path for path in _secrets(draft) if path in places]
-    for path in sorted(paths, key=lambda path: places[path].column, reverse=True):  # the last of a line first
-        place = places[path]
+    for path in sorted(safe.keys() & places.keys(), key=lambda path: places[path].column, reverse=True):
+        place = places[path]  # the last of a line first, so that the others stay where they are
         line = lines[place.line - 1]
-        hidden = _TEXT_VALUE.sub(f'= "{HIDDEN}"', line[place.column : place.end_column])
+        hidden = _replaced(line[place.column : place.end_column], safe[path])
         lines[place.line - 1] = line[: place.column] + hidden + line[place.end_column :]
-    safe_text = "\n".join(lines)
-    if all(_reads(safe_text, path) == HIDDEN for path in _secrets(draft)):
-        return safe_text, ()
+    safe_text = words_for_people("\n".join(lines))  # comments too, and text over several lines
+    table = _parsed(safe_text) if safe else {}
     hint = "write it as text in simple quotes on the line of its key"
-    return text, tuple(
-        Finding(path, "this may hold a secret that cannot be left out", hint, "secret") for path in paths
+    return safe_text, tuple(
+        Finding(path, "this may hold a secret that cannot be left out", hint, "secret")
+        for path, shown in safe.items()
+        if (value := _value(table, path)) != shown and (shown == HIDDEN or value != _shown(path, str(value)))
     )
+
+
+def _for_people(rest: str) -> str:
+    """Return what follows the scheme of an address. If it cannot be told what is a password, nothing is left of it."""
+    cut = _PARAMETERS.search(rest)
+    before, after = (rest[: cut.start()], rest[cut.start() :]) if cut else (rest, "")
+    if "@" in after:  # of a password with such a character, or of an address of mail
+        return LEFT_OUT
+    place = before.rpartition("@")[2]
+    mark = after[0] if after[:1] in {"?", "#", ";"} else ""
+    return place + (f"{mark}{LEFT_OUT}" if after else "")
+
+
+def _shown(path: KeyPath, text: str) -> str:
+    """Return a text of a configuration without secrets: one that begins as an address is one, with all its blanks."""
+    is_address = path[0] not in _TEXT_FOR_PEOPLE and _SCHEME.match(text)
+    return address_for_people(text) if is_address else words_for_people(text)
+
+
+def _replaced(key_and_value: str, value: str) -> str:
+    quoted = json.dumps(value, ensure_ascii=False)
+    return _TEXT_VALUE.sub(lambda _: f" {quoted}", key_and_value)
+
+
+def _hint(draft: Draft, path: KeyPath) -> str:
+    beside = f"{path[-1]}_file"
+    known = {(*at, name) for at, part in draft.parts() for name in type(part.options).model_fields}
+    if (*path[:-1], beside) in known:
+        return f'put it into a file of its own and write {beside} = "…"'
+    return "let only those read this file who may know it"
 
 
 def _secrets(draft: Draft) -> Iterator[KeyPath]:
@@ -69,14 +170,31 @@ def _secrets(draft: Draft) -> Iterator[KeyPath]:
                 yield (*at, field.alias or name)
 
 
-def _reads(text: str, path: KeyPath) -> Any:
+def _addresses(draft: Draft) -> Iterator[tuple[KeyPath, str]]:
+    """Go through every text in which an address stands, but not those that are secret as a whole."""
+    secrets = set(_secrets(draft))
+    waiting: list[tuple[KeyPath, Any]] = [((), draft.table)]
+    while waiting:
+        path, value = waiting.pop()
+        if isinstance(value, Mapping):
+            waiting += [((*path, key), each) for key, each in value.items()]
+        elif isinstance(value, list):
+            waiting += [((*path, number), each) for number, each in enumerate(value)]
+        elif isinstance(value, str) and "://" in value and path not in secrets:
+            yield path, value
+
+
+def _parsed(text: str) -> Mapping[str, Any]:
     try:
-        return _value(tomllib.loads(text), path)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError:
-        return None
+        return {}
 
 
 def _value(table: Any, path: KeyPath) -> Any:
     for key in path:
-        table = table.get(key) if isinstance(table, Mapping) else None
+        if isinstance(table, Mapping):
+            table = table.get(key)
+        else:
+            table = table[key] if isinstance(table, list) and isinstance(key, int) else None
     return table

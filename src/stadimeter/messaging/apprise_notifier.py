@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, SecretStr, model_validator
 from stadimeter.config.models import DurationAboveZero
 from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.secrets import HIDDEN
+from stadimeter.config.secrets import HIDDEN, address_in
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError
@@ -145,7 +145,11 @@ class AppriseNotifier:
         self._delivery = None
 
     def _url(self) -> str:
-        url = self._options.url.get_secret_value() if self._options.url else _read_url(self._options.url_file or Path())
+        url = (
+            self._options.url.get_secret_value()
+            if self._options.url
+            else address_in(self._options.url_file or Path(), "ntfys://…")
+        )
         if url == HIDDEN:
             raise DeviceOpenError("its URL was taken out when the configuration was recorded; write url_file with it")
         return url
@@ -169,17 +173,6 @@ class AppriseNotifier:
         for secret in sorted(self._secrets, key=len, reverse=True):
             words = words.replace(secret, "…")
         return " ".join(words.split())[:_LONGEST_REASON].rstrip(".")
-
-
-def _read_url(file: Path) -> str:
-    try:
-        lines = file.read_text(encoding="utf-8").strip().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise DeviceOpenError(f"the file with its URL, {file}, cannot be read: {reason.lower()}") from error
-    if not lines or "://" not in lines[0]:
-        raise DeviceOpenError(f"the first line of {file} is not the URL of a service, such as 'ntfys://…'")
-    return lines[0].strip()
 
 
 def _service(url: str, name: str) -> Any:

@@ -212,6 +212,8 @@ class AlarmStore:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             is_new = self._is_new()
+            with suppress(FileExistsError):  # SQLite would let everybody read a new file, and what it keeps beside it
+                os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
             self._database = _connected(self.path)
             return self._read(self._database, is_new=is_new)
         except Exception as error:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.secrets import words_for_people
 from stadimeter.errors import ConfigError
 
 FILE_NAME = "configuration.toml"
@@ -86,7 +87,7 @@ def _camera_files(configuration: Configuration) -> dict[str, str]:
     if not isinstance(model, str):
         return {}
     file = configuration.path.parent / Path(model).expanduser()
-    return {model: file.read_text("utf-8-sig")} if file.is_file() else {}
+    return {model: words_for_people(file.read_text("utf-8-sig"))} if file.is_file() else {}
 
 
 def _laid_out(recorded: RecordedConfiguration, top: Path) -> Path:

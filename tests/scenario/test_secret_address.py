@@ -1,0 +1,151 @@
+"""A camera with a password in its address, a run with all that it leaves behind, and a search for the password."""
+
+from __future__ import annotations
+
+import base64
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.app.recordings.opening import read_recording
+from stadimeter.testing.broker import make_broker
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.mqtt_listener import MqttListener
+from stadimeter.testing.simulated_run import LENS
+
+PASSWORD, TOKEN = "hunter2", "tok3n"
+LOGIN = base64.b64encode(f"admin:{PASSWORD}".encode())
+SECRETS = (PASSWORD.encode(), TOKEN.encode(), LOGIN, base64.b64encode(f":{PASSWORD}".encode()))
+
+CONFIG = """
+[camera]
+driver = "opencv"
+{device}
+{lens}
+[targets.sheet]
+detector = "sheet"
+width = "10 cm"
+height = "20 cm"
+
+[actuators.motor]
+driver = "simulated"
+
+[messenger]
+driver = "mqtt"
+port = {port}
+
+[rules.gone]
+actuator = "motor"
+when = {{ lost = true }}
+
+[[rules.gone.then]]
+topic = "gone"
+text = "see {link} now"
+"""
+
+
+class Stream(BaseHTTPRequestHandler):
+    """Sends pictures to whoever has the password, until the server is told to refuse everybody."""
+
+    def do_GET(self) -> None:
+        asked = self.headers.get("Authorization", "") == f"Basic {LOGIN.decode()}" and TOKEN in self.path
+        if self.server.refuses or not asked:
+            self.send_response(401)
+            self.send_header("WWW-Authenticate", 'Basic realm="camera"')
+            self.end_headers()
+            return
+        self.server.served += 1
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        random = np.random.default_rng(1)
+        while not self.server.refuses:
+            jpeg = cv2.imencode(".jpg", random.integers(0, 255, (480, 640, 3), np.uint8))[1].tobytes()
+            try:
+                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                self.wfile.write(head.encode() + jpeg + b"\r\n")
+            except OSError:
+                return
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def server() -> Iterator[ThreadingHTTPServer]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Stream) as server:
+        server.refuses, server.served = False, 0
+        threading.Thread(target=server.serve_forever, name="camera server").start()
+        yield server
+        server.refuses = True
+        server.shutdown()
+
+
+def stadimeter(*words: object, env: dict[str, str]) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-m", "stadimeter", *map(str, words)]
+    return subprocess.run(command, capture_output=True, check=False, env=env, timeout=60)
+
+
+@pytest.mark.parametrize("key", ["device", "device_file"])
+@pytest.mark.timeout(120)
+def test_the_password_of_a_camera_is_in_nothing_that_a_run_says_writes_or_sends(
+    server: ThreadingHTTPServer, tmp_path: Path, key: str
+) -> None:
+    address = f"http://admin:{PASSWORD}@127.0.0.1:{server.server_port}/live?token={TOKEN}"
+    secret = tmp_path / "secret"
+    secret.mkdir()
+    (secret / "camera.txt").write_text(address + "\n")
+    device = f'device = "{address}"' if key == "device" else 'device_file = "camera.txt"'
+    broker = make_broker(tmp_path)
+    config = secret / "run.toml"
+    config.write_text(CONFIG.format(device=device, lens=LENS, port=broker.port, link="http://wall/?panel=3"))
+    env = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path / "r"), "XDG_STATE_HOME": str(tmp_path / "s")}
+    said = []
+
+    def ask(*words: object) -> subprocess.CompletedProcess[bytes]:
+        done = stadimeter(*words, env=env)
+        said.extend([done.stdout, done.stderr])
+        return done
+
+    checked = ask("check", config)
+    assert (b"write device_file" in checked.stdout) is (key == "device")
+    broker.start()
+    with MqttListener(broker.port) as listener:
+        files = ["--journal", tmp_path / "run.jsonl", "--record", tmp_path / "run.mcap", "--image-rate", "1"]
+        command = [sys.executable, "-m", "stadimeter", "run", config, *files]
+        with subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env) as run:
+            try:
+                eventually(lambda: server.served and (tmp_path / "run.jsonl").read_bytes().count(b"\n") > 20, 60)
+                assert ask("status", "--config", config).returncode == 0
+                ask("explain", "gone", "--config", config)
+                assert ask("reload", "--config", config).returncode == 0
+                server.refuses = True
+                eventually(lambda: b"cannot be opened" in (tmp_path / "run.jsonl").read_bytes(), 30)
+                ask("status", "--config", config)
+            finally:
+                run.send_signal(signal.SIGTERM)
+                said.extend(run.communicate(timeout=30))
+        said += [f"{heard.topic} {heard.payload}".encode() for heard in listener.heard]
+    broker.stop()
+    assert any(b"see http://wall/?panel=3 now" in words for words in said), "what a rule sends is sent whole"
+    assert ask("run", config, "--no-state", "--seconds", "1").returncode == 2  # refused at the start
+    for name in ("run.jsonl", "run.mcap"):
+        assert b"decisions identical" in ask("replay", tmp_path / name, "--strict", "--config", config).stdout
+        assert ask("replay", tmp_path / name, "--strict", "--journal", tmp_path / f"again-{name}").returncode == 0
+        assert list(read_recording(tmp_path / name).records())
+
+    left = [path for path in tmp_path.rglob("*") if path.is_file() and secret not in path.parents]
+    assert {path.suffix for path in left} >= {".jsonl", ".mcap", ".sqlite3"}
+    everything = b"\n".join([*said, *(path.read_bytes() for path in left)])
+    assert not [each for each in SECRETS if each in everything]
+    ours = [path for path in left if path.suffix in {".jsonl", ".mcap", ".sqlite3"}]
+    assert {path.stat().st_mode & 0o777 for path in ours} == {0o600}
