@@ -20,7 +20,7 @@ from stadimeter.testing.eventually import eventually
 from stadimeter.testing.simulated_run import SIMULATED_BALL
 
 SIMULATED = SIMULATED_BALL + '[rules.far]\nactuator = "motor"\nramp = { from = "0.5 m", to = "1 m" }\n[world]\n'
-OPTIONS = [("--journal", "run.jsonl"), ("--record", "run.mcap")]
+OPTIONS = [("--journal", "run.jsonl"), pytest.param("--record", "run.mcap", marks=pytest.mark.long)]
 
 
 def command(*words: object) -> list[str]:
