@@ -169,7 +169,7 @@ def test_a_run_tells_people_and_programs_when_it_is_due(tmp_path: Path) -> None:
 
 def test_a_notifier_that_cannot_work_is_told_before_anything_moves(tmp_path: Path) -> None:
     loop = run(tmp_path, "apprise", 'url_file = "nowhere.txt"')
-    with pytest.raises(DriverError, match=r"phone: the file with its URL, .*nowhere.txt, cannot be read"):
+    with pytest.raises(DriverError, match=r"phone: the file with its address, .*nowhere.txt, cannot be read"):
         loop.run(Limits(seconds=1))
     assert loop.health.frames == 0
 

@@ -79,6 +79,28 @@ def test_a_stream_that_nobody_sends_is_refused_without_showing_the_password() ->
     assert "hidden" not in str(raised.value)
 
 
+def test_the_address_in_a_file_is_read_anew_at_each_opening_and_the_file_stands_for_it_in_messages(
+    device: FakeDevice, tmp_path: Path, clock: ManualClock
+) -> None:
+    file = tmp_path / "camera.txt"
+    camera = OpenCvCamera(OpenCvOptions(device_file=file), clock, device)
+    with pytest.raises(DeviceOpenError, match=r"camera\.txt, cannot be read: no such file"):
+        camera.open()
+    for password in ("secret", "changed"):
+        file.write_text(f"rtsp://me:{password}@10.0.0.9/live\n")
+        camera.open()
+        assert device.source[:2] == (f"rtsp://me:{password}@10.0.0.9/live", cv2.CAP_FFMPEG)
+    camera.close()
+    with pytest.raises(DeviceClosedError, match=r"the camera named in .*camera\.txt is not open"):
+        camera.read()
+
+
+@pytest.mark.parametrize("table", [{}, {"device": 0, "device_file": "camera.txt"}])
+def test_a_camera_has_one_device(table: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="either device or device_file"):
+        OpenCvOptions.model_validate(table)
+
+
 def test_a_stream_gets_time_limits_and_no_device_settings(device: FakeDevice, clock: ManualClock) -> None:
     camera_of(device, "rtsp://10.0.0.9/live", clock, read_timeout="700 ms").open()
     source, api, params = device.source

@@ -284,6 +284,15 @@ def test_a_full_disk_under_the_recording_is_a_warning_and_the_run_goes_on(drawn)
     assert "Ended: 1 s, as asked for." in done.stdout
 
 
+def test_a_second_replay_into_a_journal_keeps_the_first_and_says_where(recorded, tmp_path):
+    path = tmp_path / "again.jsonl"
+    for _ in range(2):
+        done = stadimeter("replay", recorded[1], "--journal", path)
+        assert done.exit_code == 0, done.output
+    assert done.stderr == f"{path} held an older journal, which is now {tmp_path / 'again-1.jsonl'}\n"
+    assert path.read_bytes() == (tmp_path / "again-1.jsonl").read_bytes()
+
+
 def test_journal_and_recording_need_a_file_each(drawn, tmp_path):
     path = tmp_path / "run"
     done = stadimeter("run", drawn, "--seconds", 1, "--speed", 0, "--record", path, "--journal", path)

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Protocol, Self
 import cv2
 from pydantic import BeforeValidator, Field, model_validator
 
+from stadimeter.config.addresses import address_for_people, address_in
 from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import Options
-from stadimeter.config.secrets import address_for_people, address_in
 from stadimeter.config.units import Duration, Frequency
 from stadimeter.core.frame import Image
 

@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from stadimeter.config.addresses import words_for_people
 from stadimeter.config.toml_lines import KeyPath, Place, find_place
 from stadimeter.errors import Problem
 
@@ -69,17 +70,17 @@ def problems(findings: Iterable[Finding], file: str, places: Mapping[KeyPath, Pl
         places: Where each key of it stands.
 
     Returns:
-        One problem for each finding.
+        One problem for each finding, without passwords in the addresses that it repeats.
     """
     located = [(find_place(places, finding.path), finding) for finding in findings]
     located.sort(key=lambda pair: (pair[0].line, pair[0].column) if pair[0] else (0, 0))
     return tuple(
         Problem(
-            message=finding.message,
+            message=words_for_people(finding.message),
             file=file,
             line=place.line if place else 0,
             key=".".join(str(part) for part in finding.path),
-            hint=finding.hint,
+            hint=words_for_people(finding.hint),
             code=finding.code or (OF_A_TEST if finding.path[:1] == ("tests",) else OTHER),
         )
         for place, finding in located

@@ -1,10 +1,7 @@
 """Secrets that stand in a configuration, which is shown, recorded and shared: they are taken out of its text.
 
-There are two kinds. What a driver declares as a `pydantic.SecretStr` is a secret as a whole. The address of a camera is
-often one in part: it holds a password or a token. User info, parameters and fragment of every address in a
-configuration, wherever it stands, are left out of what is recorded and of what is said to people. Drivers name what
-they talk to by `address_for_people` in every message; words of a library that may hold an address go through
-`words_for_people`.
+There are two kinds. What a driver declares as a `pydantic.SecretStr` is a secret as a whole. An address is often one in
+part (see `addresses`): that part of every address is left out, wherever it stands in the file, comments included.
 """
 
 from __future__ import annotations
@@ -13,75 +10,25 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from pydantic import SecretStr
 
+from stadimeter.config.addresses import address_for_people, words_for_people
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding
 from stadimeter.config.toml_lines import KeyPath, Place
-from stadimeter.errors import DeviceOpenError
 
 HIDDEN = "hidden://"
 """What stands in the place of a secret in the text that is recorded."""
 
-ADDRESS_BYTES_MAX = 8192
-"""So much of a file is read for the address on its first line."""
-
-LEFT_OUT = "…"
-"""What stands in the place of the secret parts of an address."""
-
 _TEXT_VALUE = re.compile(r"""(?:^|(?<==))\s*("(?:[^"\\]|\\.)*"|'[^']*')\s*$""")
-_ADDRESS = re.compile(r"""://([^\s"'`<>\\]+)""")
 _SCHEME = re.compile(r"\s*[\w+.-]+://")
-_PARAMETERS = re.compile(r"[?#;]|(?<=/)[^/?#;]*=")
-"""Where the parameters of an address begin. Some cameras have them in the path: ``/user=me&password=secret``."""
-
 _TELLING = re.compile(r"@|\w*(?:pass|pw|token|key|secret|auth|sig|cred)\w*=", re.IGNORECASE)
 """What stands in an address that holds a secret most likely. Others, such as ``?action=stream``, deserve no warning."""
 
 _TEXT_FOR_PEOPLE = frozenset({"rules", "tests"})
 """The sections in which an address is a part of a sentence."""
-
-
-def address_for_people(address: str) -> str:
-    """Return an address without what may be a secret in it. Doing so twice changes nothing more.
-
-    Args:
-        address: Such as ``rtsp://me:secret@camera/live?token=abc``.
-
-    Returns:
-        Such as ``rtsp://camera/live?…``.
-    """
-    scheme, mark, rest = address.partition("://")
-    return f"{scheme}{mark}{_for_people(rest)}"
-
-
-def words_for_people(text: str) -> str:
-    """Return a text without what may be a secret in the addresses that stand in it."""
-    return _ADDRESS.sub(lambda found: f"://{_for_people(found[1])}", text)
-
-
-def address_in(file: Path, example: str) -> str:
-    """Return the address on the first line of a file, which may be a systemd credential.
-
-    Args:
-        file: The file.
-        example: How such an address begins.
-
-    Raises:
-        DeviceOpenError: It cannot be read, or no address stands there. The message repeats nothing of it.
-    """
-    try:
-        with file.open("rb") as opened:
-            lines = opened.read(ADDRESS_BYTES_MAX).decode("utf-8-sig").strip().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise DeviceOpenError(f"the file with its address, {file}, cannot be read: {reason.lower()}") from error
-    if not lines or "://" not in lines[0]:
-        raise DeviceOpenError(f"the first line of {file} is not an address such as '{example}'")
-    return lines[0].strip()
 
 
 def secret_warnings(draft: Draft) -> Iterator[Finding]:
@@ -131,17 +78,6 @@ def without_secrets(draft: Draft, text: str, places: Mapping[KeyPath, Place]) ->
         for path, shown in safe.items()
         if (value := _value(table, path)) != shown and (shown == HIDDEN or value != _shown(path, str(value)))
     )
-
-
-def _for_people(rest: str) -> str:
-    """Return what follows the scheme of an address. If it cannot be told what is a password, nothing is left of it."""
-    cut = _PARAMETERS.search(rest)
-    before, after = (rest[: cut.start()], rest[cut.start() :]) if cut else (rest, "")
-    if "@" in after:  # of a password with such a character, or of an address of mail
-        return LEFT_OUT
-    place = before.rpartition("@")[2]
-    mark = after[0] if after[:1] in {"?", "#", ";"} else ""
-    return place + (f"{mark}{LEFT_OUT}" if after else "")
 
 
 def _shown(path: KeyPath, text: str) -> str:

@@ -15,10 +15,11 @@ from urllib.parse import unquote
 
 from pydantic import BeforeValidator, SecretStr, model_validator
 
+from stadimeter.config.addresses import address_in
 from stadimeter.config.models import DurationAboveZero
 from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.secrets import HIDDEN, address_in
+from stadimeter.config.secrets import HIDDEN
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError

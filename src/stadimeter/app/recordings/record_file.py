@@ -30,7 +30,7 @@ class RecordFile:
     """A file that grows by whole records. The writer of the library ``mcap`` takes it for a file, too.
 
     The data of one `write` is written whole or not at all. An older file of that name gets another name with the first
-    record, and not before: a run whose camera is missing leaves nothing behind. Only the user can read a new file.
+    record, and not before: a run whose camera is missing renames nothing. Only the user can read a new file.
 
     A character device such as ``/dev/null`` will do as well. A pipe will not: its reader could hold up the writer.
 

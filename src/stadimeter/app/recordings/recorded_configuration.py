@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from stadimeter.config.addresses import words_for_people
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.secrets import words_for_people
 from stadimeter.errors import ConfigError
 
 FILE_NAME = "configuration.toml"

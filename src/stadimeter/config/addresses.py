@@ -1,0 +1,73 @@
+"""Addresses of cameras and services: they often hold a password or a token, which no message, view or file may repeat.
+
+User info, parameters and fragment of an address are left out. Drivers name what they talk to by `address_for_people` in
+every message; a text in which an address may stand, such as an error with the value of a key, goes through
+`words_for_people`.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from stadimeter.errors import DeviceOpenError
+
+ADDRESS_BYTES_MAX = 8192
+"""So much of a file is read for the address on its first line."""
+
+LEFT_OUT = "…"
+"""What stands in the place of the secret parts of an address."""
+
+_ADDRESS = re.compile(r"""://([^\s"'`<>\\]+)""")
+_PARAMETERS = re.compile(r"[?#;]|(?<=/)[^/?#;]*=")
+"""Where the parameters of an address begin. Some cameras have them in the path: ``/user=me&password=secret``."""
+
+
+def address_for_people(address: str) -> str:
+    """Return an address without what may be a secret in it. Doing so twice changes nothing more.
+
+    Args:
+        address: Such as ``rtsp://me:secret@camera/live?token=abc``.
+
+    Returns:
+        Such as ``rtsp://camera/live?…``.
+    """
+    scheme, mark, rest = address.partition("://")
+    return f"{scheme}{mark}{_for_people(rest)}"
+
+
+def words_for_people(text: str) -> str:
+    """Return a text without what may be a secret in the addresses that stand in it."""
+    return _ADDRESS.sub(lambda found: f"://{_for_people(found[1])}", text)
+
+
+def address_in(file: Path, example: str) -> str:
+    """Return the address on the first line of a file, which may be a systemd credential.
+
+    Args:
+        file: The file.
+        example: How such an address begins.
+
+    Raises:
+        DeviceOpenError: It cannot be read, or no address stands there. The message repeats nothing of it.
+    """
+    try:
+        with file.open("rb") as opened:
+            lines = opened.read(ADDRESS_BYTES_MAX).decode("utf-8-sig").strip().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise DeviceOpenError(f"the file with its address, {file}, cannot be read: {reason.lower()}") from error
+    if not lines or "://" not in lines[0]:
+        raise DeviceOpenError(f"the first line of {file} is not an address such as '{example}'")
+    return lines[0].strip()
+
+
+def _for_people(rest: str) -> str:
+    """Return what follows the scheme of an address. If it cannot be told what is a password, nothing is left of it."""
+    cut = _PARAMETERS.search(rest)
+    before, after = (rest[: cut.start()], rest[cut.start() :]) if cut else (rest, "")
+    if "@" in after:  # of a password with such a character, or of an address of mail
+        return LEFT_OUT
+    place = before.rpartition("@")[2]
+    mark = after[0] if after[:1] in {"?", "#", ";"} else ""
+    return place + (f"{mark}{LEFT_OUT}" if after else "")
