@@ -369,7 +369,7 @@ def test_the_documentation_shows_the_real_forms() -> None:
     page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
     shown = [json.loads(block) for block in re.findall(r"```json\n(.*?)\n```", page, re.DOTALL)]
     alarm, system, rule, target = listener.payloads
-    assert [list(payload) for payload in shown] == [list(payload) for payload in (target, rule, alarm, system)]
+    assert [list(payload) for payload in shown] == [list(payload) for payload in (target, rule, alarm, system, system)]
 
 
 def test_a_rule_that_is_no_more_is_forgotten_by_the_broker_and_told_anew_when_it_is_back():
