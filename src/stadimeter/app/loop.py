@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.ending import Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, retire_all
 from stadimeter.app.health import Health
 from stadimeter.app.notifying import Notifying
@@ -74,6 +75,7 @@ class Loop:
         troubles: What went wrong on the way out.
         reporter: Composes what other programs are told.
         notifying: Fills in what rules send.
+        deadline: Until when the run must have ended.
         published: The newest messages with the time of each on the run's clock, newest first.
         services: What the run has beside its cycles.
     """
@@ -88,7 +90,9 @@ class Loop:
     _is_opening: bool = False
     published: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=PUBLISHED_MAX))
     services: Services = field(default_factory=Services)
+    deadline: Deadline = field(default_factory=Deadline)
     _state: State | None = None
+    _lanes: dict[str, Steps] = field(default_factory=dict)
     notifying: Notifying = field(init=False)
 
     def __post_init__(self) -> None:
@@ -98,7 +102,8 @@ class Loop:
     def run(self, limits: Limits | None = None) -> None:
         """Run until a limit is reached, the frames end, or somebody asks for the end.
 
-        Whatever happens, every output is stopped first, and then everything is closed in reverse order of opening.
+        Whatever happens, every output is stopped first, and then everything is closed, side by side and before the
+        deadline that `stop` sets.
 
         Args:
             limits: When to end by itself.
@@ -108,8 +113,9 @@ class Loop:
             StadimeterError: The run cannot go on; the outputs are stopped.
         """
         with ExitStack() as closing:
+            closing.callback(self._close_all)
             try:
-                guard = self._open(closing)
+                guard = self._open()
             except _EndedWhileOpening:
                 return
             try:
@@ -118,13 +124,10 @@ class Loop:
                 self.ending = self.ending or str(end)
             finally:
                 self.troubles += retire_all(self.parts.outputs)
-                self.parts.clock.sleep_until_s(self.parts.clock.now_s() + SETTLE_S)
-                trouble = self.services.end(self._state) if self._state is not None else ""
-                self.troubles += [trouble] if trouble else []
             self._publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
 
     def stop(self, why: str) -> None:
-        """Stop every output at once, and end the run after this cycle. May be called from a signal handler.
+        """Stop every output at once, and end the run after this cycle, soon. May be called from a signal handler.
 
         While devices are being opened, which may take seconds, this breaks off what is under way. What is open by then
         is closed as at any other end.
@@ -133,10 +136,23 @@ class Loop:
             why: The reason, in words.
         """
         self.ending = self.ending or why
+        self.deadline.set()
         self.troubles += retire_all(self.parts.outputs)
         if self._is_opening:
             self._is_opening = False
             raise _EndedWhileOpening
+
+    def give_up(self) -> list[str]:
+        """Stop every output once more and keep what alarms remember, since the process is ended while the run hangs.
+
+        Called from another thread.
+
+        Returns:
+            What went wrong until now, in words.
+        """
+        self.troubles += retire_all(self.parts.outputs)
+        self._keep_state()
+        return list(dict.fromkeys(self.troubles))
 
     def trouble(self) -> str:
         """Return in words what is wrong outside the loop: with the camera, the messenger, a notifier or the disk.
@@ -151,13 +167,13 @@ class Loop:
         troubles = (capture.trouble(), *capture.remarks(), *others)
         return "; ".join(trouble for trouble in troubles if trouble)
 
-    def _open(self, closing: ExitStack) -> Guard:
+    def _open(self) -> Guard:
         """Open everything; what is open is closed again on the way out, even if a later part cannot be opened."""
         parts = self.parts
-        closing.callback(self._close_shared)
         failures: list[str] = []
         for name, part in self._openable():
-            closing.callback(self._close, name, part.close)
+            lane = "outputs" if part in parts.outputs else name
+            self._lanes.setdefault(lane, []).append((name, part.close))
             try:
                 self._is_opening = True
                 part.open()
@@ -168,13 +184,19 @@ class Loop:
         if failures:
             raise DriverError("\n".join(failures))
         guard = Guard(parts.outputs, parts.clock)
-        guard.start()
-        closing.callback(guard.stop)
+        self._watch(guard.start, guard.stop)
         if parts.recording_drives:
             watch = StallWatch(parts.outputs, parts.clock)
-            watch.start()
-            closing.callback(watch.stop)
+            self._watch(watch.start, watch.stop)
+        self._lanes.setdefault("outputs", []).append(("guard", self._settle))
         return guard
+
+    def _watch(self, start: Callable[[], None], stop: Callable[[], None]) -> None:
+        start()
+        self._lanes.setdefault("outputs", []).append(("guard", stop))
+
+    def _settle(self) -> None:
+        self.parts.clock.sleep_until_s(self.parts.clock.now_s() + SETTLE_S)
 
     def _openable(self) -> Iterator[tuple[str, _Openable]]:
         """Yield what must be opened, by name: the camera last, so that everything is ready for its first frame."""
@@ -251,15 +273,16 @@ class Loop:
             self.parts.messenger.publish(message)
             self.published.appendleft((now_s, message))
 
-    def _close(self, name: str, close: Callable[[], None]) -> None:
-        try:
-            close()
-        except DriverError as error:
-            self.troubles.append(f"{name}: {error}")
+    def _close_all(self) -> None:
+        """Close what was opened, and last what the parts share. What is recorded and shown needs time after that."""
+        self._lanes["state"] = [("the state of the alarms", self._keep_state)]
+        self.troubles += close_side_by_side(self._lanes, self.deadline, keep_s=0.3)
+        shared: Steps = [("shared part", close) for close in self.parts.shared.closers]
+        self.troubles += close_side_by_side({"shared": shared}, self.deadline, keep_s=0.2)
 
-    def _close_shared(self) -> None:
-        for close in reversed(self.parts.shared.closers):
-            self._close("shared part", close)
+    def _keep_state(self) -> None:
+        trouble = self.services.end(self._state) if self._state is not None else ""
+        self.troubles += [trouble] if trouble else []
 
 
 def _wall_clock() -> str:

@@ -101,7 +101,7 @@ def _recording(loop: Loop, keeping: Keeping) -> Iterator[None]:
         yield
         return
     from stadimeter.app.recordings.recorded_configuration import to_be_recorded  # noqa: PLC0415 - it takes long, and few need it
-    from stadimeter.app.recordings.recorder import Recorder  # noqa: PLC0415 - likewise
+    from stadimeter.app.recordings.recorder import END_WAIT_S, Recorder  # noqa: PLC0415 - likewise
     from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter  # noqa: PLC0415 - likewise
 
     parts = loop.parts
@@ -119,7 +119,7 @@ def _recording(loop: Loop, keeping: Keeping) -> Iterator[None]:
     try:
         yield
     finally:
-        recorder.close()
+        recorder.close(loop.deadline.left_s(END_WAIT_S))
         tell()
         if recorder.images_left_out and not recorder.failure:
             typer.echo(f"warning: {recorder.trouble()}", err=True)

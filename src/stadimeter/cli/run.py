@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from contextlib import ExitStack
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,7 +14,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.demonstration import demo_configuration
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.signals import stopping_on_signals
-from stadimeter.cli.exits import told_plainly
+from stadimeter.cli.exits import DONE, told_plainly
 from stadimeter.cli.recording_options import (
     ImageQuality,
     ImageRate,
@@ -150,18 +150,35 @@ class Showing:
 
 
 def _run(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
-    with ExitStack() as closing:
-        reload = closing.enter_context(served(loop, serving))
-        closing.enter_context(stopping_on_signals(loop.stop, reload))
-        closing.enter_context(kept(loop, keeping))
-        closing.enter_context(show(loop, showing.view, showing.title, showing.unit))
+    """Run, and raise `typer.Exit`; or leave the process at once, if a signal has asked for the end and all is done.
+
+    To take down the interpreter takes a small computer half a second, and for ever if a thread of a library hangs.
+    """
+    with stopping_on_signals(loop.stop, loop.services.reload, loop.give_up):
+        try:
+            with told_plainly():
+                _run_to_the_end(loop, limits, keeping, serving, showing)
+                _say_end(loop, showing.view)
+            code = DONE
+        except typer.Exit as left:
+            code = left.exit_code
+        if loop.deadline.is_set:
+            os._exit(code)
+    raise typer.Exit(code)
+
+
+def _run_to_the_end(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
+    with served(loop, serving), kept(loop, keeping), show(loop, showing.view, showing.title, showing.unit):
         if loop.parts.recording_drives:
             loop.listeners.append(_RealOutputsTeller(loop.parts.recording_drives))
         loop.run(limits)
+
+
+def _say_end(loop: Loop, view: View) -> None:
     for trouble in loop.troubles:
         typer.echo(f"warning: while ending: {trouble}", err=True)
     summary = summarise(loop.health, loop.ending)
-    typer.echo(json.dumps(summary) if showing.view == "json" else in_words(summary))
+    typer.echo(json.dumps(summary) if view == "json" else in_words(summary))
 
 
 class _RealOutputsTeller:

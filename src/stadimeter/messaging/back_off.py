@@ -20,7 +20,7 @@ class Patience:
     answer_s: float = 5.0
     first_pause_s: float = 1.0
     longest_pause_s: float = 60.0
-    goodbye_s: float = 1.0
+    goodbye_s: float = 0.3
 
 
 class BackOff:

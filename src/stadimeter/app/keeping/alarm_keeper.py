@@ -105,22 +105,25 @@ class AlarmKeeper:
     def end(self, state: State) -> str:
         """Write what is remembered at the end of the run, and close the file. Waits for the disk.
 
+        Does nothing if it was called before, in whatever thread.
+
         Args:
             state: What is remembered.
 
         Returns:
             What went wrong, in words; empty for nothing.
         """
-        if self._thread is None:
+        thread = self._thread
+        if thread is None or self._is_ending:
             return ""
         if state.now_s is not None:
             self.keep(state)
         with self._turned:
             self._is_ending = True
             self._turned.notify()
-        self._thread.join(END_WAIT_S)
-        is_stuck, self._thread = self._thread.is_alive(), None
-        if is_stuck:
+        thread.join(END_WAIT_S)
+        self._thread = None
+        if thread.is_alive():
             return "the disk does not take the state of the alarms"
         self._store.close()
         return self._trouble

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from dataclasses import dataclass
 
 from stadimeter.app.cycle_record import CycleRecord
@@ -104,16 +105,21 @@ class Recorder:
             return f"recording: {self.images_left_out} pictures are left out, since the disk does not keep up"
         return ""
 
-    def close(self) -> None:
-        """Write what waits, and finish the file. May be called any number of times."""
+    def close(self, wait_s: float = END_WAIT_S) -> None:
+        """Write what waits, and finish the file. May be called any number of times.
+
+        Args:
+            wait_s: How long to wait for that.
+        """
         if not self._thread.is_alive():
             return
+        until_s = time.monotonic() + wait_s
         try:
-            self._waiting.put(None, timeout=END_WAIT_S)
+            self._waiting.put(None, timeout=wait_s)
         except queue.Full:
             self.failure = self.failure or "the disk does not answer; the end of the recording is missing"
             return
-        self._thread.join(END_WAIT_S)
+        self._thread.join(max(0.0, until_s - time.monotonic()))
         if self._thread.is_alive():
             self.failure = self.failure or "the disk does not answer; the end of the recording is missing"
 
