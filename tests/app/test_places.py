@@ -154,7 +154,7 @@ def test_another_user_who_listens_in_our_place_is_told_nothing(tmp_path, theirs)
         [sys.executable, "-c", LISTEN, str(path), str(theirs)], stdout=subprocess.PIPE, text=True
     ) as impostor:
         assert impostor.stdout.readline() == "listening\n"
-        with pytest.raises(ControlError, match=r"belongs to another user \(\d+\)"):
+        with pytest.raises(ControlError, match=r"sock: not asked: it belongs to another user \(\d+\)"):
             ask(path, "ack", {"rule": "near"})
         if os.geteuid() == 0:
             assert impostor.stdout.readline() == "0\n"
@@ -163,7 +163,7 @@ def test_another_user_who_listens_in_our_place_is_told_nothing(tmp_path, theirs)
 
 def test_a_socket_of_another_user_is_not_asked(instance, theirs):
     give_to(theirs, instance)
-    with pytest.raises(ControlError, match=r"belongs to another user \(\d+\)"):
+    with pytest.raises(ControlError, match=r"sock: not asked: it belongs to another user \(\d+\)"):
         ask(instance, "status")
 
 

@@ -33,12 +33,12 @@ def told_plainly() -> Iterator[None]:
         for problem in error.problems:
             typer.echo(f"error: {problem}", err=True)
         raise typer.Exit(WRONG) from error
+    except StadimeterError as error:
+        for line in str(error).splitlines():
+            typer.echo(f"error: {line}", err=True)
+        raise typer.Exit(WRONG) from error
     except OSError as error:
         if error.errno not in _NOBODY_READS:
             raise
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nothing is left to write to at exit
         raise typer.Exit(DONE) from None
-    except StadimeterError as error:
-        for line in str(error).splitlines():
-            typer.echo(f"error: {line}", err=True)
-        raise typer.Exit(WRONG) from error

@@ -71,8 +71,8 @@ def run(
 
     Opens the camera and every output that CONFIG names, and runs its rules on every frame. Prints a line a second,
     and each event at once. A recording ends when its frames do; Ctrl-C and SIGTERM stop every output first and then
-    end the run, and so does SIGHUP, which says that the terminal is gone. To a service, which has none, SIGHUP says to
-    read CONFIG again, as `stadimeter reload` does.
+    end the run, within 2 s. So does SIGHUP, which says that the terminal is gone, wherever the input comes from. To a
+    service, which has no terminal, SIGHUP says to read CONFIG again, as `stadimeter reload` does.
 
     Alarms of a live camera are remembered: after a restart they go on as if nothing had happened. A running instance
     can be told things with `stadimeter ack`, `shelve` and so on.
@@ -85,7 +85,8 @@ def run(
 
     - `stadimeter run config/follow-ball.toml --record run.mcap --image-rate 5`
 
-    **Exit code**: 0 the run ended as it should; 2 a device, the configuration or the journal is wrong. A recording
+    **Exit code**: 0 the run ended as it should; 2 a device, the configuration or the journal is wrong; 128 and the
+    number of a signal if something hung, so that the process was ended before all was done. A recording
     that cannot go on, for a full disk for example, is a warning: the run goes on without it.
     """
     view: View = "json" if as_json else "live" if watch else "plain"

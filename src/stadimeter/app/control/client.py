@@ -62,6 +62,8 @@ def ask(path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: f
             connection.settimeout(wait_s)
             connection.sendall(request)
             line = _line(connection, wait_s)
+    except ControlError:
+        raise
     except TimeoutError as error:
         raise ControlError(f"{path}: no answer within {wait_s:g} s; does it hang?") from error
     except PermissionError as error:
