@@ -15,6 +15,7 @@ import pytest
 
 from stadimeter.app.control.client import ask
 from stadimeter.app.control.messages import OPS
+from stadimeter.app.control.places import is_alive
 from stadimeter.testing.eventually import eventually
 from stadimeter.testing.simulated_run import SIMULATED_BALL
 
@@ -63,7 +64,7 @@ def instance(tmp_path):
             stderr=said,
             start_new_session=True,
         )
-    assert eventually(path.exists)
+    assert eventually(lambda: is_alive(path))
     yield path
     process.send_signal(signal.SIGTERM)
     assert process.wait(20) == 0

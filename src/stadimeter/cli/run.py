@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 from dataclasses import dataclass
@@ -172,6 +173,7 @@ def _run_to_the_end(loop: Loop, limits: Limits, keeping: Keeping, serving: Servi
     with served(loop, serving), kept(loop, keeping), show(loop, showing.view, showing.title, showing.unit):
         if loop.parts.recording_drives:
             loop.listeners.append(_RealOutputsTeller(loop.parts.recording_drives))
+        gc.freeze()  # else all threads stand still now and then, while the collector walks through every library
         loop.run(limits)
 
 
