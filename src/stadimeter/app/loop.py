@@ -176,6 +176,8 @@ class Loop:
             self._lanes.setdefault(lane, []).append((name, part.close))
             try:
                 self._is_opening = True
+                if self.ending:  # somebody asked for the end before, or between two parts
+                    raise _EndedWhileOpening
                 part.open()
             except DriverError as error:
                 failures.append(f"{name}: {error}")
