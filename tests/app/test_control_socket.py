@@ -2,8 +2,10 @@
 
 import contextlib
 import json
+import resource
 import socket
 import stat
+import threading
 
 import pytest
 
@@ -101,13 +103,13 @@ def test_a_refusal_is_an_error_in_words(control, client):
     assert client.answer() == {"transaction": 8, "status": "error", "error": "it is not latched"}
 
 
-def test_several_requests_on_one_connection_are_answered_in_the_order_of_their_answers(control, client):
+def test_several_requests_on_one_connection_are_answered_one_after_the_other(control, client):
     for number in range(3):
         client.send({"transaction": number, "op": "status"})
-    asked = taken(control, 3)
-    for each in reversed(asked):
-        each.answer(Reply(1))
-    assert [client.answer()["transaction"] for _ in range(3)] == [2, 1, 0]
+    for number in range(3):
+        (asked,) = taken(control)
+        asked.answer(Reply(number))
+        assert client.answer() == {"transaction": number, "status": "ok", "data": number}
 
 
 def test_who_it_is_is_told_without_the_loop(client):
@@ -182,36 +184,87 @@ def test_half_a_line_and_the_end_is_nothing(control, client):
     assert control.take() == []
 
 
-def test_a_hundred_connections_do_not_keep_the_first_from_being_heard(control, client, connect):
-    assert client.ask({"op": "hello"})["status"] == "ok"
-    others = [connect(control) for _ in range(100)]
-    refused = others[-1].answer()
-    assert refused["error"] == f"{CONNECTIONS_MAX} others are connected already; try again later"
-    assert client.ask({"op": "hello"})["status"] == "ok"
-    for other in others:
-        other.close()
-    assert eventually(lambda: is_heard(connect(control)))
+def test_two_hundred_idle_connections_lock_nobody_out(control, connect):
+    others = [connect(control) for _ in range(200)]
+    assert connect(control).ask({"op": "hello"})["status"] == "ok"
+    assert others[0].answer() is None
+    assert is_heard(others[-1])
+    assert len(control._server.connections) <= CONNECTIONS_MAX
+    assert eventually(lambda: threading.active_count() < CONNECTIONS_MAX + 10)
 
 
-def test_more_requests_than_may_wait_are_refused_and_the_others_stay(control, client):
-    for number in range(WAITING_MAX + 5):
-        client.send({"transaction": number, "op": "status"})
-    refused = [client.answer() for _ in range(5)]
-    assert {each["error"] for each in refused} == {f"{WAITING_MAX} requests wait already; try again later"}
+def test_whoever_waits_for_an_answer_stays_when_idle_connections_are_hung_up_on(control, client, connect):
+    client.send({"op": "status"})
+    (asked,) = taken(control)
+    for _ in range(2 * CONNECTIONS_MAX):
+        connect(control)
+    asked.answer(Reply("patience"))
+    assert client.answer()["data"] == "patience"
+
+
+def test_more_requests_than_may_wait_are_refused_and_the_others_stay(control, connect):
+    """While the loop hangs, each new connection may take the place of another: what was asked before still waits."""
+    while len(control._asked) < WAITING_MAX:
+        before = len(control._asked)
+        connect(control).send({"op": "status"})
+        assert eventually(lambda before=before: len(control._asked) > before)
+    refused = connect(control).ask({"op": "status"})
+    assert refused["error"] == f"{WAITING_MAX} requests wait already; try again later"
     assert len(taken(control, WAITING_MAX)) == WAITING_MAX
 
 
-def test_whoever_never_reads_is_given_up(control, client, connect):
+def test_whoever_never_reads_holds_nobody_up(control, client, connect):
     client.send({"op": "status"})
     (asked,) = taken(control)
     asked.answer(Reply("a" * 3_000_000))
-    other = connect(control)
-    assert other.ask({"op": "hello"})["status"] == "ok"
-    assert eventually(lambda: len(control._connections) == 1)
+    for _ in range(3 * CONNECTIONS_MAX):
+        assert is_heard(connect(control))
+    assert client.socket not in control._server.connections
+
+
+def test_text_that_utf_8_cannot_hold_comes_back_and_ends_nothing(control, client, connect):
+    answer = client.ask(b'{"transaction": "\\ud800", "op": "fly"}\n')
+    assert answer["transaction"] == "\ud800"
+    client.send(b'{"transaction": 1, "op": "status"}\n')
+    (asked,) = taken(control)
+    asked.answer(Reply(error="\udcff"))
+    assert client.answer()["error"] == "\udcff"
+    assert is_heard(connect(control))
+
+
+def test_an_answer_that_cannot_be_put_into_words_costs_its_connection_at_most(control, client, connect):
+    def defect():
+        raise ZeroDivisionError("a defect")
+
+    client.send({"op": "status"})
+    (asked,) = taken(control)
+    asked.answer(defect)
+    assert "could not be put into words: ZeroDivisionError" in client.answer()["error"]
+    client.send({"op": "status"})
+    (asked,) = taken(control)
+    asked.answer(Reply(object()))
+    assert client.answer() is None
+    assert is_heard(connect(control))
+
+
+def test_a_process_without_file_descriptors_answers_again_when_there_are_some(control, client, connect):
+    assert is_heard(client)
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    later = [socket.socket(socket.AF_UNIX) for _ in range(3)]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(each.fileno() for each in later) + 1, limits[1]))
+    try:
+        for each in later:
+            each.connect(str(control.path))
+        assert is_heard(client)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+        for each in later:
+            each.close()
+    assert is_heard(connect(control))
 
 
 def test_a_connection_on_which_nothing_is_said_is_closed(tmp_path, connect):
-    control = ControlSocket(tmp_path / "run.sock", lambda: HELLO, idle_max_s=0.0)
+    control = ControlSocket(tmp_path / "run.sock", lambda: HELLO, idle_max_s=0.01)
     control.open()
     try:
         client = connect(control)

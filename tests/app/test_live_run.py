@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from stadimeter.app import ending
 from stadimeter.app.bootstrap import Parts
 from stadimeter.app.capture import LiveCapture
 from stadimeter.app.clock import MonotonicClock
@@ -144,6 +145,26 @@ def test_a_signal_ends_it_with_everything_stopped(rig):
     assert rig.loop.ending == "SIGTERM"
     assert rig.motor.level == 0.0
     assert not rig.motor.is_open
+
+
+def test_being_asked_to_end_before_anything_is_open_opens_nothing(rig):
+    rig.loop.stop("SIGTERM")
+    rig.loop.run(Limits(seconds=20))
+    assert rig.loop.ending == "SIGTERM"
+    assert not rig.motor.commands
+    assert rig.loop.health.cycles == 0
+
+
+def test_a_camera_that_does_not_let_go_is_left_behind_and_the_output_is_closed(rig, monkeypatch):
+    monkeypatch.setattr(ending, "END_WITHIN_S", 1.5)
+    let_go = threading.Event()
+    rig.camera.close = lambda: let_go.wait(20)
+    rig.loop.listeners.append(lambda *_: rig.loop.stop("SIGTERM") if rig.loop.health.frames == 10 else None)
+    rig.loop.run(Limits(seconds=20))
+    assert rig.loop.troubles == ["camera: it did not end in time, and was left behind"]
+    assert not rig.motor.is_open
+    rig.camera.closed.set()
+    let_go.set()
 
 
 def test_being_asked_to_end_while_a_device_opens_breaks_that_off(rig):

@@ -2,10 +2,13 @@
 
 import os
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from stadimeter.app.control import places
 from stadimeter.app.control.client import ask, find
 from stadimeter.app.control.places import is_alive, running, runtime_folder, socket_path, usable_folder
 from stadimeter.app.control.socket_server import ControlSocket
@@ -29,8 +32,18 @@ def test_a_user_listens_and_remembers_in_folders_of_their_own():
 
 def test_without_any_such_folder_there_are_places_all_the_same(monkeypatch):
     monkeypatch.setenv("HOME", "/home/ada")
-    assert runtime_folder({}).name == f"stadimeter-{os.getuid()}"
     assert state_file(CONFIG, {}) == Path("/home/ada/.local/state/stadimeter/appliance.sqlite3")
+    monkeypatch.setattr(os, "getuid", lambda: 1000)
+    assert runtime_folder({}).name == "stadimeter-1000"
+
+
+def test_root_listens_where_only_root_can_make_a_folder(monkeypatch, tmp_path):
+    """Among the temporary files, or in the folder of whoever called sudo, another user could be there first."""
+    theirs = tmp_path.stat().st_uid + 1
+    monkeypatch.setattr(os, "getuid", lambda: 0)
+    assert runtime_folder({}) == Path("/run/stadimeter-root")
+    monkeypatch.setattr(os, "getuid", lambda: theirs)
+    assert runtime_folder({"XDG_RUNTIME_DIR": str(tmp_path)}).parent != tmp_path
 
 
 def test_a_folder_for_sockets_is_ours_alone(tmp_path):
@@ -75,11 +88,13 @@ def instance(tmp_path):
     listening.close()
 
 
-def test_instances_that_listen_are_found_and_what_is_left_of_others_is_not(instance, tmp_path):
+def test_instances_that_listen_are_found_and_what_is_left_of_others_is_not(instance, tmp_path, monkeypatch):
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(instance.with_name("left.sock")))
-    assert running({"XDG_RUNTIME_DIR": str(tmp_path)}, tmp_path / "none") == [instance]
-    assert running({"XDG_RUNTIME_DIR": str(tmp_path / "other")}, instance.parent) == [instance]
+    monkeypatch.setattr(places, "SERVICE_FOLDER", tmp_path / "none")
+    assert running({"XDG_RUNTIME_DIR": str(tmp_path)}) == [instance]
+    monkeypatch.setattr(places, "SERVICE_FOLDER", instance.parent)
+    assert running({"XDG_RUNTIME_DIR": str(tmp_path / "other")}) == [instance]
     assert not is_alive(instance.with_name("left.sock"))
 
 
@@ -102,3 +117,82 @@ def test_an_instance_that_does_not_answer_is_said_to_hang(instance):
 def test_where_nobody_listens_that_is_said(tmp_path):
     with pytest.raises(ControlError, match="nobody listens there"):
         ask(tmp_path / "none.sock", "status")
+
+
+LISTEN = """
+import os, socket, sys
+listener = socket.socket(socket.AF_UNIX)
+listener.bind(sys.argv[1])
+if os.getuid() == 0:
+    os.setuid(int(sys.argv[2]))
+listener.listen()
+print("listening", flush=True)
+connection, _ = listener.accept()
+print(len(connection.recv(1000)), flush=True)
+"""
+
+
+@pytest.fixture
+def theirs(tmp_path, monkeypatch):
+    """Return a user who is not us. Without the rights of root, we are the ones who pretend to be somebody else."""
+    real = os.getuid()
+    if real != 0:
+        monkeypatch.setattr(os, "getuid", lambda: real + 1)
+    return real or 65534
+
+
+def give_to(user, path):
+    if os.geteuid() == 0:
+        os.chown(path, user, -1)
+
+
+def test_another_user_who_listens_in_our_place_is_told_nothing(tmp_path, theirs):
+    if os.geteuid() != 0:
+        tmp_path.chmod(0o1700)
+    path = tmp_path / "door.sock"
+    with subprocess.Popen(
+        [sys.executable, "-c", LISTEN, str(path), str(theirs)], stdout=subprocess.PIPE, text=True
+    ) as impostor:
+        assert impostor.stdout.readline() == "listening\n"
+        with pytest.raises(ControlError, match=r"sock: not asked: it belongs to another user \(\d+\)"):
+            ask(path, "ack", {"rule": "near"})
+        if os.geteuid() == 0:
+            assert impostor.stdout.readline() == "0\n"
+        impostor.kill()
+
+
+def test_a_socket_of_another_user_is_not_asked(instance, theirs):
+    give_to(theirs, instance)
+    with pytest.raises(ControlError, match=r"sock: not asked: it belongs to another user \(\d+\)"):
+        ask(instance, "status")
+
+
+def test_a_link_to_a_socket_is_not_asked(instance):
+    """Another user could lead root to a socket of root that belongs to another program."""
+    link = instance.with_name("link.sock")
+    link.symlink_to(instance)
+    with pytest.raises(ControlError, match="it is no socket"):
+        ask(link, "status")
+
+
+def test_a_folder_of_another_user_is_left_out_by_both_sides_and_said_so(instance, theirs, monkeypatch):
+    folder = instance.parent
+    monkeypatch.setattr(places, "runtime_folder", lambda _environ: folder)
+    monkeypatch.setattr(places, "SERVICE_FOLDER", folder / "none")
+    give_to(theirs, folder)
+    assert running() == []
+    with pytest.raises(ControlError, match=rf"no instance of stadimeter is running.*; {folder} .*to another user"):
+        find()
+    with pytest.raises(ControlError, match="belongs to another user"):
+        usable_folder(folder)
+    with pytest.raises(ControlError, match="belongs to another user"):
+        ControlSocket(folder / "door.sock", dict).open()
+
+
+def test_the_user_of_the_service_is_believed_in_the_folder_of_the_service_only(instance, theirs, monkeypatch):
+    give_to(theirs, instance.parent)
+    give_to(theirs, instance)
+    with pytest.raises(ControlError, match="belongs to another user"):
+        ask(instance, "hello")
+    monkeypatch.setattr(places, "SERVICE_FOLDER", instance.parent)
+    assert ask(instance, "hello")["pid"] == 7

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.ending import Deadline
 from stadimeter.app.recordings import recorder as recorder_module
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.core.frame import Frame
@@ -91,8 +92,9 @@ def test_a_recording_that_fails_never_stops_the_run(is_live, failure):
 def test_a_run_that_was_asked_to_end_does_not_wait_for_a_disk_that_hangs(is_live, monkeypatch):
     monkeypatch.setattr(recorder_module, "END_WAIT_S", math.inf)
     monkeypatch.setattr(recorder_module, "GOODBYE_S", 0.0)
-    gate = Gate()
-    recorder = Recorder(gate, is_live=is_live, is_hurried=lambda: True)
+    gate, deadline = Gate(), Deadline()
+    deadline.set()
+    recorder = Recorder(gate, is_live=is_live, deadline=deadline)
     for _ in range(20):
         recorder(RECORD, FRAME)
     recorder.close()

@@ -7,6 +7,7 @@ other from stopping.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -64,7 +65,9 @@ def retire_all(outputs: Sequence[LeasedOutput]) -> list[str]:
     for output in outputs:
         output.forbid()
     busy = [output for output in outputs if _retired(output, 0.0)]
-    return [f"{output.name}: {trouble}" for output in busy if (trouble := _retired(output, BUSY_WAIT_S))]
+    until_s = time.monotonic() + BUSY_WAIT_S  # for all of them: one after the other, many would take long
+    tried = [(output.name, _retired(output, max(0.0, until_s - time.monotonic()))) for output in busy]
+    return [f"{name}: {trouble}" for name, trouble in tried if trouble]
 
 
 def _retired(output: LeasedOutput, wait_s: float) -> str:

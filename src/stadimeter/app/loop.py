@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.deliveries import Deliveries
+from stadimeter.app.ending import Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, retire_all
 from stadimeter.app.health import Health
 from stadimeter.app.notifying import Notifying
@@ -71,10 +72,10 @@ class Loop:
             recordings. None of them may wait for anything on a live camera.
         health: Figures on the run so far.
         ending: Why the run ended, in words; empty while it runs.
-        is_stopped: Whether it was asked to end, by a signal for example; what is left to do must be done soon.
         troubles: What went wrong on the way out.
         reporter: Composes what other programs are told.
         notifying: Fills in what rules send.
+        deadline: Until when the run must have ended.
         published: The newest messages with the time of each on the run's clock, newest first.
         services: What the run has beside its cycles.
         deliveries: What other programs and people have not got yet, and what was given up.
@@ -84,14 +85,15 @@ class Loop:
     listeners: list[Listener] = field(default_factory=list)
     health: Health = field(default_factory=Health)
     ending: str = ""
-    is_stopped: bool = False
     troubles: list[str] = field(default_factory=list)
     reporter: Reporter = field(default_factory=lambda: Reporter(boot_id=uuid.uuid4().hex))
     _is_opening: bool = False
     published: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=PUBLISHED_MAX))
     services: Services = field(default_factory=Services)
+    deadline: Deadline = field(default_factory=Deadline)
     _state: State | None = None
     _recordings: list[Recording] = field(default_factory=list)
+    _lanes: dict[str, Steps] = field(default_factory=dict)
     notifying: Notifying = field(init=False)
     deliveries: Deliveries = field(init=False)
 
@@ -103,7 +105,8 @@ class Loop:
     def run(self, limits: Limits | None = None) -> None:
         """Run until a limit is reached, the frames end, or somebody asks for the end.
 
-        Whatever happens, every output is stopped first, and then everything is closed in reverse order of opening.
+        Whatever happens, every output is stopped first, and then everything is closed, side by side and before the
+        deadline that `stop` sets.
 
         Args:
             limits: When to end by itself.
@@ -113,9 +116,9 @@ class Loop:
             StadimeterError: The run cannot go on; the outputs are stopped.
         """
         with ExitStack() as closing:
-            closing.callback(self._remember)  # last of all: then it is known what could not be delivered
+            closing.callback(self._close_all)
             try:
-                guard = self._open(closing)
+                guard = self._open()
             except _EndedWhileOpening:
                 return
             try:
@@ -126,12 +129,11 @@ class Loop:
                 self.troubles += retire_all(self.parts.outputs)
                 if self._state is not None:
                     self.services.keep(self._state)
-                self.parts.clock.sleep_until_s(self.parts.clock.now_s() + SETTLE_S)
                 self.deliveries.closing()
             self._publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
 
     def stop(self, why: str) -> None:
-        """Stop every output at once, and end the run after this cycle. May be called from a signal handler.
+        """Stop every output at once, and end the run after this cycle, soon. May be called from a signal handler.
 
         While devices are being opened, which may take seconds, this breaks off what is under way. What is open by then
         is closed as at any other end.
@@ -140,11 +142,23 @@ class Loop:
             why: The reason, in words.
         """
         self.ending = self.ending or why
-        self.is_stopped = True
+        self.deadline.set()
         self.troubles += retire_all(self.parts.outputs)
         if self._is_opening:
             self._is_opening = False
             raise _EndedWhileOpening
+
+    def give_up(self) -> list[str]:
+        """Stop every output once more and keep what alarms remember, since the process is ended while the run hangs.
+
+        Called from another thread.
+
+        Returns:
+            What went wrong until now, in words.
+        """
+        self.troubles += retire_all(self.parts.outputs)
+        self._remember()
+        return list(dict.fromkeys(self.troubles))
 
     def trouble(self) -> str:
         """Return in words what is wrong outside the loop: with the camera, the messenger, a notifier or the disk.
@@ -160,15 +174,17 @@ class Loop:
         troubles = (capture.trouble(), *capture.remarks(), *others)
         return "; ".join(trouble for trouble in troubles if trouble)
 
-    def _open(self, closing: ExitStack) -> Guard:
+    def _open(self) -> Guard:
         """Open everything; what is open is closed again on the way out, even if a later part cannot be opened."""
         parts = self.parts
-        closing.callback(self._close_shared)
         failures: list[str] = []
         for name, part in self._openable():
-            closing.callback(self._close, name, part.close)
+            lane = "outputs" if part in parts.outputs else name
+            self._lanes.setdefault(lane, []).append((name, part.close))
             try:
                 self._is_opening = True
+                if self.ending:  # somebody asked for the end before, or between two parts
+                    raise _EndedWhileOpening
                 part.open()
             except DriverError as error:
                 failures.append(f"{name}: {error}")
@@ -177,13 +193,19 @@ class Loop:
         if failures:
             raise DriverError("\n".join(failures))
         guard = Guard(parts.outputs, parts.clock)
-        guard.start()
-        closing.callback(guard.stop)
+        self._watch(guard.start, guard.stop)
         if parts.recording_drives:
             watch = StallWatch(parts.outputs, parts.clock)
-            watch.start()
-            closing.callback(watch.stop)
+            self._watch(watch.start, watch.stop)
+        self._lanes.setdefault("outputs", []).append(("guard", self._settle))
         return guard
+
+    def _watch(self, start: Callable[[], None], stop: Callable[[], None]) -> None:
+        start()
+        self._lanes.setdefault("outputs", []).append(("guard", stop))
+
+    def _settle(self) -> None:
+        self.parts.clock.sleep_until_s(self.parts.clock.now_s() + SETTLE_S)
 
     def _openable(self) -> Iterator[tuple[str, _Openable]]:
         """Yield what must be opened, by name: the camera last, so that everything is ready for its first frame."""
@@ -258,6 +280,18 @@ class Loop:
             self.parts.messenger.publish(message)
             self.published.appendleft((now_s, message))
 
+    def _close_all(self) -> None:
+        """Close what was opened, then keep the state, and last close what the parts share.
+
+        What could not be delivered is known, and kept, when messenger and notifiers are closed. What is recorded and
+        shown needs time after that.
+        """
+        self.troubles += close_side_by_side(self._lanes, self.deadline, keep_s=0.45)
+        state: Steps = [("the state of the alarms", self._remember)]
+        self.troubles += close_side_by_side({"state": state}, self.deadline, keep_s=0.3)
+        shared: Steps = [("shared part", close) for close in self.parts.shared.closers]
+        self.troubles += close_side_by_side({"shared": shared}, self.deadline, keep_s=0.2)
+
     def _remember(self) -> None:
         """Keep what is remembered and what could not be delivered, and say what is lost."""
         if self._state is None:
@@ -265,16 +299,6 @@ class Loop:
         trouble = self.services.end(self._state)
         self.troubles += [trouble] if trouble else []
         self.troubles += self.deliveries.last_words(self.services.kept())
-
-    def _close(self, name: str, close: Callable[[], None]) -> None:
-        try:
-            close()
-        except DriverError as error:
-            self.troubles.append(f"{name}: {error}")
-
-    def _close_shared(self) -> None:
-        for close in reversed(self.parts.shared.closers):
-            self._close("shared part", close)
 
 
 def _wall_clock() -> str:

@@ -115,6 +115,13 @@ class Services:
         if self.control is not None:
             self.control.changed(change, taken)
 
+    def reload(self) -> bool:
+        """Have the configuration read again before the next cycle; return whether this run can. Never waits."""
+        if self.control is None:
+            return False
+        self.control.reload(self.tell)
+        return True
+
     def wall(self, now_s: float) -> WallTime | None:
         """Return the time of day, if a rule goes by it and somebody vouches for it.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Iterator
@@ -14,6 +15,9 @@ from stadimeter.errors import ConfigError, StadimeterError
 DONE = 0
 NOT_FOUND = 1
 WRONG = 2
+
+_NOBODY_READS = frozenset({errno.EPIPE, errno.EIO})
+"""Whoever read our output has enough, such as `head`; or the terminal is gone."""
 
 
 @contextmanager
@@ -29,10 +33,12 @@ def told_plainly() -> Iterator[None]:
         for problem in error.problems:
             typer.echo(f"error: {problem}", err=True)
         raise typer.Exit(WRONG) from error
-    except BrokenPipeError:  # whoever read our output has enough, such as `head`
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nothing is left to write to at exit
-        raise typer.Exit(DONE) from None
     except StadimeterError as error:
         for line in str(error).splitlines():
             typer.echo(f"error: {line}", err=True)
         raise typer.Exit(WRONG) from error
+    except OSError as error:
+        if error.errno not in _NOBODY_READS:
+            raise
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nothing is left to write to at exit
+        raise typer.Exit(DONE) from None

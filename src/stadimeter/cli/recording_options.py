@@ -93,7 +93,7 @@ def kept(loop: Loop, keeping: Keeping) -> Iterator[None]:
 def _recorder(writer: Writer, loop: Loop) -> Recorder:
     from stadimeter.app.recordings.recorder import Recorder  # noqa: PLC0415 - it takes long, and few runs have one
 
-    return Recorder(writer, is_live=loop.parts.is_live, is_hurried=lambda: loop.is_stopped)
+    return Recorder(writer, is_live=loop.parts.is_live, deadline=loop.deadline)
 
 
 def _writers(loop: Loop, keeping: Keeping) -> Iterator[Writer]:

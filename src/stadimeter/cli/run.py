@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import json
-from contextlib import ExitStack
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,7 +15,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.demonstration import demo_configuration
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.signals import stopping_on_signals
-from stadimeter.cli.exits import told_plainly
+from stadimeter.cli.exits import DONE, told_plainly
 from stadimeter.cli.recording_options import (
     ImageQuality,
     ImageRate,
@@ -71,8 +72,8 @@ def run(
 
     Opens the camera and every output that CONFIG names, and runs its rules on every frame. Prints a line a second,
     and each event at once. A recording ends when its frames do; Ctrl-C and SIGTERM stop every output first and then
-    end the run, and so does SIGHUP, which says that the terminal is gone. To a service, which has none, SIGHUP says to
-    read CONFIG again, as `stadimeter reload` does.
+    end the run, within 2 s. So does SIGHUP, which says that the terminal is gone, wherever the input comes from. To a
+    service, which has no terminal, SIGHUP says to read CONFIG again, as `stadimeter reload` does.
 
     Alarms of a live camera are remembered: after a restart they go on as if nothing had happened. A running instance
     can be told things with `stadimeter ack`, `shelve` and so on.
@@ -86,7 +87,8 @@ def run(
     - `stadimeter run config/follow-ball.toml --record run.mcap --image-rate 5`
 
     **Exit code**: 0 the run ended as it should; 2 a device or the configuration is wrong, or a journal or recording
-    cannot be begun. One that cannot go on, for a full disk for example, is a warning: the run goes on without it.
+    cannot be begun; 128 and the number of a signal if something hung, so that the process was ended before all was
+    done. A journal that cannot go on, for a full disk for example, is a warning: the run goes on without it.
     """
     view: View = "json" if as_json else "live" if watch else "plain"
     with told_plainly():
@@ -150,18 +152,36 @@ class Showing:
 
 
 def _run(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
-    with ExitStack() as closing:
-        reload = closing.enter_context(served(loop, serving))
-        closing.enter_context(stopping_on_signals(loop.stop, reload))
-        closing.enter_context(kept(loop, keeping))
-        closing.enter_context(show(loop, showing.view, showing.title, showing.unit))
+    """Run, and raise `typer.Exit`; or leave the process at once, if a signal has asked for the end and all is done.
+
+    To take down the interpreter takes a small computer half a second, and for ever if a thread of a library hangs.
+    """
+    with stopping_on_signals(loop.stop, loop.services.reload, loop.give_up):
+        try:
+            with told_plainly():
+                _run_to_the_end(loop, limits, keeping, serving, showing)
+                _say_end(loop, showing.view)
+            code = DONE
+        except typer.Exit as left:
+            code = left.exit_code
+        if loop.deadline.is_set:
+            os._exit(code)
+    raise typer.Exit(code)
+
+
+def _run_to_the_end(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
+    with served(loop, serving), kept(loop, keeping), show(loop, showing.view, showing.title, showing.unit):
         if loop.parts.recording_drives:
             loop.listeners.append(_RealOutputsTeller(loop.parts.recording_drives))
+        gc.freeze()  # else all threads stand still now and then, while the collector walks through every library
         loop.run(limits)
+
+
+def _say_end(loop: Loop, view: View) -> None:
     for trouble in loop.troubles:
         typer.echo(f"warning: while ending: {trouble}", err=True)
     summary = summarise(loop.health, loop.ending)
-    typer.echo(json.dumps(summary) if showing.view == "json" else in_words(summary))
+    typer.echo(json.dumps(summary) if view == "json" else in_words(summary))
 
 
 class _RealOutputsTeller:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,9 +16,6 @@ from stadimeter.app.keeping.state_places import state_file
 from stadimeter.app.loop import Loop
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
 from stadimeter.errors import ControlError
-
-if TYPE_CHECKING:
-    from stadimeter.app.control.requests import Control
 
 StateFile = Annotated[
     Path | None,
@@ -62,7 +58,7 @@ class Serving:
 
 
 @contextmanager
-def served(loop: Loop, serving: Serving) -> Iterator[Callable[[], None] | None]:
+def served(loop: Loop, serving: Serving) -> Iterator[None]:
     """Give a run its services.
 
     Args:
@@ -70,7 +66,7 @@ def served(loop: Loop, serving: Serving) -> Iterator[Callable[[], None] | None]:
         serving: Which.
 
     Yields:
-        What SIGHUP shall do; None to end the run.
+        Nothing.
 
     Raises:
         ControlError: Nobody can listen where it was asked for.
@@ -84,8 +80,8 @@ def served(loop: Loop, serving: Serving) -> Iterator[Callable[[], None] | None]:
         services.tell = late
         services.time_of_day = TimeOfDay(is_live=loop.parts.is_live, is_right=is_right)
         _remember(loop, serving, is_right)
-        control = _listening(loop, serving, closing)
-        yield partial(control.reload, late) if control is not None and not _has_terminal() else None
+        _listen(loop, serving, closing)
+        yield
 
 
 def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> None:
@@ -105,10 +101,10 @@ def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> Non
     loop.services.memory = AlarmKeeper(store, partial(moment, clock, is_right=is_right), loop.deliveries)
 
 
-def _listening(loop: Loop, serving: Serving, closing: ExitStack) -> Control | None:
+def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
     """Listen for people; a run that nobody can talk to runs all the same, unless that was asked for."""
     if serving.socket is None and not serving.is_unhurried:
-        return None
+        return
     from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder  # noqa: PLC0415 - likewise
     from stadimeter.app.control.reloading import Reloader  # noqa: PLC0415 - likewise
     from stadimeter.app.control.requests import Control  # noqa: PLC0415 - it takes long, and short runs have none
@@ -125,9 +121,8 @@ def _listening(loop: Loop, serving: Serving, closing: ExitStack) -> Control | No
         if serving.socket is not None:
             raise
         loop.services.tell(f"warning: {error}; nobody can ask this run for anything")
-        return None
-    loop.services.control = Control(listener, Reloader(configuration), deliveries=loop.deliveries.figures)
-    return loop.services.control
+    else:
+        loop.services.control = Control(listener, Reloader(configuration), deliveries=loop.deliveries.figures)
 
 
 class _Teller:
@@ -148,10 +143,3 @@ class _Teller:
         self._is_quiet = False
         while self._waiting:
             self(self._waiting.pop(0))
-
-
-def _has_terminal() -> bool:
-    try:
-        return sys.stdin is not None and sys.stdin.isatty()
-    except ValueError:  # it is closed
-        return False

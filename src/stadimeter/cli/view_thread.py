@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 from stadimeter.app.cycle_record import CycleRecord
 
@@ -19,16 +21,21 @@ class ViewThread:
 
     Args:
         update: Shows one cycle; it may block for as long as it likes.
+        screen: Is entered before the first cycle and left after the last, in the same thread: giving a terminal back
+            may block as well.
 
     Attributes:
         dropped: How many cycles were not shown, because the view did not keep up.
         failure: What ended the view, such as a pipe that nobody reads any more.
     """
 
-    def __init__(self, update: Callable[[CycleRecord], None]) -> None:
+    def __init__(
+        self, update: Callable[[CycleRecord], None], screen: AbstractContextManager[object] | None = None
+    ) -> None:
         self.dropped = 0
         self.failure: Exception | None = None
         self._update = update
+        self._screen = screen or nullcontext()
         self._waiting: queue.Queue[CycleRecord | None] = queue.Queue(WAITING_MAX)
         self._thread = threading.Thread(target=self._run, name="view", daemon=True)
 
@@ -52,18 +59,23 @@ class ViewThread:
         except queue.Full:
             self.dropped += 1
 
-    def stop(self) -> None:
-        """Show what waits, for a second at most, and end. A view that blocks is left behind: its thread is a daemon."""
+    def stop(self, wait_s: float = STOP_WAIT_S) -> None:
+        """Show what waits, and end. A view that blocks is left behind: its thread is a daemon.
+
+        Args:
+            wait_s: How long to wait for it.
+        """
+        until_s = time.monotonic() + wait_s
         try:
-            self._waiting.put(None, timeout=STOP_WAIT_S)
+            self._waiting.put(None, timeout=wait_s)
         except queue.Full:
             return
-        self._thread.join(STOP_WAIT_S)
+        self._thread.join(max(0.0, until_s - time.monotonic()))
 
     def _run(self) -> None:
-        while (record := self._waiting.get()) is not None:
-            try:
-                self._update(record)
-            except Exception as error:  # noqa: BLE001 - the loop raises it, in its own thread
-                self.failure = error
-                return
+        try:
+            with self._screen:
+                while (record := self._waiting.get()) is not None:
+                    self._update(record)
+        except Exception as error:  # noqa: BLE001 - the loop raises it, in its own thread
+            self.failure = error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Literal, TextIO
 
 import typer
@@ -12,7 +12,7 @@ import typer
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Loop
 from stadimeter.cli.plain_view import PlainView
-from stadimeter.cli.view_thread import ViewThread
+from stadimeter.cli.view_thread import STOP_WAIT_S, ViewThread
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from stadimeter.cli.live_view import LiveView
 
 View = Literal["live", "plain", "json"]
+_NO_SCREEN = nullcontext()
 
 
 @contextmanager
@@ -37,7 +38,8 @@ def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
         Nothing; the view ends with the context.
     """
     if view == "live":
-        with live_view_of(loop, title, unit) as live, _fed(loop, live.update):
+        live = live_view_of(loop, title, unit)
+        with _fed(loop, live.update, live):
             yield
         return
     if view == "plain":
@@ -50,19 +52,22 @@ def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
 
 
 @contextmanager
-def _fed(loop: Loop, update: Callable[[CycleRecord], None]) -> Iterator[None]:
+def _fed(
+    loop: Loop, update: Callable[[CycleRecord], None], screen: AbstractContextManager[object] = _NO_SCREEN
+) -> Iterator[None]:
     """Feed a view with every cycle: from a thread if the loop must not wait, directly if it runs on a stepped clock."""
     if not loop.parts.is_live:
         loop.listeners.append(lambda record, _frame: update(record))
-        yield
+        with screen:
+            yield
         return
-    thread = ViewThread(update)
+    thread = ViewThread(update, screen)
     thread.start()
     loop.listeners.append(lambda record, _frame: thread.submit(record))
     try:
         yield
     finally:
-        thread.stop()
+        thread.stop(loop.deadline.left_s(STOP_WAIT_S))
         if thread.dropped:
             typer.echo(f"warning: {thread.dropped} cycles were not shown: the terminal did not keep up", err=True)
 

@@ -30,8 +30,8 @@ EXTRA = "stadimeter[notify]"
 KINDS = {Severity.INFO: "info", Severity.WARNING: "warning", Severity.ALARM: "failure", Severity.SAFETY: "failure"}
 """What apprise calls each severity."""
 
-PATIENCE = Patience(goodbye_s=3.0)
-"""A service on the other side of the world takes a second or two."""
+PATIENCE = Patience(goodbye_s=0.6)
+"""The end of a run may take two seconds in all."""
 
 _LONGEST_REASON = 200
 _SECRET = re.compile(r"[^/:@?&=,;\s]{3,}")

@@ -22,7 +22,7 @@ class Patience:
     first_pause_s: float = 1.0
     longest_pause_s: float = 60.0
     alarm_pause_s: float = 10.0
-    goodbye_s: float = 1.0
+    goodbye_s: float = 0.3
 
 
 class BackOff:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stadimeter.app.control.places import running
+from stadimeter.app.control.places import check_peer, left_out, running
 from stadimeter.errors import ControlError
 
 ANSWER_WAIT_S = 10.0
@@ -53,14 +53,17 @@ def ask(path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: f
         The data of its answer.
 
     Raises:
-        ControlError: It does not run, does not answer, or refuses; the message says which, and why.
+        ControlError: It does not run, may be another user's, does not answer, or refuses; the message says which.
     """
     request = json.dumps({"transaction": op, "op": op, "args": args or {}}).encode() + b"\n"
     try:
         with _connected(path) as connection:
+            check_peer(path, connection)
             connection.settimeout(wait_s)
             connection.sendall(request)
             line = _line(connection, wait_s)
+    except ControlError:
+        raise
     except TimeoutError as error:
         raise ControlError(f"{path}: no answer within {wait_s:g} s; does it hang?") from error
     except PermissionError as error:
@@ -85,7 +88,8 @@ def find(configuration: Path | None = None, sockets: Iterable[Path] | None = Non
     """
     found = running() if sockets is None else list(sockets)
     if not found:
-        raise ControlError("no instance of stadimeter is running; start one with `stadimeter run CONFIG`")
+        words = "no instance of stadimeter is running; start one with `stadimeter run CONFIG`"
+        raise ControlError("; ".join(filter(None, (words, left_out()))))
     if configuration is None and len(found) == 1:
         return found[0]
     instances = [instance for path in found if (instance := _introduced(path)) is not None]

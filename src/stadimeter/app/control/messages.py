@@ -142,11 +142,11 @@ class Reply:
             transaction: That of the request.
 
         Returns:
-            One line.
+            One line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair.
         """
         answer: dict[str, Any] = {"transaction": transaction, "status": "error" if self.error else "ok"}
         answer |= {"error": self.error} if self.error else {"data": self.data}
-        return json.dumps(answer, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
+        return json.dumps(answer, separators=(",", ":")).encode("ascii") + b"\n"
 
 
 def parse_request(line: bytes) -> Request:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import socket
 import stat
+import struct
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from stadimeter.errors import ControlError
@@ -16,7 +17,10 @@ PATH_MAX_BYTES = 107
 """The kernel takes no longer path of a socket."""
 
 SERVICE_FOLDER = Path("/run/stadimeter")
-"""Where the service of deploy/ listens."""
+"""Where the service of deploy/ listens. Only root and systemd can make it, so that its owner can be believed."""
+
+ROOT_FOLDER = Path("/run/stadimeter-root")
+"""Where other runs of root listen. Among the temporary files, any user could make the folder first."""
 
 
 def runtime_folder(environ: Mapping[str, str] = os.environ) -> Path:
@@ -26,20 +30,21 @@ def runtime_folder(environ: Mapping[str, str] = os.environ) -> Path:
         environ: The environment.
 
     Returns:
-        ``$RUNTIME_DIRECTORY``, which systemd makes for a service; else a folder in ``$XDG_RUNTIME_DIR``; else one of
-        the user's own among the temporary files.
+        ``$RUNTIME_DIRECTORY``, which systemd makes for a service; else a folder in ``$XDG_RUNTIME_DIR``, unless
+        that belongs to another user, as it may below ``sudo``; else one of our own: for root in ``/run``, for other
+        users among the temporary files.
     """
     for_service = environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
     if for_service:
         return Path(for_service)
     of_user = environ.get("XDG_RUNTIME_DIR")
-    if of_user:
+    if of_user and (not Path(of_user).exists() or Path(of_user).stat().st_uid == os.getuid()):
         return Path(of_user) / "stadimeter"
-    return Path(tempfile.gettempdir()) / f"stadimeter-{os.getuid()}"
+    return ROOT_FOLDER if os.getuid() == 0 else Path(tempfile.gettempdir()) / f"stadimeter-{os.getuid()}"
 
 
 def usable_folder(folder: Path) -> Path:
-    """Make a folder if it is not there, and see that nobody else can put a socket into it.
+    """Make a folder if it is not there, and see that it is safe to listen there.
 
     Args:
         folder: The folder.
@@ -48,17 +53,48 @@ def usable_folder(folder: Path) -> Path:
         The folder.
 
     Raises:
-        ControlError: It cannot be made, or others may write there.
+        ControlError: It cannot be made, or another user could put a socket of their own there.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise ControlError(f"{folder} cannot be used for a socket: {error.strerror or error}") from error
+    return checked_folder(folder)
+
+
+def checked_folder(folder: Path) -> Path:
+    """See that no other user can replace a socket in a folder.
+
+    Args:
+        folder: The folder.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ControlError: It belongs to another user, or others may write there; the message says which.
+    """
+    try:
         found = folder.lstat()
     except OSError as error:
         raise ControlError(f"{folder} cannot be used for a socket: {error.strerror or error}") from error
-    is_ours = stat.S_ISDIR(found.st_mode) and found.st_uid in {os.getuid(), 0}
-    if not is_ours or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    if not stat.S_ISDIR(found.st_mode):
+        raise ControlError(f"{folder} cannot be used for a socket: it is no folder")
+    if found.st_uid not in trusted_users(folder):
+        raise ControlError(f"{folder} cannot be used for a socket: it belongs to another user ({found.st_uid})")
+    others_write = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    if others_write and not found.st_mode & stat.S_ISVTX:  # where it is sticky, each user replaces only their own
         raise ControlError(f"{folder} cannot be used for a socket: others may write there")
     return folder
+
+
+def trusted_users(folder: Path) -> frozenset[int]:
+    """Return the users whose sockets in a folder can be believed: we, root, and in its own folder the service."""
+    try:
+        service = {SERVICE_FOLDER.lstat().st_uid} if folder == SERVICE_FOLDER else set()
+    except OSError:
+        service = set()
+    return frozenset({os.getuid(), 0, *service})
 
 
 def socket_path(configuration: Path, folder: Path) -> Path:
@@ -82,17 +118,16 @@ def socket_path(configuration: Path, folder: Path) -> Path:
     return path
 
 
-def running(environ: Mapping[str, str] = os.environ, service_folder: Path = SERVICE_FOLDER) -> list[Path]:
-    """Return where instances listen that can be asked.
+def running(environ: Mapping[str, str] = os.environ) -> list[Path]:
+    """Return where instances listen that can be asked. Folders of other users are left out.
 
     Args:
         environ: The environment.
-        service_folder: Where the service listens.
 
     Returns:
         Their sockets, by name.
     """
-    folders = dict.fromkeys((runtime_folder(environ), service_folder))
+    folders = dict.fromkeys((runtime_folder(environ), SERVICE_FOLDER))
     return [path for folder in folders for path in _sockets(folder) if is_alive(path)]
 
 
@@ -116,8 +151,42 @@ def is_alive(path: Path) -> bool:
         return True
 
 
-def _sockets(folder: Path) -> Iterator[Path]:
+def left_out(environ: Mapping[str, str] = os.environ) -> str:
+    """Return why a folder in which instances listen was left out, in words; empty if none was."""
+    folder = runtime_folder(environ)
     try:
-        yield from sorted(folder.glob(f"*{ENDING}"))
-    except OSError:
-        return
+        checked_folder(folder)
+    except ControlError as error:
+        return str(error) if os.path.lexists(folder) else ""
+    return ""
+
+
+def check_peer(path: Path, connection: socket.socket) -> None:
+    """See that it is an instance of ours that a connection leads to, before it is told anything.
+
+    Another local user can listen at any path that is open to them, or put a link to a socket of root there. So the
+    folder, the socket and the process that listens must all belong to a user whom we can believe.
+
+    Args:
+        path: Where we connected to.
+        connection: The connection.
+
+    Raises:
+        ControlError: It may be somebody else.
+        OSError: The socket is gone.
+    """
+    folder = checked_folder(path.parent.resolve())
+    found = path.lstat()
+    if not stat.S_ISSOCK(found.st_mode):
+        raise ControlError(f"{path}: not asked: it is no socket")
+    _pid, listener, _group = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    for user in (found.st_uid, listener):
+        if user not in trusted_users(folder):
+            raise ControlError(f"{path}: not asked: it belongs to another user ({user}), who may pose as the instance")
+
+
+def _sockets(folder: Path) -> list[Path]:
+    try:
+        return sorted(checked_folder(folder).glob(f"*{ENDING}"))
+    except (ControlError, OSError):
+        return []

@@ -1,45 +1,56 @@
 """The Unix socket at which a running instance can be asked.
 
-A thread of its own accepts, reads, checks and answers; all that the control loop does is to take the requests that are
-sound and to hand back answers. Whatever comes in at the socket, the loop never waits for it: lines are limited, and so
-are connections, requests that wait, and answers that nobody reads.
+Each connection has a thread of its own, which reads a line, hands the request to the control loop and sends the answer.
+All that the loop does is to take the requests that are sound, once a cycle, and to hand back answers: it never waits.
+
+What comes in at the socket may be anything, so every resource has a bound. Lines, connections and requests that wait
+are limited. No limit locks an honest client out: when all places are taken, the connection that has been idle for
+longest gives way to a new one, whether it sends nothing or does not read. Whatever fails costs its own connection only.
 """
 
 from __future__ import annotations
 
 import os
-import selectors
+import queue
 import socket
+import socketserver
 import stat
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from stadimeter.app.control.connection import Connection
 from stadimeter.app.control.messages import (
+    LINE_MAX_BYTES,
     PlainRequest,
     Reply,
     Request,
-    Transaction,
     parse_request,
     transaction_of,
 )
-from stadimeter.app.control.places import is_alive
+from stadimeter.app.control.places import checked_folder, is_alive
 from stadimeter.errors import ControlError
 
-CONNECTIONS_MAX = 16
+CONNECTIONS_MAX = 32
 WAITING_MAX = 64
-"""So many requests may wait for the loop, which takes them all once a cycle."""
-IDLE_MAX_S = 60.0
-"""A connection on which nothing is said for this long is closed."""
+"""This many requests may wait for the loop, which takes them all once a cycle."""
+IDLE_MAX_S = 30.0
+"""A client that sends no line, or does not read its answer, for this long is hung up on."""
+ANSWER_MAX_S = 90.0
+"""The loop is waited for this long; a reload takes longest."""
+END_WAIT_S = 0.5
+"""Closing waits this long for the threads of connections, which end as soon as their sockets are shut down."""
+RETRY_S = 0.05
+"""After a connection that could not be accepted: the process has no file descriptors left, and no loop must spin."""
 
 Answer = Callable[[Reply | Callable[[], Reply]], None]
-"""Sends the answer to a request. May be called from any thread, once; it never waits. An answer that takes long to put
-into words is given as a function, which is called in the thread of the socket."""
+"""Gives the answer to a request. May be called from any thread, once; it never waits. An answer that takes long to put
+into words is given as a function, which is called in the thread of the connection."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +59,7 @@ class Asked:
 
     Attributes:
         request: What is asked for.
-        answer: Sends the answer.
+        answer: Gives the answer.
     """
 
     request: Request
@@ -61,195 +72,193 @@ class ControlSocket:
     Args:
         path: Where; only our user may ask there.
         hello: What the socket tells of the instance by itself, without the loop.
-        idle_max_s: How long a connection may say nothing.
+        idle_max_s: How long a client may send nothing, or read nothing.
     """
 
     def __init__(self, path: Path, hello: Callable[[], object], *, idle_max_s: float = IDLE_MAX_S) -> None:
         self.path = path
-        self._hello = hello
-        self._idle_max_s = idle_max_s
+        self.hello = hello
+        self.idle_max_s = idle_max_s
+        self.speaking = threading.Lock()  # one thread at a time takes the processor from the loop
         self._asked: deque[Asked] = deque()
-        self._answers: deque[tuple[Connection, Transaction, Reply | Callable[[], Reply]]] = deque()
-        self._connections: dict[int, Connection] = {}
-        self._selector = selectors.DefaultSelector()
-        self._listener: socket.socket | None = None
-        self._wake, self._woken = socket.socketpair()
-        self._is_closing = False
-        self._thread = threading.Thread(target=self._serve, name="control socket", daemon=True)
+        self._server: _Server | None = None
 
     def open(self) -> None:
         """Begin to listen.
 
         Raises:
-            ControlError: It cannot be listened there.
+            ControlError: It cannot be listened there, or somebody else could listen there in our place.
         """
+        checked_folder(self.path.parent.resolve())
         try:
-            self._listener = _listening(self.path)
+            self._server = _Server(self)
         except OSError as error:
             raise ControlError(f"{self.path}: cannot listen there: {error.strerror or error}") from error
-        self._woken.setblocking(False)
-        self._wake.setblocking(False)
-        self._selector.register(self._listener, selectors.EVENT_READ)
-        self._selector.register(self._woken, selectors.EVENT_READ)
-        self._thread.start()
 
     def take(self) -> list[Asked]:
-        """Return the requests that have come since the last call. Never waits.
-
-        Returns:
-            The requests, oldest first.
-        """
-        if not self._asked:
-            return []
+        """Return the requests that have come since the last call, oldest first. Never waits."""
         return [self._asked.popleft() for _ in range(len(self._asked))]
 
     def close(self) -> None:
-        """Cease to listen, and close every connection. May be called any number of times."""
-        if self._is_closing:
-            return
-        self._is_closing = True
-        if self._listener is not None:
-            self._rouse()
-            self._thread.join()
+        """Cease to listen, and hang up on everyone. May be called any number of times."""
+        server, self._server = self._server, None
+        if server is not None:
+            server.end()
             self.path.unlink(missing_ok=True)
-        self._wake.close()
-        self._woken.close()
-        self._selector.close()
 
-    def _rouse(self) -> None:
-        try:
-            self._wake.send(b"x")
-        except OSError:  # it is being roused already, or is closed
-            return
+    def put(self, request: Request, answer: Answer) -> None:
+        """Let a request wait for the loop.
 
-    def _serve(self) -> None:
-        while not self._is_closing:
-            for key, events in self._selector.select(1.0 if self._connections else None):
-                if key.fileobj is self._listener:
-                    self._accept(self._listener)
-                elif key.fileobj is self._woken:
-                    self._woken.recv(4096)
-                elif connection := self._connections.get(key.fd):
-                    self._attend(connection, events)
-            self._pass_on_answers()
-            self._close_idle()
-        self._end()
+        Args:
+            request: The request.
+            answer: Gives its answer.
 
-    def _end(self) -> None:
-        self._pass_on_answers()
-        for connection in list(self._connections.values()):
-            self._drop(connection)
-        if self._listener is not None:
-            self._listener.close()
+        Raises:
+            ControlError: Too many wait already.
+        """
+        if len(self._asked) >= WAITING_MAX:
+            raise ControlError(f"{WAITING_MAX} requests wait already; try again later")
+        self._asked.append(Asked(request, answer))
 
-    def _accept(self, listener: socket.socket) -> None:
-        try:
-            accepted, _ = listener.accept()
-        except OSError:  # whoever it was is gone, or we have no file descriptors left
-            return
-        connection = Connection(accepted)
-        self._connections[accepted.fileno()] = connection
-        with self._served(connection):
-            if len(self._connections) > CONNECTIONS_MAX:
-                connection.refuse(f"{CONNECTIONS_MAX} others are connected already; try again later")
 
-    @contextmanager
-    def _served(self, connection: Connection) -> Iterator[None]:
-        """Do something with a connection. Afterwards wait for what it needs then, or close it."""
-        try:
-            yield
-        except OSError:  # the other end is gone
-            self._drop(connection)
-            return
-        if connection.is_done:
-            self._drop(connection)
-        elif connection.socket.fileno() in self._connections:
-            self._watch(connection)
+@dataclass(eq=False)
+class _Connection:
+    """A client that is connected.
 
-    def _attend(self, connection: Connection, events: int) -> None:
-        with self._served(connection):
-            if events & selectors.EVENT_WRITE:
-                connection.flush()
-            if not events & selectors.EVENT_READ:
-                return
+    Attributes:
+        socket: The connection.
+        since_s: When its client last sent a line, or was answered, on the monotonic clock.
+        is_owed: Whether we owe it an answer. Else we wait for the client: for a line, or to read what we said.
+        replies: Takes the answer that we owe.
+        thread: Serves it.
+    """
+
+    socket: Any
+    since_s: float = field(default_factory=time.monotonic)
+    is_owed: bool = False
+    replies: queue.SimpleQueue[Reply | Callable[[], Reply]] = field(default_factory=queue.SimpleQueue)
+    thread: threading.Thread | None = None
+
+    def turn(self, *, is_owed: bool) -> None:
+        """Note who waits for whom from now on."""
+        self.is_owed, self.since_s = is_owed, time.monotonic()
+
+    def hang_up(self) -> None:
+        """Let its thread end, whatever it waits for: the client, or the loop."""
+        with suppress(OSError):  # the client is gone already
+            self.socket.shutdown(socket.SHUT_RDWR)
+        self.replies.put(Reply(error="the connection was closed"))
+
+
+class _Handler(socketserver.StreamRequestHandler):
+    """Serves one connection: line by line, one answer after the other."""
+
+    server: _Server
+
+    def setup(self) -> None:
+        """Limit how long one read, and one write, may take."""
+        super().setup()
+        self.request.settimeout(self.server.control.idle_max_s)
+
+    def handle(self) -> None:
+        """Answer every line. What is raised here ends this connection, and no other."""
+        connection = self.server.connections[self.request]
+        while (line := self.rfile.readline(LINE_MAX_BYTES + 1)).endswith(b"\n"):
+            if line.strip():
+                connection.turn(is_owed=True)
+                said = self._answer(line, connection)
+                connection.turn(is_owed=False)
+                self.wfile.write(said)
+        if len(line) > LINE_MAX_BYTES:
+            self.wfile.write(Reply(error=f"a line of more than {LINE_MAX_BYTES} bytes is no request").line(None))
+
+    def _answer(self, line: bytes, connection: _Connection) -> bytes:
+        control = self.server.control
+        with control.speaking:
+            transaction = transaction_of(line)
             try:
-                lines = connection.lines()
+                request = parse_request(line)
+                if isinstance(request, PlainRequest) and request.op == "hello":
+                    return Reply(control.hello()).line(transaction)
+                control.put(request, connection.replies.put)
             except ControlError as error:
-                connection.refuse(str(error))
-                return
-            for line in lines:
-                self._hear(connection, line)
+                return Reply(error=str(error)).line(transaction)
+        # Without an answer in time the connection ends: the next request would be given the one that comes too late.
+        reply = connection.replies.get(timeout=ANSWER_MAX_S)
+        with control.speaking:
+            return (reply if isinstance(reply, Reply) else _put_into_words(reply)).line(transaction)
 
-    def _hear(self, connection: Connection, line: bytes) -> None:
-        """Take in one line: answer it, or leave it to the loop."""
-        transaction = transaction_of(line)
+
+class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
+    """Accepts connections, in a thread of its own, and bounds how many there are."""
+
+    request_queue_size = 128
+
+    def __init__(self, control: ControlSocket) -> None:
+        self.control = control
+        self.connections: dict[Any, _Connection] = {}
+        super().__init__(os.fspath(control.path), _Handler)
+        self._thread = threading.Thread(target=self.serve_forever, args=(60.0,), name="control socket", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Close everything, and wait a moment for the threads."""
+        self.socket.shutdown(socket.SHUT_RDWR)  # wakes the thread that accepts
+        self.shutdown()
+        self._thread.join()
+        self.server_close()
+        until_s = time.monotonic() + END_WAIT_S
+        connections = list(self.connections.values())
+        for connection in connections:
+            connection.hang_up()
+        for connection in connections:
+            if connection.thread is not None:
+                connection.thread.join(max(0.0, until_s - time.monotonic()))
+
+    def server_bind(self) -> None:
+        """Bind the socket for our user alone; one that a killed run left behind is replaced."""
+        path = self.control.path
+        if path.is_socket() and not is_alive(path):
+            path.unlink()
+        super().server_bind()
+        path.chmod(stat.S_IRUSR | stat.S_IWUSR)  # no client can connect before `listen`
+
+    def get_request(self) -> tuple[Any, Any]:
+        """Accept a connection."""
         try:
-            request = parse_request(line)
-        except ControlError as error:
-            connection.say(Reply(error=str(error)).line(transaction))
-            return
-        if isinstance(request, PlainRequest) and request.op == "hello":
-            connection.say(Reply(self._hello()).line(transaction))
-        elif len(self._asked) >= WAITING_MAX:
-            connection.say(Reply(error=f"{WAITING_MAX} requests wait already; try again later").line(transaction))
-        else:
-            connection.unanswered += 1
-            self._asked.append(Asked(request, lambda reply: self._answer(connection, transaction, reply)))
+            return super().get_request()
+        except OSError:
+            time.sleep(RETRY_S)
+            raise
 
-    def _answer(self, connection: Connection, transaction: Transaction, reply: Reply | Callable[[], Reply]) -> None:
-        self._answers.append((connection, transaction, reply))
-        self._rouse()
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a connection in a thread of its own, which keeps no process alive."""
+        while len(self.connections) >= CONNECTIONS_MAX:
+            self._make_room()
+        connection = self.connections[request] = _Connection(request)
+        serve = partial(self.process_request_thread, request, client_address)
+        connection.thread = threading.Thread(target=serve, name="control client", daemon=True)
+        connection.thread.start()
 
-    def _pass_on_answers(self) -> None:
-        while self._answers:
-            connection, transaction, reply = self._answers.popleft()
-            connection.unanswered -= 1
-            if self._connections.get(connection.socket.fileno()) is connection:
-                with self._served(connection):
-                    connection.say((reply if isinstance(reply, Reply) else _put_into_words(reply)).line(transaction))
+    def close_request(self, request: Any) -> None:
+        """Close a connection that has ended, however it did."""
+        self.connections.pop(request, None)
+        super().close_request(request)
 
-    def _watch(self, connection: Connection) -> None:
-        """Wait for what the connection needs: nothing at all while only the loop's answer is missing."""
-        is_watched = connection.socket in self._selector.get_map()
-        if connection.events and is_watched:
-            self._selector.modify(connection.socket, connection.events)
-        elif connection.events:
-            self._selector.register(connection.socket, connection.events)
-        elif is_watched:
-            self._selector.unregister(connection.socket)
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing: the connection is closed, and what clients send must not fill a log."""
 
-    def _close_idle(self) -> None:
-        earliest_s = time.monotonic() - self._idle_max_s
-        for connection in list(self._connections.values()):
-            if connection.heard_s < earliest_s and connection.unanswered == 0:
-                self._drop(connection)
-
-    def _drop(self, connection: Connection) -> None:
-        if self._connections.pop(connection.socket.fileno(), None) is None:
-            return
-        if connection.socket in self._selector.get_map():
-            self._selector.unregister(connection.socket)
-        connection.socket.close()
+    def _make_room(self) -> None:
+        """Hang up on whoever has let us wait for longest; if all wait for us, on whoever has waited for longest."""
+        waiting = list(self.connections.values())
+        longest = min(waiting, key=lambda each: (each.is_owed, each.since_s), default=None)
+        if longest is not None:
+            self.connections.pop(longest.socket, None)
+            longest.hang_up()
 
 
 def _put_into_words(reply: Callable[[], Reply]) -> Reply:
     try:
         return reply()
-    except Exception as error:  # noqa: BLE001 - a defect in an answer must not end all other conversations
+    except Exception as error:  # noqa: BLE001 - a defect in an answer is said to whoever asked
         return Reply(error=f"the answer could not be put into words: {type(error).__name__}: {error}")
-
-
-def _listening(path: Path) -> socket.socket:
-    """Return a socket that listens, for our user alone. One that nobody listens at any more is replaced."""
-    if path.is_socket() and not is_alive(path):
-        path.unlink()
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        listener.bind(os.fspath(path))
-        path.chmod(stat.S_IRUSR | stat.S_IWUSR)  # nobody can connect before `listen`
-        listener.listen()
-        listener.setblocking(False)
-    except BaseException:
-        listener.close()
-        raise
-    return listener

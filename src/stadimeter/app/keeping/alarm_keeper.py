@@ -150,7 +150,8 @@ class AlarmKeeper:
     def end(self, state: State) -> str:
         """Write what is remembered at the end of the run, and close the file. Waits for the disk.
 
-        Call it when messenger and notifiers are closed: then it is known what they could not deliver.
+        Call it when messenger and notifiers are closed: then it is known what they could not deliver. Does nothing if
+        it was called before, in whatever thread.
 
         Args:
             state: What is remembered.
@@ -158,15 +159,16 @@ class AlarmKeeper:
         Returns:
             What went wrong, in words; empty for nothing.
         """
-        if self._thread is None:
+        thread = self._thread
+        if thread is None or self._is_ending:
             return ""
         with self._turned:
             self._newest = state if state.now_s is not None else None
             self._is_ending = True
             self._turned.notify_all()
-        self._thread.join(END_WAIT_S)
-        is_stuck, self._thread = self._thread.is_alive(), None
-        if is_stuck:
+        thread.join(END_WAIT_S)
+        self._thread = None
+        if thread.is_alive():
             return "the disk does not take the state of the alarms"
         self._store.close()
         return self._trouble

@@ -9,11 +9,11 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.ending import Deadline
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StadimeterError
@@ -87,7 +87,7 @@ class Recorder:
     Args:
         writer: Writes them.
         is_live: Whether the camera is live.
-        is_hurried: Whether the run was asked to end, so that it can wait no longer for a disk that hangs.
+        deadline: Until when the run must have ended; a disk that hangs is waited for no longer.
 
     Attributes:
         kind: ``journal`` or ``recording``.
@@ -95,13 +95,13 @@ class Recorder:
         images_left_out: How many pictures were left out, since the disk did not keep up.
     """
 
-    def __init__(self, writer: Writer, *, is_live: bool, is_hurried: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, writer: Writer, *, is_live: bool, deadline: Deadline | None = None) -> None:
         self.kind = writer.kind
         self.failure = ""
         self.images_left_out = 0
         self._writer = writer
         self._is_live = is_live
-        self._is_hurried = is_hurried
+        self._deadline = deadline or Deadline()
         self._waiting: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
         self._room = threading.Semaphore(WAITING_MAX if is_live else IMAGES_WAITING_MAX)
         self._ended_s: float | None = None
@@ -174,7 +174,8 @@ class Recorder:
 
     def _is_too_late(self, began_s: float) -> bool:
         """Return whether a wait for the disk has been long enough; a program has no more than two seconds to end."""
-        return time.monotonic() - began_s >= (GOODBYE_S if self._is_hurried() else END_WAIT_S)
+        longest_s = GOODBYE_S if self._deadline.is_set else END_WAIT_S
+        return time.monotonic() - began_s >= longest_s or self._deadline.left_s(longest_s) <= 0
 
     def _run(self) -> None:
         try:

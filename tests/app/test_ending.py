@@ -1,0 +1,70 @@
+"""Closing the parts of a run side by side, before one deadline."""
+
+import threading
+
+import pytest
+
+from stadimeter.app import ending
+from stadimeter.app.ending import Deadline, close_side_by_side
+from stadimeter.errors import DriverError
+
+
+@pytest.fixture
+def hang():
+    """Return a call that does not come back before the end of the test."""
+    let_go = threading.Event()
+    yield lambda: let_go.wait(20)
+    let_go.set()
+
+
+@pytest.fixture
+def deadline(monkeypatch):
+    monkeypatch.setattr(ending, "END_WITHIN_S", 0.05)
+    deadline = Deadline()
+    deadline.set()
+    return deadline
+
+
+def test_until_somebody_asks_for_the_end_everything_gets_its_time():
+    assert Deadline().left_s(1000.0, keep_s=5.0) == 1000.0
+
+
+def test_asking_for_the_end_again_gives_no_more_time(monkeypatch, deadline):
+    monkeypatch.setattr(ending, "END_WITHIN_S", 1000.0)
+    deadline.set()
+    assert deadline.left_s(1000.0) <= 0.05
+
+
+def test_a_lane_is_closed_in_reverse_order_whatever_goes_wrong_in_it():
+    closed = []
+
+    def fail():
+        closed.append("b")
+        raise DriverError("gone")
+
+    def defect():
+        closed.append("c")
+        raise ZeroDivisionError("a defect")
+
+    steps = [("a", lambda: closed.append("a")), ("b", fail), ("c", defect)]
+    assert close_side_by_side({"lane": steps}, Deadline()) == ["c: ZeroDivisionError: a defect", "b: gone"]
+    assert closed == ["c", "b", "a"]
+
+
+def test_what_does_not_come_back_is_left_behind_and_keeps_no_other_from_being_closed(deadline, hang):
+    closed = []
+    lanes = {
+        "camera": [("camera", hang)],
+        "outputs": [("motor", lambda: closed.append("motor")), ("base", lambda: closed.append("base"))],
+    }
+    assert close_side_by_side(lanes, deadline) == ["camera: it did not end in time, and was left behind"]
+    assert closed == ["base", "motor"]
+
+
+def test_asking_for_the_end_cuts_a_wait_short_that_has_begun(monkeypatch, hang):
+    monkeypatch.setattr(ending, "END_WITHIN_S", 0.05)
+    deadline = Deadline()
+    asking = threading.Timer(0.05, deadline.set)
+    asking.start()
+    assert close_side_by_side({"phone": [("phone", hang)]}, deadline, wish_s=1000.0)
+    asking.join()

@@ -1,0 +1,166 @@
+"""A running instance under everything that can come in at its socket: an honest client is answered all the time."""
+
+import json
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack, suppress
+
+import pytest
+
+from stadimeter.app.control.client import ask
+from stadimeter.app.control.messages import OPS
+from stadimeter.app.control.places import is_alive
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+
+CONFIG = (
+    SIMULATED_BALL
+    + """
+[rules.near]
+actuator = "motor"
+when = { below = "3 m" }
+on_delay = "0 s"
+ack = "required"
+shelve_max = "1 h"
+[world]
+path = [{ at = "0 s", x = "2 m", y = "0 m" }]
+loop = false
+"""
+)
+
+STRANGE = (
+    *("near", "", "\ud800", "\udcff", "\x00", "\u2028", "a" * 300, "é" * 150, "\x1b[2J", "near\n"),
+    *(0, -1, 1e308, -1e308, 10**30, 10**4000, True, None, float("nan"), float("inf")),
+    *([], {}, [[[]]], {"a": {"b": 1}}, ["near"] * 50),
+)
+
+
+@pytest.fixture
+def instance(tmp_path):
+    config = tmp_path / "door.toml"
+    config.write_text(CONFIG)
+    path = tmp_path / "door.sock"
+    with (tmp_path / "said").open("w") as said:
+        process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "stadimeter",
+                "run",
+                str(config),
+                "--socket",
+                str(path),
+                "--state",
+                tmp_path / "state",
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=said,
+            start_new_session=True,
+        )
+    assert eventually(lambda: is_alive(path))
+    yield path
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(20) == 0
+    said = (tmp_path / "said").read_text()
+    assert "Ended: SIGTERM." in said
+    assert "Traceback" not in said
+
+
+def connected(path):
+    client = socket.socket(socket.AF_UNIX)
+    client.settimeout(10)
+    while True:
+        try:
+            client.connect(os.fspath(path))
+        except BlockingIOError:  # more connections than may wait to be accepted
+            time.sleep(0.001)
+        else:
+            return client
+
+
+def request(chance):
+    """Return something that was a request once."""
+    args = {key: chance.choice(STRANGE) for key in ("rule", "by", "why", "for_s", "one_shot") if chance.random() < 0.3}
+    wanted = {"transaction": chance.choice(STRANGE), "op": chance.choice([*OPS, *STRANGE]), "args": args}
+    for key in list(wanted):
+        if chance.random() < 0.2:
+            del wanted[key]
+    line = bytearray(json.dumps(wanted, ensure_ascii=chance.random() < 0.7).encode("utf-8", "surrogatepass"))
+    for _ in range(chance.choice((0, 0, 0, 1, 2, 10))):
+        line[chance.randrange(len(line))] = chance.randrange(256)
+    if chance.random() < 0.1:
+        line = line[: chance.randrange(len(line))]
+    if chance.random() < 0.05:
+        line = bytearray(chance.choice((b"[" * 30_000, b'{"a":' * 5_000, chance.randbytes(5_000), b"9" * 60_000)))
+    if chance.random() < 0.01:
+        line *= 70_000 // max(1, len(line)) + 1
+    return bytes(line) + b"\n"
+
+
+def fuzz(path, chance, count):
+    """Send requests, on connections that are used more than once, and given up in every way."""
+    client = connected(path)
+    for _ in range(count):
+        with suppress(OSError):  # it was hung up on
+            client.sendall(request(chance))
+            if chance.random() < 0.6:
+                client.recv(65536)
+        if chance.random() < 0.3:
+            client.close()
+            client = connected(path)
+    client.close()
+
+
+def never_read(path, stopped):
+    """Ask and never read an answer; come back when hung up on."""
+    while not stopped.is_set():
+        with connected(path) as client:
+            client.settimeout(0.2)
+            try:
+                while not stopped.is_set():
+                    with suppress(TimeoutError):
+                        client.send(b'{"op": "status"}\n')
+            except OSError:
+                continue
+
+
+def honest(path, stopped, waited_s):
+    """Ask all the time as `stadimeter status` does, and note how long each answer takes."""
+    while not stopped.wait(0.01):
+        began_s = time.monotonic()
+        assert ask(path, "status")["rules"]
+        waited_s.append(time.monotonic() - began_s)
+
+
+@pytest.mark.parametrize(
+    ("count", "idle"), [(200, 40), pytest.param(10_000, 200, marks=[pytest.mark.long, pytest.mark.timeout(300)])]
+)
+def test_whatever_comes_in_an_honest_client_is_answered(instance, count, idle):
+    stopped, waited_s = threading.Event(), []
+    eventually(lambda: ask(instance, "status"))
+    threads = [
+        threading.Thread(target=never_read, args=(instance, stopped)),
+        threading.Thread(target=honest, args=(instance, stopped, waited_s)),
+    ]
+    with ExitStack() as closing:
+        for _ in range(idle):
+            closing.enter_context(connected(instance))
+        for thread in threads:
+            thread.start()
+        try:
+            fuzz(instance, random.Random(7), count)  # noqa: S311 - nothing secret depends on it
+        finally:
+            is_honest_served = threads[1].is_alive()
+            stopped.set()
+            for thread in threads:
+                thread.join()
+    assert is_honest_served
+    waited_s.sort()
+    print(f"{len(waited_s)} honest requests: median {waited_s[len(waited_s) // 2]:.3f} s, longest {waited_s[-1]:.3f} s")

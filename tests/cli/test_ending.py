@@ -1,0 +1,329 @@
+"""The end of a run, whatever is pending: a real process that drives emulated wheels over a real pseudo-terminal."""
+
+import fcntl
+import json
+import os
+import pty
+import re
+import signal
+import socket
+import subprocess
+import sys
+import termios
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from stadimeter.app.clock import MonotonicClock
+from stadimeter.app.ending import END_WITHIN_S
+from stadimeter.app.signals import LAST_RESORT_S, LAST_WORDS_S
+from stadimeter.messaging.apprise_notifier import PATIENCE
+from stadimeter.messaging.back_off import Patience
+from stadimeter.simulation.emulated_port import EmulatedPort
+from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.simulated_run import SIMULATED_BALL
+from stadimeter.testing.webhook_listener import HOST, WebhookListener
+
+HANGS_S = 15.0
+"""A process that has not ended by then hangs. How long it takes is measured elsewhere: machines are busy at times."""
+
+FOLLOW = """
+[base]
+driver = "ros-arduino-bridge"
+port = "{port}"
+wheel_diameter = "6.5 cm"
+ticks_per_turn = 800
+track_width = "20 cm"
+boot_wait = "500 ms"
+[rules.follow]
+actuator = "base"
+follow = {{ distance = "1 m" }}
+[rules.seen]
+when = {{ below = "3 m" }}
+on_delay = "0 s"
+{do}
+[world]
+path = [{{ at = "0 s", x = "2 m", y = "0 m" }}]
+loop = false
+"""
+
+HANGING = """
+import ctypes, sys
+from {module} import {name}
+
+def hang(*_):
+    "Stay in a call of C that no signal ends, as a call to a disk or a camera may."
+    lock = ctypes.create_string_buffer(256)
+    while True:
+        ctypes.CDLL(None).pthread_mutex_lock(lock)
+
+calls = []
+real = {name}.{method}
+
+def method(*args):
+    calls.append(args)
+    return hang() if len(calls) > {after} else real(*args)
+
+{name}.{method} = method
+from stadimeter.cli.main import main
+main()
+"""
+"""A run in which one call hangs after some that did not."""
+
+
+class Robot:
+    """Wheels, the board that turns them, and the process that drives."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.board = RosArduinoFirmware(time.monotonic())
+        self.port = EmulatedPort(self.board, MonotonicClock())
+        self.process = None
+        self.config = folder / "follow.toml"
+        self.write()
+
+    def write(self, extra="", do=""):
+        self.config.write_text(SIMULATED_BALL + extra + FOLLOW.format(port=self.port.path, do=do))
+
+    def start(self, *words, program=("-m", "stadimeter"), until_driving=True, **options):
+        environ = {**os.environ, "XDG_RUNTIME_DIR": str(self.folder / "r"), "NO_COLOR": "1"}
+        command = [sys.executable, *program, "run", str(self.config), *map(str, words)]
+        options = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
+        self.process = subprocess.Popen(command, env=environ, **options)
+        if until_driving:
+            assert eventually(lambda: self.drives() or self.process.poll() is not None)
+            assert self.process.poll() is None, self.process.stderr and self.process.stderr.read()
+
+    def drives(self):
+        return self.board.left.driven_tps > 0
+
+    def end(self, number=signal.SIGTERM):
+        """Ask for the end; return the exit code and what was said on standard error."""
+        began_s = time.monotonic()
+        self.process.send_signal(number)
+        said = self.ended()
+        print(f"ended {time.monotonic() - began_s:.2f} s after {number.name}, exit code {self.process.returncode}")
+        return said
+
+    def ended(self):
+        self.process.wait(HANGS_S)
+        assert not self.drives()
+        said = self.process.stderr.read().decode() if self.process.stderr else ""
+        assert "Traceback" not in said
+        return self.process.returncode, said
+
+    def close(self):
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+            for stream in (self.process.stdout, self.process.stderr):
+                if stream is not None:
+                    stream.close()
+        self.port.close()
+
+
+@pytest.fixture
+def robot(tmp_path_factory):
+    robot = Robot(tmp_path_factory.mktemp("t"))
+    yield robot
+    robot.close()
+
+
+@contextmanager
+def blocked_pipe():
+    """Yield the write end of a pipe that nobody reads, and a function that fills it."""
+    ours, theirs = os.pipe()
+    fcntl.fcntl(theirs, fcntl.F_SETPIPE_SZ, 4096)
+
+    def fill():
+        mine = os.open(f"/proc/self/fd/{theirs}", os.O_WRONLY | os.O_NONBLOCK)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(mine, b"\n")
+        os.close(mine)
+
+    yield theirs, fill
+    os.close(theirs)
+    os.close(ours)
+
+
+def test_nothing_pending_is_the_usual_end(robot):
+    robot.start()
+    assert robot.end() == (0, "warning: a recording or simulation drives real outputs: base\n")
+
+
+@pytest.mark.parametrize("streams", [("stdout",), pytest.param(("stdout", "stderr"), marks=pytest.mark.long)])
+def test_a_terminal_that_takes_no_more_lines_does_not_keep_it_from_ending(robot, streams):
+    with blocked_pipe() as (pipe, fill):
+        robot.start(**dict.fromkeys(streams, pipe))
+        fill()
+        time.sleep(1.2)  # a line is printed every second
+        code, said = robot.end()
+    assert code == 128 + signal.SIGTERM
+    if "stderr" not in streams:
+        assert "SIGTERM: ended after" in said
+
+
+def test_a_notification_that_hangs_is_given_up_and_counted(robot):
+    pytest.importorskip("apprise")
+    with WebhookListener() as service:
+        service.is_free.clear()
+        notifier = f'[notifiers.phone]\ndriver = "apprise"\nurl = "json://{HOST}:{service.port}"\n'
+        robot.write(notifier, 'then = [{ notify = "phone" }]')
+        robot.start()
+        assert service.asked.wait(10)
+        code, said = robot.end()
+    assert code == 0
+    assert "phone: notifications that nobody got: 1" in said
+
+
+def test_a_broker_that_says_nothing_does_not_keep_it_from_ending(robot):
+    with socket.create_server((HOST, 0)) as broker:
+        robot.write(f'[messenger]\ndriver = "mqtt"\nhost = "{HOST}"\nport = {broker.getsockname()[1]}\n')
+        robot.start()
+        code, _ = robot.end()
+    assert code == 0
+
+
+def test_a_client_that_never_reads_does_not_keep_it_from_ending(robot):
+    robot.start()
+    (path,) = (robot.folder / "r" / "stadimeter").iterdir()
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(path))
+        client.setblocking(False)
+        with suppress(BlockingIOError):
+            while True:
+                client.send(b'{"op": "status"}\n')
+        time.sleep(0.5)
+        code, _ = robot.end()
+    assert code == 0
+    assert not path.exists()
+
+
+HANGS = {
+    "camera": ("stadimeter.simulation.camera", "SimulatedCamera", "read", 60),
+    "journal": ("stadimeter.app.recordings.journal", "JournalWriter", "write", 60),
+    "detector": ("stadimeter.simulation.ideal_detector", "IdealDetector", "detect", 60),
+}
+
+
+@pytest.mark.parametrize(
+    "what", ["journal", *(pytest.param(each, marks=pytest.mark.long) for each in ("camera", "detector"))]
+)
+def test_a_call_that_never_comes_back_in_the_loop_does_not_keep_it_from_ending(robot, what):
+    """Not even the handler of the signal runs then. The watch on stalls has stopped the wheels before."""
+    module, name, method, after = HANGS[what]
+    state = robot.folder / "state.sqlite3"
+    script = HANGING.format(module=module, name=name, method=method, after=after)
+    robot.start("--journal", robot.folder / "run.jsonl", "--state", state, program=("-c", script))
+    assert eventually(lambda: not robot.drives())
+    code, said = robot.end()
+    assert code == 128 + signal.SIGTERM
+    assert re.search(r"SIGTERM: ended after .* this hangs: \S+ in .*stadimeter", said)
+    assert state.exists()
+
+
+def test_a_disk_that_does_not_take_the_state_does_not_keep_it_from_ending(robot):
+    script = HANGING.format(module="stadimeter.app.keeping.alarm_store", name="AlarmStore", method="write", after=0)
+    robot.start("--state", robot.folder / "state.sqlite3", program=("-c", script))
+    code, said = robot.end()
+    assert code == 0
+    assert "the state of the alarms: it did not end in time, and was left behind" in said
+
+
+@pytest.mark.long
+def test_a_recording_that_the_disk_does_not_take_is_cut_short_and_said_so(robot):
+    pytest.importorskip("mcap")
+    script = HANGING.format(
+        module="stadimeter.app.recordings.recording", name="RecordingWriter", method="close", after=0
+    )
+    robot.start("--record", robot.folder / "run.mcap", program=("-c", script))
+    code, said = robot.end()
+    assert code == 0
+    assert "the disk does not answer; the end of the recording is missing" in said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
+def test_a_second_signal_ends_it_at_once(robot, number):
+    with blocked_pipe() as (pipe, fill):
+        robot.start(stdout=pipe)
+        fill()
+        time.sleep(1.2)
+        robot.process.send_signal(number)
+        time.sleep(0.2)
+        code, _ = robot.end(number)
+    assert code == 128 + number
+
+
+def test_the_parts_of_the_end_fit_into_what_systemd_waits_for():
+    unit = Path(__file__).resolve().parents[2] / "deploy" / "stadimeter.service"
+    (patience_s,) = re.findall(r"^TimeoutStopSec=(\d+)s$", unit.read_text(), re.MULTILINE)
+    assert END_WITHIN_S < LAST_RESORT_S < LAST_RESORT_S + LAST_WORDS_S < float(patience_s)
+    assert max(PATIENCE.goodbye_s, 2 * Patience().goodbye_s) < END_WITHIN_S - 0.3
+
+
+class Terminal:
+    """A terminal that can be closed; what starts in it has it for its controlling terminal."""
+
+    def __init__(self):
+        self.ours, self.theirs = pty.openpty()
+
+    def take(self):
+        os.setsid()
+        fcntl.ioctl(self.theirs, termios.TIOCSCTTY, 0)
+
+    def close(self):
+        for end in (self.theirs, self.ours):
+            with suppress(OSError):
+                os.close(end)
+
+
+@pytest.fixture
+def terminal():
+    terminal = Terminal()
+    yield terminal
+    terminal.close()
+
+
+@pytest.mark.parametrize("output", ["terminal", "file"])
+def test_a_terminal_that_goes_ends_the_run_wherever_its_input_comes_from(robot, terminal, output):
+    """As when a window is closed, an ssh connection drops or tmux ends: the kernel sends SIGHUP."""
+    with (robot.folder / "out").open("w") as file:
+        stream = file if output == "file" else terminal.theirs
+        robot.start(preexec_fn=terminal.take, stdout=stream, stderr=stream)
+    terminal.close()
+    assert robot.ended()[0] == 0
+    if output == "file":
+        assert "Ended: SIGHUP." in (robot.folder / "out").read_text()
+
+
+def test_a_run_in_a_terminal_never_takes_a_hangup_for_a_reload(robot, terminal):
+    robot.start(preexec_fn=terminal.take)
+    assert robot.end(signal.SIGHUP)[0] == 0
+
+
+def test_nohup_outlives_its_terminal_because_that_was_asked_for(robot, terminal):
+    def take_and_ignore():
+        terminal.take()
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    robot.start(preexec_fn=take_and_ignore)
+    terminal.close()
+    robot.process.send_signal(signal.SIGHUP)
+    time.sleep(0.5)
+    assert robot.process.poll() is None
+    assert robot.drives()
+    assert robot.end() == (0, "warning: a recording or simulation drives real outputs: base\n")
+
+
+def test_without_a_terminal_a_hangup_has_it_read_its_file_again_and_it_drives_on(robot):
+    robot.start("--json", start_new_session=True)
+    robot.process.send_signal(signal.SIGHUP)
+    line = robot.process.stderr.readline() + robot.process.stderr.readline()
+    assert b"the configuration was taken over" in line
+    assert robot.drives()
+    robot.end()
+    assert json.loads(robot.process.stdout.read())["ended"] == "SIGTERM"
