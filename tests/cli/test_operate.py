@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
+from stadimeter.testing.broker import free_port
 from stadimeter.testing.eventually import eventually
 from stadimeter.testing.simulated_run import SIMULATED_BALL
 
@@ -193,6 +194,14 @@ def test_of_several_instances_one_must_be_named(terminal):
     assert "near: active: " in terminal.type("status", "--config", other).stdout
     done = terminal.type("status", "--config", terminal.folder / "none.toml")
     assert "no instance runs with" in done.stderr
+
+
+def test_the_status_says_what_waits_for_a_broker_that_is_away(terminal):
+    terminal.write(NEAR, f'[messenger]\ndriver = "mqtt"\nport = {free_port()}\n')
+    terminal.start()
+    assert "messenger: not delivered yet: 2, given up: 0" in terminal.type("status").stdout  # target seen, near raised
+    status = json.loads(terminal.type("status", "--json").stdout)
+    assert status["deliveries"] == [{"to": "messenger", "waiting": 2, "given_up": 0}]
 
 
 def test_two_instances_of_one_configuration_listen_at_two_places(terminal):
