@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
@@ -11,9 +10,10 @@ from typing import Literal
 from rich.console import Console
 from rich.text import Text
 
-from stadimeter.config.toml_depth import loads
-from stadimeter.config.toml_lines import Place, key_places
-from stadimeter.errors import Problem
+from stadimeter.config.toml_lines import Place
+from stadimeter.config.toml_source import parse_toml
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
+from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 Kind = Literal["error", "warning"]
 
@@ -87,10 +87,10 @@ def _span(problem: Problem, text: str, line: str) -> tuple[int, int]:
 
 def _place(problem: Problem, text: str) -> Place | None:
     try:
-        loads(text)
-    except tomllib.TOMLDecodeError:
+        places = parse_toml(text, problem.file).places
+    except ConfigError:
         return None
-    by_key = {".".join(map(str, path)): place for path, place in key_places(text).items()}
+    by_key = {".".join(map(str, path)): place for path, place in places.items()}
     key = problem.key
     while key and key not in by_key:
         key = key.rpartition(".")[0]
@@ -99,6 +99,6 @@ def _place(problem: Problem, text: str) -> Place | None:
 
 def _read(file: str) -> str:
     try:
-        return Path(file).read_bytes().decode("utf-8-sig").replace("\r\n", "\n") if file else ""
-    except (OSError, UnicodeDecodeError):
+        return read_untrusted_text(Path(file), CONFIGURATION_MAX_BYTES) if file else ""
+    except UnreadableError:
         return ""

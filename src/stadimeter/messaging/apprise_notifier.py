@@ -19,9 +19,10 @@ from stadimeter.config.models import DurationAboveZero
 from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.secrets import HIDDEN
+from stadimeter.config.untrusted_file import SECRET_MAX_BYTES, is_file, read_untrusted_text
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
-from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, DriverUnavailableError
+from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, DriverUnavailableError, UnreadableError
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.delivery import Delivery
 
@@ -161,10 +162,9 @@ class AppriseNotifier:
 
 def _read_url(file: Path) -> str:
     try:
-        lines = file.read_text(encoding="utf-8").strip().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise DeviceOpenError(f"the file with its URL, {file}, cannot be read: {reason.lower()}") from error
+        lines = read_untrusted_text(file, SECRET_MAX_BYTES).strip().splitlines()
+    except UnreadableError as error:
+        raise DeviceOpenError(f"the file with its URL, {file}, cannot be read: {error.reason}") from error
     if not lines or "://" not in lines[0]:
         raise DeviceOpenError(f"the first line of {file} is not the URL of a service, such as 'ntfys://…'")
     return lines[0].strip()
@@ -221,7 +221,7 @@ def _build(options: AppriseOptions, context: DriverContext) -> AppriseNotifier:
 
 def _lacks(options: AppriseOptions) -> tuple[str, ...]:
     lacks = [] if find_spec("apprise") else [f"the library apprise is not installed: pip install '{EXTRA}'"]
-    if options.url_file is not None and not options.url_file.is_file():
+    if options.url_file is not None and not is_file(options.url_file):
         lacks.append(f"there is no file {options.url_file}")
     return tuple(lacks)
 

@@ -13,7 +13,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.errors import ConfigError
+from stadimeter.config.paths import path_from
+from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES, read_untrusted_text
+from stadimeter.errors import ConfigError, UnreadableError
 
 FILE_NAME = "configuration.toml"
 
@@ -85,8 +87,10 @@ def _camera_files(configuration: Configuration) -> dict[str, str]:
     model = tomllib.loads(configuration.text).get("camera", {}).get("model")
     if not isinstance(model, str):
         return {}
-    file = configuration.path.parent / Path(model).expanduser()
-    return {model: file.read_text("utf-8-sig")} if file.is_file() else {}
+    try:
+        return {model: read_untrusted_text(path_from(configuration.path.parent, model), CAMERA_FILE_MAX_BYTES)}
+    except UnreadableError:  # it was there when the configuration was loaded
+        return {}
 
 
 def _laid_out(recorded: RecordedConfiguration, top: Path) -> Path:
