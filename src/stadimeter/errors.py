@@ -32,7 +32,15 @@ from dataclasses import dataclass
 
 
 class StadimeterError(Exception):
-    """The root of every error that stadimeter raises on purpose."""
+    """The root of every error that stadimeter raises on purpose.
+
+    Its text can be written anywhere. A file's name is bytes, and where they are no text Python keeps them as lone
+    surrogates, at which journals, messages and terminals would fail; they are shown as ``\\udcff``.
+    """
+
+    def __str__(self) -> str:
+        """Return the message."""
+        return super().__str__().encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 class UnreadableError(StadimeterError, OSError):

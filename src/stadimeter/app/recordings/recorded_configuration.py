@@ -71,7 +71,10 @@ def load_recorded(recorded: RecordedConfiguration, source: Path) -> Configuratio
         ConfigError: This version of stadimeter cannot use it; the problems name the recording.
     """
     with tempfile.TemporaryDirectory(prefix="stadimeter-") as name:
-        path = _laid_out(recorded, Path(name).resolve())
+        try:
+            path = _laid_out(recorded, Path(name).resolve())
+        except (OSError, ValueError) as error:  # names that no file can have
+            raise ConfigError([Problem(f"its configuration cannot be laid out: {error}", str(source))]) from error
         try:
             loaded = load_configuration(path)
         except ConfigError as error:
@@ -99,7 +102,7 @@ def _laid_out(recorded: RecordedConfiguration, top: Path) -> Path:
     folder = top.joinpath(*["folder"] * depth)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in recorded.files.items():
-        file = (folder / Path(name).expanduser()).resolve()
+        file = path_from(folder, name).resolve()
         if file.is_relative_to(top):  # another place was written out whole, and is looked for there
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text, "utf-8")
