@@ -32,10 +32,10 @@ from dataclasses import dataclass
 
 
 class StadimeterError(Exception):
-    """The root of every error that stadimeter raises on purpose.
+    r"""The root of every error that stadimeter raises on purpose.
 
     Its text can be written anywhere. A file's name is bytes, and where they are no text Python keeps them as lone
-    surrogates, at which journals, messages and terminals would fail; they are shown as ``\\udcff``.
+    surrogates, at which journals, messages and terminals would fail; they are shown as ``\udcff``.
     """
 
     def __str__(self) -> str:

@@ -121,7 +121,8 @@ def load_camera_choice(path: Path) -> DriverChoice:
     source = read_toml(path, CONFIGURATION_MAX_BYTES)
     table = source.table.get("camera")
     if not isinstance(table, Mapping):
-        raise ConfigError([Problem("the section [camera] is missing", str(path), hint='add one: driver = "opencv"')])
+        finding = Finding(("camera",), "the section [camera] is missing", 'add one: driver = "opencv"', "missing-key")
+        raise ConfigError(problems([finding], str(path), source.places))
     read = read_driver_table(CAMERA, ("camera",), table, validation_context(path))
     if read.choice is None or read.findings:
         raise ConfigError(problems(read.findings, str(path), source.places))
