@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import random
+import subprocess
+import sys
 from collections.abc import Callable
 
 import pytest
@@ -74,3 +77,23 @@ def mutate() -> Mutate:
 @pytest.fixture(scope="session")
 def flip() -> Mutate:
     return flipped
+
+
+def _run_measured(*arguments: object) -> tuple[int, str, int]:
+    """Run a command; return its exit code, what it said on standard error, and its largest memory in kB."""
+    measured = (
+        "import resource, subprocess, sys\n"
+        "done = subprocess.run([sys.executable, '-m', 'stadimeter', *sys.argv[1:]], stdin=subprocess.DEVNULL)\n"
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)\n"
+        "sys.exit(done.returncode)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", measured, *map(os.fsencode, map(str, arguments))],
+        capture_output=True, check=False, timeout=50,
+    )  # fmt: skip
+    return done.returncode, done.stderr.decode(), int(done.stdout.split()[-1])
+
+
+@pytest.fixture(scope="session")
+def run_measured() -> Callable[..., tuple[int, str, int]]:
+    return _run_measured

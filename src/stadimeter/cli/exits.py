@@ -15,6 +15,9 @@ DONE = 0
 NOT_FOUND = 1
 WRONG = 2
 
+MOST_SHOWN = 100
+"""More lines than this are not read, and a file that is no configuration may have ten thousand errors."""
+
 
 @contextmanager
 def told_plainly() -> Iterator[None]:
@@ -26,8 +29,10 @@ def told_plainly() -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        for problem in error.problems:
+        for problem in error.problems[:MOST_SHOWN]:
             typer.echo(f"error: {problem}", err=True)
+        if len(error.problems) > MOST_SHOWN:
+            typer.echo(f"error: and {len(error.problems) - MOST_SHOWN} more", err=True)
         raise typer.Exit(WRONG) from error
     except BrokenPipeError:  # whoever read our output has enough, such as `head`
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nothing is left to write to at exit

@@ -18,8 +18,8 @@ from typing import BinaryIO
 
 from stadimeter.errors import UnreadableError
 
-CONFIGURATION_MAX_BYTES = 1_000_000
-"""A thousand rules take a quarter of it."""
+CONFIGURATION_MAX_BYTES = 300_000
+"""A thousand rules fit in. What is longer takes seconds to check, and more than 100 MB."""
 
 CAMERA_FILE_MAX_BYTES = 250_000
 """One that `calibrate` writes takes a hundredth of it."""
