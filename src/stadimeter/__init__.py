@@ -7,11 +7,9 @@ rules turn that into action.
 
 import os
 
-from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
-
 __version__ = "0.1.0"
 
 # OpenCV reads these once, when it is imported, which is never before this package. The first one holds for every
 # picture that it decodes, from a file, a stream or a recording. What it would print, our errors say in one line.
-os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(PICTURE_MAX_PIXELS)
+os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = "25000000"
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")

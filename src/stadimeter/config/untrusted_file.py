@@ -40,8 +40,9 @@ CHUNK_MAX_BYTES = 24_000_000
 PICTURE_MAX_BYTES = 80_000_000
 """25 megapixels without compression take 75 MB."""
 
-PICTURE_MAX_PIXELS = 25_000_000
-"""Decoding takes up to 9 bytes for each. The cameras of a Raspberry Pi have 12 to 16 megapixels."""
+PICTURE_MAX_PIXELS = int(os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"])
+"""25 million, as `stadimeter.__init__` says to OpenCV. Decoding takes up to 9 bytes for each. Cameras of a Raspberry Pi
+have 12 to 16 megapixels."""
 
 
 def open_untrusted(path: Path) -> BinaryIO:
