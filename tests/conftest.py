@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import stadimeter  # noqa: F401 - before OpenCV, which asks only once how many pixels it may decode
+
 # Machines are shared and slow at times: how long an example takes says nothing. In CI the examples are always the same,
 # so that a change is judged by what it changes; everywhere else new ones are tried each time.
 settings.register_profile("here", deadline=None)

@@ -3,6 +3,7 @@
 ::
 
     StadimeterError
+    ├─ UnreadableError (OSError)             a file that is not there, not regular, too large, or not text
     ├─ ConfigError (ValueError)              a configuration, camera file or option is wrong; lists every problem
     ├─ CommandRangeError (ValueError)        a command that no actuator could follow: NaN, or outside its range
     ├─ CalibrationError (ValueError)         a camera model that cannot be made, or does not fit the pictures
@@ -31,7 +32,31 @@ from dataclasses import dataclass
 
 
 class StadimeterError(Exception):
-    """The root of every error that stadimeter raises on purpose."""
+    r"""The root of every error that stadimeter raises on purpose.
+
+    Its text can be written anywhere. A file's name is bytes, and where they are no text Python keeps them as lone
+    surrogates, at which journals, messages and terminals would fail; they are shown as ``\udcff``.
+    """
+
+    def __str__(self) -> str:
+        """Return the message."""
+        return super().__str__().encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+class UnreadableError(StadimeterError, OSError):
+    """A file is not there, is no regular file, is larger than its kind can be, or is not text.
+
+    Whoever reads the file knows what it should be, and raises an error of its own from this one.
+
+    Attributes:
+        reason: What is wrong, without the path, such as ``there is no such file``.
+        line: The line, counted from 1, or 0 where it is not known.
+    """
+
+    def __init__(self, path: object, reason: str, line: int = 0) -> None:
+        self.reason = reason
+        self.line = line
+        super().__init__(f"{path}{f':{line}' if line else ''}: {reason}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +105,15 @@ class CommandRangeError(StadimeterError, ValueError):
 
 
 class CalibrationError(StadimeterError, ValueError):
-    """A camera model cannot be made from the given pictures, or does not fit a picture's resolution."""
+    """A camera model cannot be made from the given pictures, or does not fit a picture's resolution.
+
+    Attributes:
+        key: The key of a camera file that is wrong, or an empty string if it is none in particular.
+    """
+
+    def __init__(self, message: str, key: str = "") -> None:
+        self.key = key
+        super().__init__(message)
 
 
 class PictureError(StadimeterError, ValueError):

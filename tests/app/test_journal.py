@@ -137,9 +137,9 @@ def test_a_journal_of_a_later_format_is_refused(tmp_path):
 
 
 def test_a_missing_journal_or_a_directory_is_refused(tmp_path):
-    with pytest.raises(JournalError, match="No such file"):
+    with pytest.raises(JournalError, match="there is no such file"):
         read_journal(tmp_path / "none.jsonl")
-    with pytest.raises(JournalError, match="directory"):
+    with pytest.raises(JournalError, match="it is a folder"):
         read_journal(tmp_path)
 
 

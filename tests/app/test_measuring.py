@@ -83,12 +83,12 @@ def test_a_picture_of_another_aspect_is_an_error_with_a_reason(ball_picture: Pat
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("missing.png", "there is no picture"),
-        ("missing*.png", "there is no picture"),
+        ("missing.png", "there is no such file"),
+        ("missing*.png", "there is no such file"),
         ("empty.png", "empty"),
         ("text.png", "not a picture"),
         ("cut.png", "cut short"),
-        ("folder", "is a folder, not a picture"),
+        ("folder", "it is a folder"),
     ],
 )
 def test_a_bad_picture_is_an_error_in_one_line(ball_picture: Path, targets, name: str, said: str) -> None:

@@ -145,7 +145,7 @@ def test_transparency_is_dropped(tmp_path: Path, scene: Image) -> None:
 
 
 def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
-    assert "there is no picture" in refusal(tmp_path / "absent.jpg")
+    assert "there is no such file" in refusal(tmp_path / "absent.jpg")
 
 
 def test_an_empty_file_is_said_to_be_empty(tmp_path: Path) -> None:

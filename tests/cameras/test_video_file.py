@@ -93,7 +93,7 @@ def test_a_rate_without_sense_must_be_replaced(tmp_path: Path) -> None:
 
 
 def test_a_missing_video_is_said_to_be_missing(tmp_path: Path) -> None:
-    assert "there is no video" in refusal(tmp_path / "absent.mp4")
+    assert "there is no such file" in refusal(tmp_path / "absent.mp4")
 
 
 def test_an_empty_video_is_said_to_be_empty(tmp_path: Path) -> None:

@@ -215,7 +215,7 @@ def test_a_bad_distance_is_one_line_and_exit_2(near: Path, output: Path, distanc
 def test_a_picture_that_cannot_be_read_exits_2_and_writes_nothing(near: Path, output: Path, tmp_path: Path) -> None:
     result = _run("calibrate", "distance", f"{near}@30in", f"{tmp_path / 'missing.png'}@30in", *SHEET, "-o", output)
     assert result.exit_code == 2
-    assert "there is no picture" in result.stderr
+    assert "there is no such file" in result.stderr
     assert not output.exists()
 
 

@@ -70,4 +70,4 @@ def test_a_picture_without_the_target_exits_1(picture: Path, tmp_path: Path) -> 
 def test_a_camera_file_that_is_missing_exits_2(picture: Path, tmp_path: Path) -> None:
     result = _run(f"{picture}@30in", "--camera", tmp_path / "none.toml", *SHEET)
     assert result.exit_code == 2
-    assert "there is no such camera file" in result.stderr
+    assert "there is no such file" in result.stderr

@@ -105,7 +105,7 @@ def test_a_bad_picture_in_json_has_the_status_error(pictures: Path, camera) -> N
     result = _run(pictures / "missing.png", pictures / "ball.png", *camera, *BALL, "--json")
     records = [json.loads(line) for line in result.stdout.splitlines()]
     assert [record["status"] for record in records] == ["error", "measured"]
-    assert "there is no picture" in records[0]["reason"]
+    assert "there is no such file" in records[0]["reason"]
     assert result.exit_code == 2
 
 

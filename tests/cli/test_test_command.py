@@ -130,5 +130,5 @@ def test_a_test_that_cannot_be_run_fails_and_the_others_go_on(tested: Tested) ->
     assert result.exit_code == 1
     assert "FAILED  test 1" in result.stdout
     assert "it could not be run: " in result.stdout
-    assert "run.jsonl: No such file or directory" in result.stdout
+    assert "run.jsonl: there is no such file" in result.stdout
     assert "2 tests: 1 passed, 1 failed" in result.stdout

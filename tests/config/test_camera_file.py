@@ -165,18 +165,18 @@ def test_a_mistyped_key_has_a_suggestion(file: Path) -> None:
 
 
 def test_a_file_that_is_missing_says_how_to_make_one(file: Path) -> None:
-    with pytest.raises(ConfigError, match=r"there is no such camera file.*calibrate distance"):
+    with pytest.raises(ConfigError, match=r"there is no such file.*calibrate distance"):
         load_camera_model(file)
 
 
 def test_a_directory_is_not_a_camera_file(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="this is a directory, not a camera file"):
+    with pytest.raises(ConfigError, match="it is a folder"):
         load_camera_model(tmp_path)
 
 
 def test_a_picture_is_not_a_camera_file(file: Path) -> None:
     file.write_bytes(b"width_px = 1\n\x89PNG\xff\xfe")
-    with pytest.raises(ConfigError, match="this is not UTF-8 text") as caught:
+    with pytest.raises(ConfigError, match="it is not UTF-8 text") as caught:
         load_camera_model(file)
     assert caught.value.problems[0].line == 2
 

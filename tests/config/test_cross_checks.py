@@ -327,11 +327,11 @@ WINCH: Plugin[WinchOptions] = Plugin(WinchOptions, lambda _options, _context: No
 def install_winch(monkeypatch: pytest.MonkeyPatch) -> None:
     entry = EntryPoint(name="test-winch", value=f"{__name__}:WINCH", group=plugins.ACTUATORS)
 
-    def with_winch(*, group: str) -> list[EntryPoint]:
+    def with_winch(group: str) -> list[EntryPoint]:
         extra = [entry] if group == plugins.ACTUATORS else []
         return [*entry_points(group=group), *extra]
 
-    monkeypatch.setattr(plugins, "entry_points", with_winch)
+    monkeypatch.setattr(plugins, "installed", with_winch)
 
 
 @pytest.mark.parametrize(

@@ -69,10 +69,10 @@ def test_the_url_may_stand_in_a_file_of_its_own(service: WebhookListener, tmp_pa
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (None, "cannot be read: no such file or directory"),
+        (None, "cannot be read: there is no such file"),
         (b"", "is not an address such as 'ntfys://…'"),
         (b"top-secret-token", "is not an address such as 'ntfys://…'"),
-        (b"json://\xff\xfe", "it is not utf-8 text"),
+        (b"json://\xff\xfe", "it is not UTF-8 text"),
     ],
 )
 def test_a_file_without_a_url_is_refused_without_repeating_what_it_holds(

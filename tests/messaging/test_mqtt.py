@@ -261,7 +261,11 @@ def test_a_missing_login_is_said_in_words(
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [(None, "No such file"), ("", "no password on its first line"), ("\nsecond line", "no password on its first line")],
+    [
+        (None, "no such file"),
+        ("", "no password on its first line"),
+        ("\nsecond line", "no password on its first line"),
+    ],
 )
 def test_a_password_file_of_no_use_is_an_error_at_once(
     text: str | None, expected: str, make_messenger: MakeMessenger, tmp_path: Path

@@ -74,7 +74,7 @@ def test_tls_to_a_port_without_it_is_said_in_words(broker: LoopbackBroker, make_
     eventually(lambda: "TLS" in messenger.trouble())
 
 
-@pytest.mark.parametrize(("text", "expected"), [(None, "No such file"), ("not a certificate", "no certificate")])
+@pytest.mark.parametrize(("text", "expected"), [(None, "no such file"), ("not a certificate", "no certificate")])
 def test_a_certificate_file_of_no_use_is_an_error_at_once(
     text: str | None, expected: str, make_messenger: MakeMessenger, tmp_path: Path
 ) -> None:

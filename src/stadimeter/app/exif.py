@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from stadimeter.config.untrusted_file import open_untrusted
+
 _EXIF_DIRECTORY = 0x8769
 _FOCAL_LENGTH = 0x920A
 _SUBJECT_DISTANCE = 0x9206
@@ -51,7 +53,7 @@ def read_lens_settings(path: Path) -> LensSettings:
         good without them.
     """
     try:
-        with path.open("rb") as file:
+        with open_untrusted(path) as file:
             tiff = _exif_block(file.read(_HEADER_MAX_BYTES))
         values = _lens_values(tiff) if tiff else {}
     except (OSError, struct.error):

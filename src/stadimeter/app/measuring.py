@@ -10,12 +10,13 @@ from stadimeter.app.clock import SteppedClock
 from stadimeter.cameras.protocol import Camera
 from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
+from stadimeter.config.untrusted_file import open_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.detectors.protocol import Detector
-from stadimeter.errors import PictureError, StadimeterError
+from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.ranging.measure import measure_frame
 from stadimeter.ranging.sigma_parts import SigmaParts, sigma_parts
 
@@ -128,10 +129,10 @@ def open_picture(path: Path) -> Frame:
     Raises:
         PictureError: It is missing, a folder, empty, damaged, or not a picture.
     """
-    if path.is_dir():
-        raise PictureError(f"{path} is a folder, not a picture")
-    if not path.exists():
-        raise PictureError(f"there is no picture {path}")
+    try:  # the camera takes folders and patterns, too
+        open_untrusted(path).close()
+    except UnreadableError as error:
+        raise PictureError(f"the picture {path} cannot be read: {error.reason}") from error
     plugin = load_plugin(CAMERAS, "images")
     camera: Camera = plugin.build(
         plugin.options.model_validate({"paths": [str(path)]}), DriverContext(name="pictures", clock=SteppedClock())

@@ -55,7 +55,10 @@ class ImageFilesCamera(RecordedCamera):
         self._files: Iterator[Path] = iter(())
 
     def _begin(self) -> float:
-        self._files = iter([file for path in self._paths for file in _files_of(path)])
+        try:
+            self._files = iter([file for path in self._paths for file in _files_of(path)])
+        except OSError as error:  # a name that is too long, for example
+            raise PictureError(f"{error.filename} cannot be looked at: {error.strerror}") from error
         return self._files_rate_hz
 
     def _next(self) -> tuple[Image, str]:

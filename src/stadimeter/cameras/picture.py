@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from stadimeter.core.frame import Image
-from stadimeter.errors import PictureError
-
-PICTURE_SUFFIXES = frozenset(
-    {".avif", ".bmp", ".jp2", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"}
+from stadimeter.config.untrusted_file import (
+    PICTURE_MAX_BYTES,
+    PICTURE_MAX_PIXELS,
+    open_untrusted,
+    read_untrusted,
 )
-"""What the name of a picture in a folder ends in, in lower case."""
+from stadimeter.config.untrusted_picture import HEAD_BYTES, KINDS, checked_picture, is_picture
+from stadimeter.core.frame import Image
+from stadimeter.errors import PictureError, UnreadableError
 
-_JPEG_START = b"\xff\xd8"
-_JPEG_END = 0xD9
-_JPEG_WITHOUT_LENGTH = (0x01, 0xD8)
-# Inside compressed data FF is followed by 00 or by a restart marker, D0 to D7; FF before a marker is padding.
-_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
-_PNG_START = b"\x89PNG\r\n\x1a\n"
+PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+"""What the name of a picture in a folder ends in, in lower case."""
 
 
 def read_picture(path: Path | str) -> Image:
@@ -40,88 +37,55 @@ def read_picture(path: Path | str) -> Image:
         The picture, shape ``(height, width, 3)``.
 
     Raises:
-        PictureError: The file is missing, empty, cut short, or not a picture; the message names it and the cause.
+        PictureError: The file is missing, empty, cut short, not a picture, or larger than is read; the message names it
+            and the cause.
     """
     path = Path(path)
     data = _bytes_of(path)
-    if not _is_whole(data):
-        raise PictureError(f"the picture {path} is cut short: its end is missing; copy it again")
+    try:
+        data = checked_picture(data)
+    except PictureError as error:
+        raise PictureError(f"the picture {path} {error}") from error
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:
+        if "CV_IO_MAX_IMAGE" in error.err:
+            most = f"{PICTURE_MAX_PIXELS / 1e6:.0f} megapixels, the most that is read"
+            raise PictureError(f"the picture {path} has more than {most}; make it smaller") from error
         raise PictureError(f"the picture {path} cannot be decoded: {error.err}") from error
     if image is None:
         raise PictureError(f"the picture {path} is damaged and cannot be decoded; copy it again")
     return np.asarray(image, np.uint8)
 
 
-def check_file(path: Path, kind: str) -> None:
+def check_file(path: Path, kind: str) -> bytes:
     """Raise an error unless the path is that of a regular file with something in it.
 
     Args:
         path: The file.
         kind: What it should be, such as ``picture``; for the message.
 
+    Returns:
+        Its first bytes, enough for `is_picture`.
+
     Raises:
         PictureError: It is missing, a folder, a device or empty, or may not be looked at.
     """
     try:
-        if path.is_dir():
-            raise PictureError(f"{path} is a folder, not a {kind}")
-        if not path.exists():
-            raise PictureError(f"there is no {kind} {path}")
-        if not path.is_file():
-            raise PictureError(f"{path} is not a regular file, so it is no {kind}")
-        if path.stat().st_size == 0:
-            raise PictureError(f"the {kind} {path} is empty: the file has no bytes")
-    except OSError as error:
-        raise PictureError(f"the {kind} {path} cannot be read: {error.strerror}") from error
+        with open_untrusted(path) as file:
+            head = file.read(HEAD_BYTES)
+    except UnreadableError as error:
+        raise PictureError(f"the {kind} {path} cannot be read: {error.reason}") from error
+    if not head:
+        raise PictureError(f"the {kind} {path} is empty: the file has no bytes")
+    return head
 
 
 def _bytes_of(path: Path) -> bytes:
-    check_file(path, "picture")
+    # The beginning is looked at before the file is loaded: a video may be named by mistake.
+    if not is_picture(check_file(path, "picture")):
+        raise PictureError(f"{path} is not a picture of a kind that is read: {KINDS}")
     try:
-        with path.open("rb"):
-            pass
-        # The signature is looked at before the file is loaded: a video named by mistake may be larger than the memory.
-        if not cv2.haveImageReader(str(path)):
-            raise PictureError(f"{path} is not a picture of a kind that OpenCV reads")
-        return path.read_bytes()
-    except OSError as error:
-        raise PictureError(f"the picture {path} cannot be read: {error.strerror}") from error
-
-
-def _is_whole(data: bytes) -> bool:
-    if data.startswith(_JPEG_START):
-        return _jpeg_has_its_end(data)
-    if data.startswith(_PNG_START):
-        return _png_has_its_end(data)
-    return True  # the decoders of the other kinds refuse files that end early
-
-
-def _jpeg_has_its_end(data: bytes) -> bool:
-    """Walk the segments to the end marker (ITU-T T.81, annex B).
-
-    Looking for the last two bytes is not enough: a thumbnail inside the file has an end marker of its own, and some
-    cameras write more after the picture's end.
-    """
-    at = len(_JPEG_START)
-    while marker := _JPEG_MARKER.search(data, at):
-        at = marker.end()
-        code = data[at - 1]
-        if code == _JPEG_END:
-            return True
-        if code not in _JPEG_WITHOUT_LENGTH:
-            at += int.from_bytes(data[at : at + 2], "big")
-    return False
-
-
-def _png_has_its_end(data: bytes) -> bool:
-    """Walk the chunks to a complete ``IEND`` (Portable Network Graphics specification, section 5.3)."""
-    at = len(_PNG_START)
-    while at + 12 <= len(data):
-        following = at + 12 + int.from_bytes(data[at : at + 4], "big")
-        if data[at + 4 : at + 8] == b"IEND":
-            return following <= len(data)
-        at = following
-    return False
+        return read_untrusted(path, PICTURE_MAX_BYTES)
+    except UnreadableError as error:
+        raise PictureError(f"the picture {path} cannot be read: {error.reason}") from error

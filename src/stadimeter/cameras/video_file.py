@@ -15,6 +15,8 @@ from stadimeter.cameras.recorded import RecordedCamera
 from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Frequency
+from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
+from stadimeter.config.untrusted_picture import is_picture
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import EndOfFramesError, PictureError
@@ -57,11 +59,15 @@ class VideoFileCamera(RecordedCamera):
         self._ended = False
 
     def _begin(self) -> float:
-        check_file(self._path, "video")
+        if is_picture(check_file(self._path, "video")):
+            raise PictureError(f"{self._path} is a picture, not a video; the camera for it is 'images'")
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
             capture.release()
             raise PictureError(f"{self._path} is not a video that OpenCV can read, or it is damaged")
+        if capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT) > PICTURE_MAX_PIXELS:
+            capture.release()
+            raise PictureError(f"the video {self._path} has more than {PICTURE_MAX_PIXELS / 1e6:.0f} megapixels")
         self._capture = capture
         self._announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
         self._read, self._ended = 0, False

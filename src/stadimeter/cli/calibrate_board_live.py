@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,8 @@ from stadimeter.cli.known_pictures import today
 from stadimeter.config import plain_words
 from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.plugins import CAMERAS, load_plugin
+from stadimeter.config.toml_source import parse_toml
+from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, ConfigError, EndOfFramesError, Problem
 
@@ -108,7 +109,7 @@ def _tell_view(session: BoardSession) -> None:
 
 
 def _camera(live: str) -> DriverChoice:
-    if Path(live).suffix.lower() == ".toml" or Path(live).is_file():
+    if Path(live).suffix.lower() == ".toml" or is_file(Path(live)):
         from stadimeter.config.loader import load_camera_choice  # noqa: PLC0415 - most of a start, and rarely needed
 
         return load_camera_choice(Path(live))
@@ -127,6 +128,6 @@ def _option(text: str) -> tuple[str, Any]:
     """Return an option of a driver as a configuration would have it; what is no TOML value is text."""
     key, _, value = text.partition("=")
     try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        return key.strip(), parse_toml(f"value = {value}", "").table["value"]
+    except ConfigError:
         return key.strip(), value.strip()

@@ -19,6 +19,9 @@ WRONG = 2
 _NOBODY_READS = frozenset({errno.EPIPE, errno.EIO})
 """Whoever read our output has enough, such as `head`; or the terminal is gone."""
 
+MOST_SHOWN = 100
+"""More lines than this are not read, and a file that is no configuration may have ten thousand errors."""
+
 
 @contextmanager
 def told_plainly() -> Iterator[None]:
@@ -30,8 +33,10 @@ def told_plainly() -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        for problem in error.problems:
+        for problem in error.problems[:MOST_SHOWN]:
             typer.echo(f"error: {problem}", err=True)
+        if len(error.problems) > MOST_SHOWN:
+            typer.echo(f"error: and {len(error.problems) - MOST_SHOWN} more", err=True)
         raise typer.Exit(WRONG) from error
     except StadimeterError as error:
         for line in str(error).splitlines():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
+from io import TextIOWrapper
 from typing import Annotated, ClassVar
 
 import typer
@@ -103,4 +105,7 @@ def _stadimeter(
 
 def main() -> None:
     """Run the command line and leave the process with its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a file's name need be no text, nor need a terminal know every letter
+            stream.reconfigure(errors="backslashreplace")
     app()

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
-import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from rich.console import Console
 from rich.text import Text
 
-from stadimeter.config.toml_depth import loads
-from stadimeter.config.toml_lines import Place, key_places
-from stadimeter.errors import Problem
+from stadimeter.cli.exits import MOST_SHOWN
+from stadimeter.config.toml_lines import Place
+from stadimeter.config.toml_source import parse_toml
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
+from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 Kind = Literal["error", "warning"]
 
@@ -24,6 +26,14 @@ _ADDRESS = re.compile(r"""(?<=://)[^\s"']+""")
 """What may hold a password or a token, and is not for every eye that sees a screen or a log."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """A file with problems: its lines, and the place of each key, if it could be parsed."""
+
+    lines: list[str]
+    places: Mapping[str, Place]
+
+
 def print_problems(console: Console, problems: Iterable[Problem], kind: Kind) -> None:
     """Print each problem with its line, underlined, and what to do about it.
 
@@ -32,15 +42,19 @@ def print_problems(console: Console, problems: Iterable[Problem], kind: Kind) ->
         problems: The problems.
         kind: How bad they are.
     """
-    texts: dict[str, str] = {}
-    for problem in problems:
-        text = texts.setdefault(problem.file, _read(problem.file))
+    sources: dict[str, _Source] = {}
+    every = list(problems)
+    for problem in every[:MOST_SHOWN]:
+        if problem.file not in sources:
+            sources[problem.file] = _source(problem.file)
         console.print(_title(problem, kind))
         margin = " " * (len(str(problem.line)) + 2)
-        for line in _fragment(problem, text, kind):
+        for line in _fragment(problem, sources[problem.file], kind):
             console.print(line)
         if problem.hint:
             console.print(Text.assemble(f"{margin}   ", (problem.hint, "green")))
+    if len(every) > MOST_SHOWN:
+        console.print(f"and {len(every) - MOST_SHOWN} more of this kind")
 
 
 def _title(problem: Problem, kind: Kind) -> Text:
@@ -53,13 +67,13 @@ def _title(problem: Problem, kind: Kind) -> Text:
     )
 
 
-def _fragment(problem: Problem, text: str, kind: Kind) -> list[Text]:
-    lines = text.split("\n")
+def _fragment(problem: Problem, source: _Source, kind: Kind) -> list[Text]:
+    lines = source.lines
     if not 0 < problem.line <= len(lines):
         return []
     line = _ADDRESS.sub(lambda match: "…" * len(match[0]), lines[problem.line - 1].replace("\t", " "))
     number = f"  {problem.line}"
-    line, begin, end = _cropped(line, *_span(problem, text, line))
+    line, begin, end = _cropped(line, *_span(problem, source, line))
     return [
         Text.assemble((f"{number} | ", "dim"), line),
         Text.assemble((f"{' ' * len(number)} | ", "dim"), " " * begin, ("^" * max(1, end - begin), _COLOURS[kind])),
@@ -77,28 +91,32 @@ def _cropped(line: str, begin: int, end: int) -> tuple[str, int, int]:
     return f"{before}{shown}{after}", begin + shift, min(end + shift, len(before) + len(shown))
 
 
-def _span(problem: Problem, text: str, line: str) -> tuple[int, int]:
+def _span(problem: Problem, source: _Source, line: str) -> tuple[int, int]:
     """Return the columns to underline: those of the key, or else the whole line without its margin and comment."""
-    place = _place(problem, text)
+    place = _place(problem, source)
     if place is not None and place.line == problem.line:
         return place.column, place.end_column
     return len(line) - len(line.lstrip()), len(line.rstrip())
 
 
-def _place(problem: Problem, text: str) -> Place | None:
-    try:
-        loads(text)
-    except tomllib.TOMLDecodeError:
-        return None
-    by_key = {".".join(map(str, path)): place for path, place in key_places(text).items()}
+def _place(problem: Problem, source: _Source) -> Place | None:
     key = problem.key
-    while key and key not in by_key:
+    while key and key not in source.places:
         key = key.rpartition(".")[0]
-    return by_key.get(key)
+    return source.places.get(key)
+
+
+def _source(file: str) -> _Source:
+    text = _read(file)
+    try:
+        places = parse_toml(text, file).places
+    except ConfigError:
+        places = {}
+    return _Source(text.split("\n"), {".".join(map(str, path)): place for path, place in places.items()})
 
 
 def _read(file: str) -> str:
     try:
-        return Path(file).read_bytes().decode("utf-8-sig").replace("\r\n", "\n") if file else ""
-    except (OSError, UnicodeDecodeError):
+        return read_untrusted_text(Path(file), CONFIGURATION_MAX_BYTES) if file else ""
+    except UnreadableError:
         return ""

@@ -10,10 +10,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from stadimeter.errors import DeviceOpenError
-
-ADDRESS_BYTES_MAX = 8192
-"""So much of a file is read for the address on its first line."""
+from stadimeter.config.untrusted_file import SECRET_MAX_BYTES, read_untrusted_text
+from stadimeter.errors import DeviceOpenError, UnreadableError
 
 LEFT_OUT = "…"
 """What stands in the place of the secret parts of an address."""
@@ -52,11 +50,9 @@ def address_in(file: Path, example: str) -> str:
         DeviceOpenError: It cannot be read, or no address stands there. The message repeats nothing of it.
     """
     try:
-        with file.open("rb") as opened:
-            lines = opened.read(ADDRESS_BYTES_MAX).decode("utf-8-sig").strip().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise DeviceOpenError(f"the file with its address, {file}, cannot be read: {reason.lower()}") from error
+        lines = read_untrusted_text(file, SECRET_MAX_BYTES).strip().splitlines()
+    except UnreadableError as error:
+        raise DeviceOpenError(f"the file with its address, {file}, cannot be read: {error.reason}") from error
     if not lines or "://" not in lines[0]:
         raise DeviceOpenError(f"the first line of {file} is not an address such as '{example}'")
     return lines[0].strip()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime as dt
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,21 +12,29 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from stadimeter.config import plain_words
 from stadimeter.config.atomic_file import write_atomically
-from stadimeter.config.findings import problems
-from stadimeter.config.toml_depth import loads
-from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error
+from stadimeter.config.findings import Finding, problems
+from stadimeter.config.toml_lines import KeyPath, Place
+from stadimeter.config.toml_source import read_toml
+from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel, Provenance, ToneCurve
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 
+MOST_PIXELS_ACROSS = 100_000
+"""Ten times as many as any camera has."""
+
 MOST_EDGE_BIAS_PX = 5.0
 """Cameras have some tenths of a pixel; with more than this, small targets would have no size left."""
+
+
+HOW_TO_MAKE_ONE = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
+"""What to do if there is no camera file."""
 
 
 def _date_text(value: object) -> object:
     return value.isoformat() if isinstance(value, dt.date) else value
 
 
-Pixels = Annotated[int, Field(gt=0, strict=True)]
+Pixels = Annotated[int, Field(gt=0, le=MOST_PIXELS_ACROSS, strict=True)]
 FocalPixels = Annotated[float, Field(gt=0, strict=True)]
 CentrePixels = Annotated[float, Field(strict=True)]
 Coefficient = Annotated[float, Field(strict=True)]
@@ -112,13 +119,8 @@ def load_camera_model(path: Path) -> CameraModel:
     Raises:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
     """
-    text = _read(path)
-    try:
-        table = loads(text)
-    except tomllib.TOMLDecodeError as error:
-        message, line = syntax_error(error, text)
-        raise ConfigError([Problem(f"this is not valid TOML: {message}", str(path), line)]) from error
-    return _model(table, str(path), key_places(text))
+    source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=HOW_TO_MAKE_ONE)
+    return _model(source.table, str(path), source.places)
 
 
 def save_camera_model(path: Path, model: CameraModel) -> None:
@@ -185,22 +187,6 @@ def _one_line(text: str) -> str:
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 
-def _read(path: Path) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
-    except FileNotFoundError as error:
-        hint = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
-        raise ConfigError([Problem("there is no such camera file", str(path), hint=hint)]) from error
-    except IsADirectoryError as error:
-        raise ConfigError([Problem("this is a directory, not a camera file", str(path))]) from error
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise ConfigError([Problem("this is not UTF-8 text", str(path), line, hint="is it a camera file?")]) from error
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ConfigError([Problem(f"the camera file cannot be read: {reason}", str(path))]) from error
-
-
 def _model(table: Mapping[str, Any], file: str, places: Mapping[KeyPath, Place]) -> CameraModel:
     try:
         return CameraTable.model_validate(dict(table)).to_model()
@@ -208,4 +194,4 @@ def _model(table: Mapping[str, Any], file: str, places: Mapping[KeyPath, Place])
         found = plain_words.findings(error, CameraTable, table, ())
         raise ConfigError(problems(found, file, places)) from error
     except CalibrationError as error:
-        raise ConfigError([Problem(str(error), file)]) from error
+        raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, places)) from error

@@ -13,13 +13,14 @@ from stadimeter.config.camera_file import camera_model_from_table, load_camera_m
 from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.driver_tables import CommonT, DriverKind, DriverTable, read_driver_table, validate
 from stadimeter.config.findings import Finding, did_you_mean_or_list
-from stadimeter.config.paths import validation_context
+from stadimeter.config.paths import path_from, validation_context
 from stadimeter.config.plain_words import shown
 from stadimeter.config.rule_tests.tables import RuleTestTable
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
+from stadimeter.config.toml_source import UNREADABLE
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.errors import CalibrationError, ConfigError, Problem
+from stadimeter.errors import ConfigError, Problem
 
 BASE_NAME = "base"
 """What rules call the base."""
@@ -170,7 +171,7 @@ class _Reader:
     def _camera_model(self, value: object) -> None:
         try:
             if isinstance(value, str):
-                self._camera_file(self.folder / Path(value).expanduser())
+                self._camera_file(path_from(self.folder, value))
             elif isinstance(value, Mapping):
                 self.draft.camera_model = camera_model_from_table(dict(value))
             elif value is not None:
@@ -179,18 +180,18 @@ class _Reader:
             for problem in error.problems:
                 key = tuple(problem.key.split(".")) if problem.key else ()
                 self._found(("camera", "model", *key), problem.message, problem.hint)
-        except CalibrationError as error:
+        except ValueError as error:
             self._found(("camera", "model"), str(error))
 
     def _camera_file(self, file: Path) -> None:
-        if not file.is_file():
-            hint = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
-            self._found(("camera", "model"), f"there is no camera file {file}", hint)
-            return
         try:
             self.draft.camera_model = load_camera_model(file)
         except ConfigError as error:
-            self.draft.file_problems += error.problems
+            for problem in error.problems:
+                if problem.code == UNREADABLE:
+                    self._found(("camera", "model"), f"the camera file {file}: {problem.message}", problem.hint)
+                else:
+                    self.draft.file_problems.append(problem)
 
     def _targets(self) -> None:
         for name, table in self._named("targets"):

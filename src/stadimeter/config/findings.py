@@ -12,6 +12,9 @@ from stadimeter.errors import Problem
 
 OTHER = "other"
 """The code of what has none of its own."""
+_LONGEST = 600
+"""The longest messages list what could have been written; longer ones repeat what was."""
+
 OF_A_TEST = "test"
 """The code of what is wrong in a test of rules."""
 
@@ -76,12 +79,17 @@ def problems(findings: Iterable[Finding], file: str, places: Mapping[KeyPath, Pl
     located.sort(key=lambda pair: (pair[0].line, pair[0].column) if pair[0] else (0, 0))
     return tuple(
         Problem(
-            message=words_for_people(finding.message),
+            message=_readable(words_for_people(finding.message)),
             file=file,
             line=place.line if place else 0,
-            key=".".join(str(part) for part in finding.path),
-            hint=words_for_people(finding.hint),
+            key=".".join(str(part) or '""' for part in finding.path),
+            hint=_readable(words_for_people(finding.hint)),
             code=finding.code or (OF_A_TEST if finding.path[:1] == ("tests",) else OTHER),
         )
         for place, finding in located
     )
+
+
+def _readable(text: str) -> str:
+    """Cut what repeats a value of many pages."""
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"

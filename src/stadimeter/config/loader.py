@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from stadimeter.config.cross_checks import error_findings, warning_findings
 from stadimeter.config.draft import BASE_NAME, Draft, read_draft
@@ -20,8 +18,9 @@ from stadimeter.config.rule_tests.checks import rule_test_findings, rule_test_wa
 from stadimeter.config.rule_tests.tables import RuleTest, name_of
 from stadimeter.config.rules.families import naming_members
 from stadimeter.config.secrets import secret_warnings, without_secrets
-from stadimeter.config.toml_depth import DEEPEST, line_that_is_too_deep
-from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error
+from stadimeter.config.toml_lines import KeyPath, Place
+from stadimeter.config.toml_source import read_toml
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.plan import Output, Plan
 from stadimeter.core.rule import AnyRule
@@ -81,10 +80,9 @@ def load_configuration(path: Path) -> Configuration:
     Raises:
         ConfigError: It lists every problem, in the order of the file.
     """
-    text = _read(path)
-    draft = read_draft(_parse(path, text), path)
-    places = key_places(text)
-    text_to_show, not_hidden = without_secrets(draft, text, places)
+    source = read_toml(path, CONFIGURATION_MAX_BYTES)
+    draft, places = read_draft(source.table, path), source.places
+    text_to_show, not_hidden = without_secrets(draft, source.text, places)
     findings = [*draft.findings, *error_findings(draft), *rule_test_findings(draft), *not_hidden]
     found = [*problems(findings, str(path), places), *draft.file_problems]
     if found or draft.camera is None:
@@ -124,52 +122,15 @@ def load_camera_choice(path: Path) -> DriverChoice:
     Raises:
         ConfigError: It lists every problem of the section ``[camera]``.
     """
-    text = _read(path)
-    table = _parse(path, text).get("camera")
+    source = read_toml(path, CONFIGURATION_MAX_BYTES)
+    table = source.table.get("camera")
     if not isinstance(table, Mapping):
-        raise ConfigError([Problem("the section [camera] is missing", str(path), hint='add one: driver = "opencv"')])
+        finding = Finding(("camera",), "the section [camera] is missing", 'add one: driver = "opencv"', "missing-key")
+        raise ConfigError(problems([finding], str(path), source.places))
     read = read_driver_table(CAMERA, ("camera",), table, validation_context(path))
     if read.choice is None or read.findings:
-        raise ConfigError(problems(read.findings, str(path), key_places(text)))
+        raise ConfigError(problems(read.findings, str(path), source.places))
     return read.choice
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
-    except FileNotFoundError as error:
-        raise ConfigError([Problem("there is no such file", str(path), code="unreadable")]) from error
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise ConfigError(
-            [Problem("this is not UTF-8 text", str(path), line, hint="is it a TOML file?", code="unreadable")]
-        ) from error
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ConfigError([Problem(f"the file cannot be read: {reason}", str(path), code="unreadable")]) from error
-
-
-def _parse(path: Path, text: str) -> dict[str, Any]:
-    line = line_that_is_too_deep(text)
-    if line:
-        message = f"tables and lists stand inside each other more than {DEEPEST} deep"
-        raise ConfigError([Problem(message, str(path), line, hint="is it a configuration?", code="too-deep")])
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        message, line = syntax_error(error, text)
-        problem = Problem(
-            f"this is not valid TOML: {message}", str(path), line, hint=_syntax_hint(message), code="syntax"
-        )
-        raise ConfigError([problem]) from error
-
-
-def _syntax_hint(message: str) -> str:
-    if message.startswith(("Invalid value", "Expected newline")):
-        return 'text needs quotes, such as "10 ft"; the values without are numbers, true and false'
-    if message.startswith("Cannot"):
-        return "the same key or section stands in the file twice; keep one"
-    return ""
 
 
 def _plan(draft: Draft) -> Plan:

@@ -23,12 +23,31 @@ def validation_context(file: Path) -> dict[str, Any]:
     return {FOLDER: file.parent}
 
 
+def path_from(folder: Path, written: str | Path) -> Path:
+    """Return the path that stands in a file.
+
+    Args:
+        folder: The folder of the file.
+        written: What stands there: relative to the folder, absolute, or below a home folder such as ``~``.
+
+    Returns:
+        The path.
+
+    Raises:
+        ValueError: It cannot be a path.
+    """
+    if "\0" in str(written):
+        raise ValueError("a path has no null character")
+    try:
+        return folder / Path(written).expanduser()
+    except RuntimeError as error:
+        raise ValueError(f"{str(written)!r}: there is no such home folder") from error
+
+
 def _resolve(value: object, info: ValidationInfo) -> Path:
     if not isinstance(value, str | Path) or not str(value):
         raise ValueError(f"{value!r} is not a path; write it as text, such as 'pictures/desk.png'")
-    folder = (info.context or {}).get(FOLDER, Path())
-    resolved: Path = folder / Path(value).expanduser()
-    return resolved
+    return path_from((info.context or {}).get(FOLDER, Path()), value)
 
 
 FilePath = Annotated[Path, BeforeValidator(_resolve)]

@@ -9,7 +9,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict
@@ -134,6 +135,19 @@ class Plugin(Generic[OptionsT]):
     lacks: Callable[[OptionsT], tuple[str, ...]] = field(default=lambda _options: ())
 
 
+@cache
+def installed(group: str) -> tuple[EntryPoint, ...]:
+    """Return the entry points of a group. Looking for them reads a file of every installed package, so it is done once.
+
+    Args:
+        group: One of `GROUPS`.
+
+    Returns:
+        The entry points.
+    """
+    return tuple(entry_points(group=group))
+
+
 def driver_names(group: str) -> tuple[str, ...]:
     """Return the names of the installed drivers of a group, in alphabetical order.
 
@@ -143,7 +157,7 @@ def driver_names(group: str) -> tuple[str, ...]:
     Returns:
         The names.
     """
-    return tuple(sorted({entry.name for entry in entry_points(group=group)}))
+    return tuple(sorted({entry.name for entry in installed(group)}))
 
 
 def load_plugin(group: str, name: str) -> Plugin[Any]:
@@ -161,7 +175,7 @@ def load_plugin(group: str, name: str) -> Plugin[Any]:
         DriverUnavailableError: A library that it needs is not installed.
         DriverError: The entry point names something that is not a driver.
     """
-    matching = [entry for entry in entry_points(group=group) if entry.name == name]
+    matching = [entry for entry in installed(group) if entry.name == name]
     if not matching:
         raise DriverNotFoundError(_not_found(group, name))
     try:

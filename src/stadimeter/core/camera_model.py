@@ -75,28 +75,30 @@ class CameraModel:
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
-            raise CalibrationError(f"a camera of {self.width_px}x{self.height_px} px has no pixels")
+            raise CalibrationError(f"a camera of {self.width_px}x{self.height_px} px has no pixels", "width_px")
         for name, value in (("fx_px", self.fx_px), ("fy_px", self.fy_px)):
             self._check_focal_length(name, value)
         if not (math.isfinite(self.cx_px) and math.isfinite(self.cy_px)):
-            raise CalibrationError(f"optical centre {self.cx_px}, {self.cy_px} is not finite")
+            raise CalibrationError(f"optical centre {self.cx_px}, {self.cy_px} is not finite", "cx_px")
         if not (math.isfinite(self.focal_relative_sigma) and self.focal_relative_sigma >= 0):
-            raise CalibrationError(f"focal_relative_sigma = {self.focal_relative_sigma} is not zero or more")
+            message = f"focal_relative_sigma = {self.focal_relative_sigma} is not zero or more"
+            raise CalibrationError(message, "focal_relative_sigma")
         if self.tone_curve not in get_args(ToneCurve):
-            raise CalibrationError(f"tone_curve = {self.tone_curve!r} is neither 'srgb' nor 'linear'")
+            raise CalibrationError(f"tone_curve = {self.tone_curve!r} is neither 'srgb' nor 'linear'", "tone_curve")
         if not math.isfinite(self.edge_bias_px):
-            raise CalibrationError(f"edge_bias_px = {self.edge_bias_px} is not finite")
+            raise CalibrationError(f"edge_bias_px = {self.edge_bias_px} is not finite", "edge_bias_px")
         check_coefficients(self.distortion)
         self._check_reach()
 
     def _check_focal_length(self, name: str, value: float) -> None:
         if not (math.isfinite(value) and value > 0):
-            raise CalibrationError(f"focal length {name} = {value} is not a positive number")
+            raise CalibrationError(f"focal length {name} = {value} is not a positive number", name)
         shortest, longest = (share * max(self.width_px, self.height_px) for share in (SHORTEST_FOCAL, LONGEST_FOCAL))
         if not shortest <= value <= longest:
             raise CalibrationError(
                 f"focal length {name} = {value:g} is not that of a lens: for {self.width_px}x{self.height_px} px it is "
-                f"between {shortest:g} and {longest:g} px; check its unit, or the distance and size that it came from"
+                f"between {shortest:g} and {longest:g} px; check its unit, or the distance and size that it came from",
+                name,
             )
 
     def _check_reach(self) -> None:
@@ -109,7 +111,8 @@ class CameraModel:
             x_px, y_px = unreached[0]
             raise CalibrationError(
                 f"distortion {list(self.distortion)} folds the picture before its corner at {x_px:g}, {y_px:g} px; "
-                "no lens does this; calibrate with the board in the corners too"
+                "no lens does this; calibrate with the board in the corners too",
+                "distortion",
             )
 
     @classmethod

@@ -47,10 +47,11 @@ def check_coefficients(coefficients: Coefficients) -> None:
     """
     if len(coefficients) not in {0, 4, 5}:
         raise CalibrationError(
-            f"distortion has {len(coefficients)} coefficients; write none, or k1, k2, p1, p2, or k1, k2, p1, p2, k3"
+            f"distortion has {len(coefficients)} coefficients; write none, or k1, k2, p1, p2, or k1, k2, p1, p2, k3",
+            "distortion",
         )
     if not all(abs(each) < _BEYOND_REASON for each in coefficients):
-        raise CalibrationError(f"distortion {list(coefficients)} has a coefficient that no lens has")
+        raise CalibrationError(f"distortion {list(coefficients)} has a coefficient that no lens has", "distortion")
 
 
 def distorted(directions: Points, coefficients: Coefficients) -> Points:

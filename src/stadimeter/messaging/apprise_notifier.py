@@ -20,6 +20,7 @@ from stadimeter.config.models import DurationAboveZero
 from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.secrets import HIDDEN
+from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError
@@ -227,7 +228,7 @@ def _build(options: AppriseOptions, context: DriverContext) -> AppriseNotifier:
 
 def _lacks(options: AppriseOptions) -> tuple[str, ...]:
     lacks = [] if find_spec("apprise") else [f"the library apprise is not installed: pip install '{EXTRA}'"]
-    if options.url_file is not None and not options.url_file.is_file():
+    if options.url_file is not None and not is_file(options.url_file):
         lacks.append(f"there is no file {options.url_file}")
     return tuple(lacks)
 

@@ -11,8 +11,14 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
+from stadimeter.config.untrusted_file import (
+    CERTIFICATES_MAX_BYTES,
+    SECRET_MAX_BYTES,
+    read_untrusted,
+    read_untrusted_text,
+)
 from stadimeter.core.message import Message
-from stadimeter.errors import DeviceOpenError
+from stadimeter.errors import DeviceOpenError, UnreadableError
 from stadimeter.messaging.mqtt_options import MqttOptions
 
 SESSION_EXPIRY_S = 3600
@@ -142,11 +148,9 @@ def _properties(packet_type: int, **values: int) -> Properties:
 
 def _read_password(file: Path) -> str:
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise DeviceOpenError(f"password_file {file} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise DeviceOpenError(f"password_file {file} is not text in UTF-8") from error
+        lines = read_untrusted_text(file, SECRET_MAX_BYTES).splitlines()
+    except UnreadableError as error:
+        raise DeviceOpenError(f"password_file {file} cannot be read: {error.reason}") from error
     if not lines or not lines[0]:
         raise DeviceOpenError(f"password_file {file} has no password on its first line")
     return lines[0]
@@ -154,13 +158,19 @@ def _read_password(file: Path) -> str:
 
 def _tls_context(ca_file: Path | None) -> ssl.SSLContext:
     try:
-        context = ssl.create_default_context(cafile=ca_file)
-    except ssl.SSLError as error:
-        raise DeviceOpenError(f"ca_file {ca_file} holds no certificate that can be used ({error.reason})") from error
-    except OSError as error:
-        raise DeviceOpenError(f"ca_file {ca_file} cannot be read: {error.strerror}") from error
+        certificates = _certificates(ca_file) if ca_file else None
+        context = ssl.create_default_context(cadata=certificates)
+    except UnreadableError as error:
+        raise DeviceOpenError(f"ca_file {ca_file} cannot be read: {error.reason}") from error
+    except (ssl.SSLError, ValueError) as error:
+        reason = getattr(error, "reason", None) or str(error)
+        raise DeviceOpenError(f"ca_file {ca_file} holds no certificate that can be used ({reason})") from error
     context.sslsocket_class = _TidySocket
     return context
+
+
+def _certificates(ca_file: Path) -> str:
+    return read_untrusted(ca_file, CERTIFICATES_MAX_BYTES).decode("ascii", "ignore")  # remarks may be in any alphabet
 
 
 class _TidySocket(ssl.SSLSocket):

@@ -11,22 +11,26 @@ which wall-clock time the journal began at.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import BinaryIO
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import from_json
 
 import stadimeter
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, first_detail, reload_json, reload_of
 from stadimeter.app.recordings.record_file import RecordFile
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, sha256_of
+from stadimeter.config.plain_words import shown
+from stadimeter.config.untrusted_file import lines_of, open_untrusted
 from stadimeter.core.frame import Frame
-from stadimeter.errors import JournalError
+from stadimeter.errors import JournalError, UnreadableError
 
 __all__ = ["FORMAT", "Journal", "JournalHeader", "JournalWriter", "read_journal", "sha256_of"]
 
@@ -159,13 +163,15 @@ class Journal:
             The cycles, not read yet.
 
         Raises:
-            JournalError: A configuration that was taken over while running is damaged.
+            JournalError: A configuration that was taken over while running is damaged, or a line is longer than any
+                that is written.
         """
-        with self.path.open("rb") as file:
-            next(file)
+        with readable(self.path) as file:
+            lines = lines_of(file)
+            next(lines, b"")
             rules = b"[]"
             reloaded = None
-            for number, line in enumerate(file, start=2):
+            for number, line in enumerate(lines, start=2):
                 if not line.endswith(b"\n"):
                     return
                 place = f"{self.path}:{number}"
@@ -189,9 +195,33 @@ class Journal:
 
     def is_cut_off(self) -> bool:
         """Return whether the last line is not whole, as after a power cut."""
-        with self.path.open("rb") as file:
+        with readable(self.path) as file:
             file.seek(-1, os.SEEK_END)
             return file.read(1) != b"\n"
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[BinaryIO]:
+    """Open a journal or a recording for reading.
+
+    Args:
+        path: The file.
+
+    Yields:
+        The file.
+
+    Raises:
+        JournalError: It cannot be read, now or later, or a line of it is too long.
+    """
+    try:
+        with open_untrusted(path) as file:
+            yield file
+    except UnreadableError as error:
+        raise JournalError(str(error)) from error
+    except JournalError:
+        raise
+    except OSError as error:  # a disk that fails
+        raise JournalError(f"{path}: {error.strerror or error}") from error
 
 
 def read_journal(path: Path) -> Journal:
@@ -206,18 +236,16 @@ def read_journal(path: Path) -> Journal:
     Raises:
         JournalError: It cannot be read, or is no journal, or one of a later format.
     """
+    with readable(path) as file:
+        line = next(lines_of(file), b"")
     try:
-        with path.open("rb") as file:
-            line = file.readline()
-    except OSError as error:
-        raise JournalError(f"{path}: {error.strerror or error}") from error
-    try:
-        found = json.loads(line)
+        found = from_json(line)
         version = found["stadimeter_journal"]
     except (ValueError, TypeError, KeyError) as error:
         raise JournalError(f"{path}: not a journal; its first line should hold 'stadimeter_journal'") from error
     if version != FORMAT:
-        raise JournalError(f"{path}: a journal of format {version}; this version of stadimeter reads format {FORMAT}")
+        other = f"a journal of format {shown(version)}"
+        raise JournalError(f"{path}: {other}; this version of stadimeter reads format {FORMAT}")
     try:
         return Journal(path=path, header=_HEADER.validate_python(found))
     except ValidationError as error:

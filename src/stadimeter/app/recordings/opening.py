@@ -8,9 +8,8 @@ from typing import Protocol
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import RecordedCycle
-from stadimeter.app.recordings.journal import JournalHeader, read_journal
+from stadimeter.app.recordings.journal import JournalHeader, read_journal, readable
 from stadimeter.app.recordings.recording_file import MAGIC
-from stadimeter.errors import JournalError
 
 
 class Recording(Protocol):
@@ -52,11 +51,8 @@ def read_recording(path: Path) -> Recording:
         JournalError: It cannot be read, is neither, or is of a later format.
         DriverUnavailableError: It is an MCAP file, and the library ``mcap`` is not installed.
     """
-    try:
-        with path.open("rb") as file:
-            head = file.read(len(MAGIC))
-    except OSError as error:
-        raise JournalError(f"{path}: {error.strerror or error}") from error
+    with readable(path) as file:
+        head = file.read(len(MAGIC))
     if head != MAGIC:
         return read_journal(path)
     from stadimeter.app.recordings.recording_reader import read_mcap  # noqa: PLC0415 - it needs OpenCV and an extra

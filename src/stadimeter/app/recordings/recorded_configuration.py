@@ -14,7 +14,9 @@ from pathlib import Path
 
 from stadimeter.config.addresses import words_for_people
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.errors import ConfigError
+from stadimeter.config.paths import path_from
+from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES, read_untrusted_text
+from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 FILE_NAME = "configuration.toml"
 
@@ -70,7 +72,10 @@ def load_recorded(recorded: RecordedConfiguration, source: Path) -> Configuratio
         ConfigError: This version of stadimeter cannot use it; the problems name the recording.
     """
     with tempfile.TemporaryDirectory(prefix="stadimeter-") as name:
-        path = _laid_out(recorded, Path(name).resolve())
+        try:
+            path = _laid_out(recorded, Path(name).resolve())
+        except (OSError, ValueError) as error:  # names that no file can have
+            raise ConfigError([Problem(f"its configuration cannot be laid out: {error}", str(source))]) from error
         try:
             loaded = load_configuration(path)
         except ConfigError as error:
@@ -86,8 +91,11 @@ def _camera_files(configuration: Configuration) -> dict[str, str]:
     model = tomllib.loads(configuration.text).get("camera", {}).get("model")
     if not isinstance(model, str):
         return {}
-    file = configuration.path.parent / Path(model).expanduser()
-    return {model: words_for_people(file.read_text("utf-8-sig"))} if file.is_file() else {}
+    try:
+        text = read_untrusted_text(path_from(configuration.path.parent, model), CAMERA_FILE_MAX_BYTES)
+    except UnreadableError:  # it was there when the configuration was loaded
+        return {}
+    return {model: words_for_people(text)}
 
 
 def _laid_out(recorded: RecordedConfiguration, top: Path) -> Path:
@@ -96,7 +104,7 @@ def _laid_out(recorded: RecordedConfiguration, top: Path) -> Path:
     folder = top.joinpath(*["folder"] * depth)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in recorded.files.items():
-        file = (folder / Path(name).expanduser()).resolve()
+        file = path_from(folder, name).resolve()
         if file.is_relative_to(top):  # another place was written out whole, and is looked for there
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text, "utf-8")

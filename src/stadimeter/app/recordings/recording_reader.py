@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
 import cv2
 import numpy as np
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import RecordedCycle, reload_of
-from stadimeter.app.recordings.journal import JournalHeader
+from stadimeter.app.recordings.journal import JournalHeader, readable
 from stadimeter.app.recordings.record_file import HEAD_BYTES
 from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration
 from stadimeter.app.recordings.recording import (
@@ -30,8 +31,10 @@ from stadimeter.app.recordings.recording import (
     require_mcap,
 )
 from stadimeter.app.recordings.recording_file import LIBRARY, MAGIC, writer_of
+from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES
+from stadimeter.config.untrusted_picture import checked_picture
 from stadimeter.core.frame import Frame, Image
-from stadimeter.errors import JournalError
+from stadimeter.errors import JournalError, PictureError
 
 if TYPE_CHECKING:
     from mcap.records import Chunk
@@ -41,8 +44,8 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 0x04, 0x05, 0x06, 0x09, 0x0C, 0x0F
 """The opcodes of the records that matter here."""
 
-_LONGEST_RECORD = 2**30
-"""A record, or the content of a chunk, that claims to be longer than this is damaged: ours are a few megabytes."""
+_WINDOW_MAX_BYTES = 2**25
+"""How far back compressed data may refer, and so how much of them is kept: to the beginning of the longest chunk."""
 
 _IMAGE_BEGINS = b'"data":"'
 
@@ -73,8 +76,8 @@ class RecordedImage:
         begin = self.message.find(_IMAGE_BEGINS) + len(_IMAGE_BEGINS)
         try:
             jpeg = b64decode(self.message[begin : self.message.find(b'"', begin)], validate=True)
-            image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) if jpeg else None
-        except (Base64Error, cv2.error) as error:
+            image = cv2.imdecode(np.frombuffer(checked_picture(jpeg), np.uint8), cv2.IMREAD_COLOR) if jpeg else None
+        except (Base64Error, PictureError, cv2.error) as error:
             raise JournalError(f"{self.place}: a damaged picture") from error
         if image is None:
             raise JournalError(f"{self.place}: a damaged picture")
@@ -137,7 +140,7 @@ class McapRecording:
 
     def is_cut_off(self) -> bool:
         """Return whether the file was not finished, as after a power cut or on a full disk."""
-        with self.path.open("rb") as file:
+        with readable(self.path) as file:
             size = file.seek(0, 2)
             file.seek(max(0, size - len(MAGIC)))
             return size < 2 * len(MAGIC) or file.read() != MAGIC
@@ -173,7 +176,7 @@ def read_mcap(path: Path) -> McapRecording:
         DriverUnavailableError: The library ``mcap`` is not installed.
     """
     require_mcap(f"reading {path}")
-    with path.open("rb") as file:
+    with readable(path) as file:
         written_by = writer_of(file.read(HEAD_BYTES))
     if written_by is None:
         raise JournalError(f"{path}: the recording ends before its first cycle")
@@ -222,9 +225,13 @@ def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
 
     about: dict[str, str] = {}
     files: dict[str, str] = {}
+    length = 0
     for place, opcode, data in _records(path):
         if opcode == _CHUNK:
             break
+        length += len(data)
+        if length > JSON_MAX_BYTES:
+            raise JournalError(f"{place}: the recording is damaged: it says more about its run than there is to say")
         stream = ReadDataStream(BytesIO(data))
         if opcode == _METADATA:
             metadata = _read(place, Metadata.read, stream)
@@ -243,13 +250,21 @@ def _messages(path: Path, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
     for place, content in _contents(path):
         for opcode, begin, end in _inside(place, content):
             if opcode == _CHANNEL:
+                _check_length(place, end - begin)
                 number, topic = _channel(place, content[begin:end])
                 if topic in topics:
                     channels[number] = topic
             elif opcode == _MESSAGE:
                 number, sequence, _, _ = _MESSAGE_HEAD.unpack_from(content, begin)
                 if number in channels:
+                    if channels[number] != IMAGES:
+                        _check_length(place, end - begin)
                     yield channels[number], sequence, content[begin + _MESSAGE_HEAD.size : end]
+
+
+def _check_length(place: str, length: int) -> None:
+    if length > JSON_MAX_BYTES:
+        raise JournalError(f"{place}: the recording is damaged: a message of {length} bytes")
 
 
 def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
@@ -263,12 +278,12 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
 
 def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
     """Yield the place, the opcode and the content of every record that is whole. A file may end anywhere."""
-    with path.open("rb") as file:
+    with readable(path) as file:
         at = file.seek(len(MAGIC))
         while len(head := file.read(_RECORD_HEAD.size)) == _RECORD_HEAD.size:
             opcode, length = _RECORD_HEAD.unpack(head)
             place = f"{path}, byte {at}"
-            if length > _LONGEST_RECORD:
+            if length > CHUNK_MAX_BYTES:
                 raise JournalError(f"{place}: the recording is damaged: a record of {length} bytes")
             data = file.read(length)
             if len(data) < length:
@@ -283,17 +298,27 @@ def _content(place: str, data: bytes) -> bytes:
     from mcap.records import Chunk  # noqa: PLC0415 - likewise
 
     chunk = _read(place, Chunk.read, ReadDataStream(BytesIO(data)))
-    if chunk.uncompressed_size > _LONGEST_RECORD:
+    if chunk.uncompressed_size > CHUNK_MAX_BYTES:
         raise JournalError(f"{place}: the recording is damaged: a chunk of {chunk.uncompressed_size} bytes")
     content: bytes = _read(place, _decompressed, chunk)
+    if len(content) != chunk.uncompressed_size or chunk.uncompressed_crc not in {0, crc32(content)}:
+        raise JournalError(f"{place}: the recording is damaged: a chunk holds something else than was written")
     return content
 
 
 def _decompressed(chunk: Chunk) -> bytes:
-    from mcap.stream_reader import get_chunk_data_stream  # noqa: PLC0415 - it is an extra
+    """Return what is in a chunk, and no more than it says of itself: compressed data may say something else.
 
-    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    return stream.read(length)
+    The library would decompress whatever comes out, and compressions that recordings never have, too.
+    """
+    from zstandard import ZstdDecompressor  # noqa: PLC0415 - mcap brings it
+
+    if chunk.compression == "":
+        return chunk.data
+    if chunk.compression != "zstd":
+        raise ValueError(f"a chunk is compressed with {chunk.compression[:20]!r}, which recordings never are")
+    stream = ZstdDecompressor(max_window_size=_WINDOW_MAX_BYTES).stream_reader(chunk.data)
+    return stream.read(chunk.uncompressed_size + 1)
 
 
 def _inside(place: str, content: bytes) -> Iterator[tuple[int, int, int]]:

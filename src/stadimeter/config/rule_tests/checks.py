@@ -11,6 +11,7 @@ from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_li
 from stadimeter.config.rule_tests.expectations import OF_ACTUATORS, OF_BASES, OF_OUTPUTS, OF_RULES, ExpectTable
 from stadimeter.config.rule_tests.motions import MOTIONS, MotionTable
 from stadimeter.config.rule_tests.tables import FRAMES_MAX, InputTable, name_of
+from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.condition import DistanceCondition
 
 _MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
@@ -57,7 +58,7 @@ def rule_test_warnings(draft: Draft) -> Iterator[Finding]:
     """
     for position, test in draft.tests.items():
         journal = test.input.journal
-        if journal is not None and not journal.is_file():
+        if journal is not None and not is_file(journal):
             hint = "record one with `stadimeter run CONFIG --journal FILE`; until then the test fails"
             yield Finding(("tests", position, "input", "journal"), f"there is no recording {journal}", hint)
 

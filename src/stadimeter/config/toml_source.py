@@ -1,0 +1,106 @@
+"""A TOML file of a user: its text, what it holds, and where each key of it stands."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stadimeter.config.findings import Finding, problems
+from stadimeter.config.toml_bounds import why_out_of_bounds
+from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error
+from stadimeter.config.untrusted_file import read_untrusted_text
+from stadimeter.errors import ConfigError, Problem, UnreadableError
+
+UNREADABLE = "unreadable"
+"""The code of a file of which not even the text could be read."""
+
+_INTEGERS = range(-(2**63), 2**63)
+"""What TOML says that every reader must take (TOML 1.0, section Integer); no key means more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TomlSource:
+    """A TOML text that was parsed.
+
+    Attributes:
+        text: The text.
+        table: What it holds.
+        places: Where each key stands.
+    """
+
+    text: str
+    table: dict[str, Any]
+    places: Mapping[KeyPath, Place]
+
+
+def read_toml(path: Path, most_bytes: int, missing_hint: str = "") -> TomlSource:
+    """Read a TOML file.
+
+    Args:
+        path: The file.
+        most_bytes: How large it may be.
+        missing_hint: What to do if there is no such file.
+
+    Returns:
+        What is in it.
+
+    Raises:
+        ConfigError: It cannot be read, or as for `parse_toml`.
+    """
+    try:
+        text = read_untrusted_text(path, most_bytes)
+    except UnreadableError as error:
+        is_missing = isinstance(error.__cause__, FileNotFoundError)
+        message = error.reason if is_missing else f"the file cannot be read: {error.reason}"
+        hint = missing_hint if is_missing else "is it a TOML file?" if error.line else ""
+        raise ConfigError([Problem(message, str(path), error.line, hint=hint, code=UNREADABLE)]) from error
+    return parse_toml(text, str(path))
+
+
+def parse_toml(text: str, file: str) -> TomlSource:
+    """Parse a TOML text, unless it is one that nobody can have meant.
+
+    Args:
+        text: The text.
+        file: Where it comes from, for error messages.
+
+    Returns:
+        What is in it.
+
+    Raises:
+        ConfigError: It is not TOML, nests too deep, or holds a number beyond 64 bits; with the line.
+    """
+    if why := why_out_of_bounds(text):
+        message, line = why
+        raise ConfigError([Problem(message, file, line, hint="is it a configuration?", code="too-deep")])
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        message, line = syntax_error(error, text)
+        hint = _syntax_hint(message)
+        raise ConfigError(
+            [Problem(f"this is not valid TOML: {message}", file, line, hint=hint, code="syntax")]
+        ) from error
+    places = key_places(text)
+    if found := list(_numbers_too_large((), table)):
+        raise ConfigError(problems(found, file, places))
+    return TomlSource(text=text, table=table, places=places)
+
+
+def _syntax_hint(message: str) -> str:
+    if message.startswith(("Invalid value", "Expected newline")):
+        return 'text needs quotes, such as "10 ft"; the values without are numbers, true and false'
+    if message.startswith("Cannot"):
+        return "the same key or section stands in the file twice; keep one"
+    return ""
+
+
+def _numbers_too_large(path: KeyPath, value: Any) -> Iterator[Finding]:
+    if isinstance(value, dict | list):
+        for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _numbers_too_large((*path, key), inner)
+    elif isinstance(value, int) and value not in _INTEGERS:
+        yield Finding(path, "this whole number does not fit into 64 bits", code="bad-value")

@@ -1,0 +1,101 @@
+"""A text that nests deeper than anybody can mean is refused before it costs time or the stack."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from stadimeter.config.camera_file import load_camera_model
+from stadimeter.config.loader import load_camera_choice, load_configuration
+from stadimeter.config.toml_bounds import DEEPEST, LONGEST_WORD, why_out_of_bounds
+from stadimeter.config.toml_source import parse_toml
+from stadimeter.errors import ConfigError
+
+SIZE = 200_000
+
+
+def repeated(line: str) -> str:
+    """Return a long text: a line again and again, each time with another key."""
+    count = SIZE // len(line)
+    return "\n".join(line.replace("#", str(number)) for number in range(count))
+
+
+DEEP = {
+    "lists": repeated("a# = " + "[" * 500 + "]" * 500),
+    "tables": repeated("a# = " + "{ a = " * 500 + "1" + " }" * 500),
+    "keys": repeated(".".join(["a#", *["a"] * 499]) + " = 1"),
+    "headers": repeated("[" + ".".join(["a#", *["a"] * 499]) + "]"),
+    "arrays of tables": repeated("[[" + ".".join(["a#", *["a"] * 499]) + "]]"),
+    "not even closed": "a = " + "[" * 500,
+}
+
+
+@pytest.mark.parametrize("text", DEEP.values(), ids=DEEP.keys())
+@pytest.mark.parametrize("load", [load_configuration, load_camera_choice, load_camera_model])
+def test_a_long_text_that_nests_five_hundred_deep_is_refused_with_its_line(tmp_path: Path, text: str, load) -> None:
+    file = tmp_path / "deep.toml"
+    file.write_text("# a comment\n" + text, encoding="utf-8")
+    with pytest.raises(ConfigError, match="stand inside each other more than 64 deep") as caught:
+        load(file)
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.line) == (str(file), 2)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * DEEPEST + "]" * DEEPEST,
+        "{ a = " * DEEPEST + "1" + " }" * DEEPEST,
+        f'"{"[" * 500}"',
+        f"'{'{' * 500}'",
+        f'"""\n{"[" * 500}\n"""',
+        f"'''\n{'[' * 500}\n'''",
+        f'"\\"{"[" * 500}"',
+        f"1 # {'[' * 500}",
+        "[" + ", ".join(["1.5"] * 500) + "]",
+        "[" + ", ".join(["{ x.y = 1.5 }"] * 500) + "]",
+    ],
+)
+def test_what_only_looks_deep_is_read(text: str) -> None:
+    assert parse_toml(f"a = {text}\n", "").table == tomllib.loads(f"a = {text}\n")
+
+
+def test_many_keys_with_dots_below_each_other_are_not_deep() -> None:
+    text = "\n".join(f"a.b{number}.c = {number}.5" for number in range(500))
+    assert why_out_of_bounds(text) is None
+
+
+def test_the_line_is_that_of_the_first_bracket_too_many() -> None:
+    brackets = "\n".join("[" * DEEPEST + "]" * DEEPEST)
+    assert why_out_of_bounds(f"a =\n{brackets}") is None
+    found = why_out_of_bounds(f"a =\n[\n{brackets}\n]")
+    assert found is not None
+    assert found[1] == DEEPEST + 2
+
+
+@pytest.mark.parametrize("number", ["9", "0xf", "0o7", "0b1", "1_0", "0.1"])
+@pytest.mark.parametrize("load", [load_configuration, load_camera_choice, load_camera_model])
+def test_a_number_of_five_thousand_digits_is_refused_with_its_line(tmp_path: Path, number: str, load) -> None:
+    file = tmp_path / "long.toml"
+    file.write_text(f"# a comment\nwidth_px = {number}{number[-1] * 5000}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"a number or a name of 500\d characters") as caught:
+        load(file)
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.line) == (str(file), 2)
+
+
+def test_a_word_as_long_as_it_may_be_is_read() -> None:
+    name = "a" * LONGEST_WORD
+    assert parse_toml(f"{name} = 1", "").table == {name: 1}
+    assert parse_toml(f'{name} = "{name}{name}" # {name}{name}', "").table == {name: 2 * name}
+
+
+@pytest.mark.parametrize("number", ["9223372036854775808", "-9223372036854775809", "0x1_0000_0000_0000_0000"])
+def test_a_whole_number_beyond_64_bits_is_refused_with_its_key(number: str) -> None:
+    with pytest.raises(ConfigError, match="does not fit into 64 bits") as caught:
+        parse_toml(f"[a]\nb = [\n1,\n{number}]\n", "file.toml")
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.line, problem.key) == ("file.toml", 4, "a.b.1")
+    assert parse_toml("a = 9223372036854775807", "").table == {"a": 2**63 - 1}

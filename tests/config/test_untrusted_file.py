@@ -1,0 +1,61 @@
+"""One reader for every file that others made: it waits for nothing, and reads no more than its kind can have."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from stadimeter.config.untrusted_file import is_file, lines_of, open_untrusted, read_untrusted, read_untrusted_text
+from stadimeter.errors import UnreadableError
+
+
+def refusal(path: Path, most_bytes: int = 1000) -> UnreadableError:
+    with pytest.raises(UnreadableError) as raised:
+        read_untrusted_text(path, most_bytes)
+    return raised.value
+
+
+def test_a_file_up_to_its_bound_is_read_and_one_byte_more_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"x" * 1000)
+    assert read_untrusted(path, 1000) == b"x" * 1000
+    assert "larger than 1 kB" in refusal(path, 999).reason
+
+
+def test_a_text_loses_its_mark_and_its_carriage_returns(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"\xef\xbb\xbfa\r\n\xc3\xa4\n")
+    assert read_untrusted_text(path, 1000) == "a\nä\n"
+    path.write_bytes(b"a\nb\n\xff\n")
+    assert refusal(path).line == 3
+
+
+def test_what_is_no_regular_file_is_refused_without_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    assert refusal(tmp_path / "pipe").reason == "it is not a regular file"
+    assert refusal(Path("/dev/zero")).reason == "it is not a regular file"
+    assert refusal(tmp_path).reason == "it is a folder"
+    assert refusal(tmp_path / "none").reason == "there is no such file"
+    assert "symbolic links" in refusal(tmp_path / "loop").reason
+    assert "too long" in refusal(tmp_path / ("n" * 300)).reason
+    assert "null" in refusal(tmp_path / "a\0b").reason
+    assert not any(is_file(tmp_path / name) for name in ("pipe", "loop", "n" * 300, "a\0b"))
+
+
+def test_a_message_about_a_name_that_is_no_text_can_be_written(tmp_path: Path) -> None:
+    error = refusal(tmp_path / os.fsdecode(b"a\xff.toml"))
+    assert r"a\udcff.toml" in str(error)
+    assert str(error).encode("utf-8")
+
+
+def test_lines_are_read_up_to_their_bound(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"aaa\nbb\n" + b"c" * 5)
+    with open_untrusted(path) as file:
+        assert list(lines_of(file, 5)) == [b"aaa\n", b"bb\n", b"ccccc"]
+    with open_untrusted(path) as file, pytest.raises(UnreadableError) as raised:
+        list(lines_of(file, 4))
+    assert raised.value.line == 3

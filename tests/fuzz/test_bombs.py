@@ -1,0 +1,200 @@
+"""Files that ask for more than there is: each command refuses them in one line, and needs no more memory than ever.
+
+Each is given to the real command. Time is not asserted, since machines are shared: a command that hangs is ended by the
+limit of the test.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.cameras.picture import read_picture
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
+from stadimeter.errors import PictureError
+
+MEMORY_MAX_KB = 300_000
+CAMERA = "width_px = 640\nheight_px = 480\nfx_px = 600.0\n"
+
+Run = Callable[..., tuple[int, str, int]]
+Bomb = Callable[[Path], object]
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def loop(path: Path) -> None:
+    path.symlink_to(path)
+
+
+def endless(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def gigantic(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(300_000_000)
+
+
+def text_of(text: str) -> Bomb:
+    return lambda path: path.write_text(text, encoding="utf-8")
+
+
+def png_chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def png(width: int, height: int, rows: bytes, before: bytes = b"") -> bytes:
+    header = png_chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + header + before + png_chunk(b"IDAT", rows) + png_chunk(b"IEND", b"")
+
+
+def many_pixels(path: Path) -> None:
+    packer = zlib.compressobj(9)
+    row = bytes(1 + 3 * 40_000)
+    path.write_bytes(png(40_000, 2_000, b"".join(packer.compress(row) for _ in range(2_000)) + packer.flush()))
+
+
+def many_remarks(path: Path) -> None:
+    remark = png_chunk(b"iTXt", b"Comment\0\1\0\0\0" + zlib.compress(b"a" * 7_900_000, 9))
+    path.write_bytes(png(4, 4, zlib.compress(bytes(4 * 13)), remark * 200))
+
+
+def tiff(tags: list[tuple[int, int, int]], data: bytes) -> bytes:
+    """Return a TIFF of one packed piece; the tags are pairs of number and type with their values."""
+    begin = 8 + 2 + 12 * len(tags) + 4
+    entries = b"".join(
+        struct.pack("<HHI", tag, kind, 1) + struct.pack("<I", begin if value < 0 else value)
+        for tag, kind, value in tags
+    )
+    return b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + bytes(4) + data
+
+
+def large_tile(path: Path) -> None:
+    data = zlib.compress(bytes(10_000 * 10_000 * 3), 1)
+    tags = [
+        (256, 4, 16), (257, 4, 16), (258, 3, 8), (259, 3, 8), (262, 3, 2), (277, 3, 3), (322, 4, 10_000),
+        (323, 4, 10_000), (324, 4, -1), (325, 4, len(data)),
+    ]  # fmt: skip
+    path.write_bytes(tiff(tags, data))
+
+
+def many_scans(path: Path) -> None:
+    grey = np.zeros((4000, 4000), np.uint8)
+    data = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    last = data.rfind(b"\xff\xda")
+    scan = data[last : last + 2 + int.from_bytes(data[last + 2 : last + 4], "big")] + bytes(2)
+    path.write_bytes(data[:-2] + 3000 * scan + data[-2:])
+
+
+def animation(path: Path) -> None:
+    header = b"VP8X" + struct.pack("<I", 10) + bytes([0x02]) + bytes(3) + (4999).to_bytes(3, "little") * 2
+    path.write_bytes(b"RIFF" + struct.pack("<I", 4 + len(header)) + b"WEBP" + header)
+
+
+def lying_header(path: Path) -> None:
+    path.write_bytes(b"P6\n500000 490000\n255\n" + bytes(10))
+
+
+FILES: dict[str, Bomb] = {"pipe": pipe, "loop": loop, "endless": endless, "gigantic": gigantic, "folder": Path.mkdir}
+TEXTS: dict[str, Bomb] = {
+    **FILES,
+    "digits": text_of(f"{CAMERA}x = {'9' * 5000}\n"),
+    "hexadecimal digits": text_of(f"{CAMERA}x = 0x{'f' * 5000}\n"),
+    "brackets": text_of("x = " + "[" * 100_000),
+    "many keys": text_of("".join(f"a{number} = 1\n" for number in range(CONFIGURATION_MAX_BYTES // 13))),
+    "wide": text_of(f"width_px = {10**12}\nheight_px = {10**12}\nfx_px = 1e12\n"),
+}
+PICTURES: dict[str, Bomb] = {
+    **FILES, "pixels": many_pixels, "remarks": many_remarks, "tile": large_tile, "scans": many_scans,
+    "animation": animation, "lying header": lying_header,
+}  # fmt: skip
+JOURNALS: dict[str, Bomb] = {
+    **FILES,
+    "brackets": text_of("[" * 1_000_000),
+    "brackets in a header": text_of('{"stadimeter_journal":1,"x":' + "[" * 100_000 + "]" * 100_000 + "}\n"),
+    "digits": text_of('{"stadimeter_journal":' + "9" * 5000 + "}\n"),
+    "no text": lambda path: path.write_bytes(b'{"stadimeter_journal":1,"version":"\xff"}\n'),
+}
+
+
+def assert_refused(run_measured: Run, path: Path, *arguments: object, lines: int = 1) -> None:
+    code, said, memory_kb = run_measured(*arguments)
+    assert (code, "Traceback" in said) == (2, False), said
+    assert memory_kb <= MEMORY_MAX_KB
+    assert path.name in said
+    assert len(said.splitlines()) <= lines, said
+
+
+@pytest.mark.parametrize("kind", ["endless", "digits"])
+def test_a_configuration_like_that_is_refused(tmp_path: Path, run_measured: Run, kind: str) -> None:
+    TEXTS[kind](tmp_path / "bomb.toml")
+    assert_refused(run_measured, tmp_path / "bomb.toml", "run", tmp_path / "bomb.toml")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", TEXTS)
+def test_a_configuration_that_asks_for_too_much_is_refused(tmp_path: Path, run_measured: Run, kind: str) -> None:
+    path = tmp_path / "bomb.toml"
+    TEXTS[kind](path)
+    assert_refused(run_measured, path, "run", path, lines=101)
+    assert_refused(run_measured, path, "check", path, lines=310)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", TEXTS)
+def test_a_camera_file_that_asks_for_too_much_is_refused(tmp_path: Path, run_measured: Run, kind: str) -> None:
+    path = tmp_path / "bomb.toml"
+    TEXTS[kind](path)
+    assert_refused(run_measured, path, "measure", "picture.png", "--camera", path, "--sheet", "11in,8.5in", lines=101)
+
+
+@pytest.mark.vision
+@pytest.mark.parametrize("kind", sorted(PICTURES))
+def test_a_picture_that_asks_for_too_much_is_refused_or_harmless(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "bomb.png"
+    PICTURES[kind](path)
+    if kind == "remarks":  # they are left out
+        assert read_picture(path).shape == (4, 4, 3)
+        return
+    with pytest.raises(PictureError, match=r"bomb\.png"):
+        read_picture(path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", PICTURES)
+def test_measuring_such_a_picture_takes_no_more_memory(tmp_path: Path, run_measured: Run, kind: str) -> None:
+    path, camera = tmp_path / "bomb.png", tmp_path / "camera.toml"
+    camera.write_text("width_px = 1000\nheight_px = 1000\nfx_px = 900.0\n", encoding="utf-8")
+    PICTURES[kind](path)
+    code, said, memory_kb = run_measured("measure", path, "--camera", camera, "--sheet", "11in,8.5in")
+    assert code in {1, 2}
+    assert "Traceback" not in said
+    assert memory_kb <= MEMORY_MAX_KB
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", JOURNALS)
+def test_a_journal_that_asks_for_too_much_is_refused(tmp_path: Path, run_measured: Run, kind: str) -> None:
+    path = tmp_path / "bomb.jsonl"
+    JOURNALS[kind](path)
+    assert_refused(run_measured, path, "replay", path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("command", [("check",), ("check", "--json"), ("run",), ("replay",), ("test",)])
+def test_a_name_that_is_no_text_can_be_shown(tmp_path: Path, run_measured: Run, command: tuple[str, ...]) -> None:
+    path = tmp_path / os.fsdecode(b"name\xff.toml")
+    path.write_bytes(b"\xff")
+    code, said, _ = run_measured(*command, path)
+    assert code == 2
+    assert "Traceback" not in said
+    assert r"name\udcff.toml" in said or "--json" in command
