@@ -84,7 +84,7 @@ def test_the_address_in_a_file_is_read_anew_at_each_opening_and_the_file_stands_
 ) -> None:
     file = tmp_path / "camera.txt"
     camera = OpenCvCamera(OpenCvOptions(device_file=file), clock, device)
-    with pytest.raises(DeviceOpenError, match=r"camera\.txt, cannot be read: no such file"):
+    with pytest.raises(DeviceOpenError, match=r"camera\.txt, cannot be read: there is no such file"):
         camera.open()
     for password in ("secret", "changed"):
         file.write_text(f"rtsp://me:{password}@10.0.0.9/live\n")
