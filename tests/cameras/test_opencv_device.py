@@ -37,7 +37,10 @@ def node(tmp_path: Path) -> Path:
 
 
 def camera_of(device: FakeDevice, node: Path | str, clock: ManualClock, **table: Any) -> OpenCvCamera:
-    return OpenCvCamera(OpenCvOptions.model_validate({"device": str(node), **table}), clock, device)
+    options = OpenCvOptions.model_validate({"device": str(node), **table})
+    if options.is_stream:
+        device.wait = lambda: clock.advance_s(0.05)
+    return OpenCvCamera(options, clock, device, monotonic=clock.now_s)
 
 
 def picture(level: int = 0, shape: tuple[int, ...] = (480, 640, 3)) -> np.ndarray:

@@ -116,8 +116,8 @@ class CaptureThread:
         if self._freeze.is_new(frame, now_s):
             self._new_frame_at_s, self._outage, self._delay_s = now_s, None, FIRST_DELAY_S
             self.mailbox.put(frame)
-        elif frozen_s := self._freeze.frozen_for_s(now_s):
-            raise CaptureTimeoutError(f"the picture has not changed for {frozen_s:.1f} s")
+        elif frozen := self._freeze.frozen(now_s):
+            raise CaptureTimeoutError(frozen)
 
     def _open_again(self, cause: str) -> None:
         """Close the camera, and open it until that succeeds or the thread is to stop."""

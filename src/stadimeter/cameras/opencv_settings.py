@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from typing import Annotated, Any, Protocol, Self
 
@@ -9,6 +10,7 @@ import cv2
 from pydantic import BeforeValidator, Field, model_validator
 
 from stadimeter.config.plugins import Options
+from stadimeter.config.secrets import shown_address
 from stadimeter.config.units import Duration, Frequency
 from stadimeter.core.frame import Image
 
@@ -20,13 +22,22 @@ AUTO_EXPOSURE_ON = 3
 """The menu values of V4L2_CID_EXPOSURE_AUTO: manual, and aperture priority, which is what UVC cameras offer."""
 
 
+RELIABLE_TRANSPORTS = frozenset({"file", "http", "https", "rtmp", "rtmps", "rtsp", "rtsps", "tcp", "tls"})
+"""Schemes of addresses whose bytes all arrive, or none after the first that is lost. RTSP is asked for over TCP."""
+
+FFMPEG_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+# OpenCV would ask for RTSP over TCP, and take UDP if the sender has nothing else. A user's own setting is kept.
+os.environ.setdefault(FFMPEG_OPTIONS, "rtsp_transport;tcp")
+
+
 def _check_device(value: object) -> object:
     if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
         return value
     if isinstance(value, str) and (value.startswith("/") or "://" in value):
         return value
+    shown = repr(shown_address(value) if isinstance(value, str) else value)
     raise ValueError(
-        f"{value!r} is not a camera; write a number such as 0, a path such as '/dev/v4l/by-id/…-index0',"
+        f"{shown} is not a camera; write a number such as 0, a path such as '/dev/v4l/by-id/…-index0',"
         " or an address such as 'rtsp://…'"
     )
 
@@ -44,6 +55,10 @@ class OpenCvOptions(Options):
         exposure: The exposure time in seconds; None leaves it to the camera.
         autofocus: Whether the camera may refocus. It changes the focal length, and so every distance; off unless asked.
         read_timeout: How long to wait for a frame, in seconds.
+        latency: How old a picture is when it arrives, in seconds: from the exposure to its arrival here. It counts into
+            the age of every frame that has no capture time. Without it nothing may move on the frames of a stream.
+        accept_lossy_stream: Whether something may move on a stream that comes over UDP, SRT or the like, where packets
+            are lost. A decoder then shows old parts of the picture as if they were new.
     """
 
     device: Annotated[int | str, BeforeValidator(_check_device)]
@@ -54,6 +69,8 @@ class OpenCvOptions(Options):
     exposure: Annotated[Duration, Field(gt=0)] | None = None
     autofocus: bool = False
     read_timeout: Annotated[Duration, Field(gt=0, le=60)] = 1.0
+    latency: Annotated[Duration, Field(le=60)] | None = None
+    accept_lossy_stream: bool = False
 
     @model_validator(mode="after")
     def _size_is_whole(self) -> Self:
@@ -65,6 +82,40 @@ class OpenCvOptions(Options):
     def is_stream(self) -> bool:
         """Whether the device is the address of a stream."""
         return isinstance(self.device, str) and "://" in self.device
+
+    @property
+    def scheme(self) -> str:
+        """How a stream is sent, such as ``rtsp``; empty for a device."""
+        return str(self.device).partition("://")[0].lower() if self.is_stream else ""
+
+
+def not_for_motion(options: OpenCvOptions) -> dict[str, str]:
+    """Return why nothing may move on the frames of a camera.
+
+    Args:
+        options: The camera's options.
+
+    Returns:
+        For each option that would have to be written, a sentence; nothing if its frames will do.
+    """
+    why: dict[str, str] = {}
+    if options.is_stream and options.latency is None:
+        why["latency"] = (
+            "how old the pictures of a stream are is not known, so nothing moves on them;"
+            ' measure it and write such as latency = "150 ms" in [camera]'
+        )
+    if _loses_packets(options) and not options.accept_lossy_stream:
+        why["accept_lossy_stream"] = (
+            f"packets of {options.scheme}:// get lost, and old parts of the picture then look like new ones, so nothing"
+            " moves on it; send it over TCP, or write accept_lossy_stream = true in [camera]"
+        )
+    return why
+
+
+def _loses_packets(options: OpenCvOptions) -> bool:
+    if options.scheme == "rtsp":
+        return "rtsp_transport;tcp" not in os.environ.get(FFMPEG_OPTIONS, "")
+    return options.is_stream and options.scheme not in RELIABLE_TRANSPORTS
 
 
 class CaptureLike(Protocol):

@@ -19,6 +19,23 @@ HIDDEN = "hidden://"
 _TEXT_VALUE = re.compile(r"""=\s*("[^"]*"|'[^']*')\s*$""")
 
 
+def shown_address(address: str) -> str:
+    """Return an address as it may be shown: without user, password, query and fragment, where tokens are.
+
+    Args:
+        address: A URL, or what somebody wrote in place of one.
+
+    Returns:
+        The address, with an ellipsis for a query.
+    """
+    scheme, separator, rest = address.partition("://") if "://" in address else ("", "", address)
+    head, *hidden = re.split(r"[?#]", rest, maxsplit=1)
+    place, slash, path = head.partition("/")
+    if "@" in rest[len(place) :]:  # a password with one of / ? # in it, which belong before a path
+        return f"{scheme}{separator}…"
+    return f"{scheme}{separator}{place.rpartition('@')[2]}{slash}{path}{'?…' if hidden else ''}"
+
+
 def secret_warnings(draft: Draft) -> Iterator[Finding]:
     """Find secrets that stand in a configuration.
 
