@@ -13,8 +13,8 @@ import re
 import select
 import socket
 import time
+import traceback
 import urllib.request
-from typing import Any
 from urllib.error import HTTPError, URLError
 from urllib.parse import unquote, urlsplit
 
@@ -128,12 +128,13 @@ def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float) -> Mj
         return _stream_of(response, read_timeout_s)
     except HTTPError as error:
         error.close()
+        traceback.clear_frames(error.__traceback__)  # they hold the answers to earlier tries, with their sockets
         raise DeviceOpenError(f"its sender answers {error.code} {error.reason}") from error
     except (URLError, OSError, http.client.HTTPException, ValueError, LinkLostError) as error:
         raise DeviceOpenError(f"its sender does not answer ({getattr(error, 'reason', error)})") from error
 
 
-def _stream_of(response: _Response, read_timeout_s: float) -> MjpegStream | None:
+def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float) -> MjpegStream | None:
     body = _Body(response)
     if response.headers.get_content_maintype() == "multipart":
         boundary = str(response.headers.get_param("boundary") or "")
@@ -163,8 +164,8 @@ def _opener(address: str) -> urllib.request.OpenerDirector:
         urllib.request.HTTPErrorProcessor(),
         urllib.request.HTTPDigestAuthHandler(passwords),
         urllib.request.HTTPBasicAuthHandler(passwords),
-        _HttpHandler(),
-        _HttpsHandler(),
+        urllib.request.HTTPHandler(),
+        urllib.request.HTTPSHandler(),
     ):
         opener.add_handler(handler)
     return opener
@@ -175,14 +176,6 @@ def _without_user(address: str) -> str:
     return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
 
 
-class _Response(http.client.HTTPResponse):
-    """An answer that keeps its socket."""
-
-    def __init__(self, sock: socket.socket, *args: Any, **kwargs: Any) -> None:
-        super().__init__(sock, *args, **kwargs)
-        self.sock = sock
-
-
 class _Body:
     """The body of an answer, read from the socket: the library's own reading waits for as much as was asked for.
 
@@ -190,8 +183,9 @@ class _Body:
         response: The answer, of which only the headers were read.
     """
 
-    def __init__(self, response: _Response) -> None:
+    def __init__(self, response: http.client.HTTPResponse) -> None:
         self.response = response
+        self._sock: socket.socket = response.fp.raw._sock  # type: ignore[attr-defined] # noqa: SLF001 - no other way
         self._chunks = _Chunks() if response.chunked else None
         self._already_read = self._read_with_the_headers()
 
@@ -204,45 +198,26 @@ class _Body:
         """
         data, self._already_read = self._already_read, b""
         if not data:
-            data = self.response.sock.recv(READ_BYTES) if self._has_data(wait_s) else b""
+            data = self._sock.recv(READ_BYTES) if self._has_data(wait_s) else b""
         if not data:
             return None
         return self._chunks.without_sizes(data) if self._chunks else data
 
     def _read_with_the_headers(self) -> bytes:
-        sock = self.response.sock
-        timeout_s = sock.gettimeout()
-        sock.settimeout(0.0)
+        timeout_s = self._sock.gettimeout()
+        self._sock.settimeout(0.0)
         try:
             return self.response.fp.read1(READ_BYTES) or b""
         except OSError:
             return b""
         finally:
-            sock.settimeout(timeout_s)
+            self._sock.settimeout(timeout_s)
 
     def _has_data(self, wait_s: float) -> bool:
-        decrypted = getattr(self.response.sock, "pending", None)  # of TLS
+        decrypted = getattr(self._sock, "pending", None)  # of TLS
         if decrypted is not None and decrypted():
             return True
-        return bool(select.select([self.response.sock], [], [], wait_s)[0])
-
-
-class _HttpConnection(http.client.HTTPConnection):
-    response_class = _Response
-
-
-class _HttpsConnection(http.client.HTTPSConnection):
-    response_class = _Response
-
-
-class _HttpHandler(urllib.request.HTTPHandler):
-    def http_open(self, req: urllib.request.Request) -> http.client.HTTPResponse:
-        return self.do_open(_HttpConnection, req)
-
-
-class _HttpsHandler(urllib.request.HTTPSHandler):
-    def https_open(self, req: urllib.request.Request) -> http.client.HTTPResponse:
-        return self.do_open(_HttpsConnection, req)
+        return bool(select.select([self._sock], [], [], wait_s)[0])
 
 
 class _Chunks:

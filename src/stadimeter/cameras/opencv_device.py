@@ -283,4 +283,4 @@ def _build(options: OpenCvOptions, context: DriverContext) -> OpenCvCamera:
     return OpenCvCamera(options, context.clock)
 
 
-PLUGIN = Plugin(OpenCvOptions, _build)
+PLUGIN = Plugin(OpenCvOptions, _build, not_for_motion=not_for_motion, latency=lambda options: options.latency or 0.0)
