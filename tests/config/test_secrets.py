@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.secrets import shown_address
 from stadimeter.errors import ConfigError
 from stadimeter.testing.simulated_run import SIMULATED_BALL
 
@@ -70,3 +71,23 @@ def test_a_wrong_url_is_refused_without_repeating_it(tmp_path: Path, written: st
     with pytest.raises(ConfigError) as raised:
         load(tmp_path, f'[notifiers.phone]\ndriver = "apprise"\nurl = {written}')
     assert "AbCdEf" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("address", "shown"),
+    [
+        ("rtsp://10.0.0.9:554/live", "rtsp://10.0.0.9:554/live"),
+        ("rtsp://me:secret@10.0.0.9/live", "rtsp://10.0.0.9/live"),
+        ("http://cam.local/?action=stream&token=secret", "http://cam.local/?…"),
+        ("http://me:se@cret@cam.local/stream#secret", "http://cam.local/stream?…"),
+        ("http://[fe80::1]:8080/stream", "http://[fe80::1]:8080/stream"),
+        ("rtsp://me:se/cret@cam.local/live", "rtsp://…"),
+        ("rtsp://me:se#cret@cam.local/live", "rtsp://…"),
+        ("rtsp://me:se?cret@cam.local/live", "rtsp://…"),
+        ("http://[me:secret", "http://[me:secret"),
+        ("me:secret@10.0.0.9/live", "10.0.0.9/live"),
+        ("/dev/v4l/by-id/usb-cam-video-index0", "/dev/v4l/by-id/usb-cam-video-index0"),
+    ],
+)
+def test_an_address_is_shown_without_what_may_be_secret_in_it(address: str, shown: str) -> None:
+    assert shown_address(address) == shown
