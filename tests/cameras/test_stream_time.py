@@ -74,11 +74,23 @@ def test_no_picture_of_a_stall_looks_fresh_and_fresh_ones_are_believed_soon(
     assert len([at_s for at_s in believed if at_s > again_s]) > 10 / period_s
 
 
-def test_what_waited_while_a_stream_was_opened_is_passed_over() -> None:
+@pytest.mark.parametrize("drain_s", [0.001, 0.01, 0.02])
+def test_what_waited_while_a_stream_was_opened_is_passed_over(drain_s: float) -> None:
     stream_time = StreamTime()
-    waited = [stream_time.captured_at_s(10 + number / 1000, 1 + number / 30) for number in range(60)]
-    assert waited == [None] * 60
-    assert stream_time.captured_at_s(10.4, 3.31) == pytest.approx(10.4)
+    for number in range(600):
+        captured_s = 5 + number / 30
+        arrived_s = max(10 + number * drain_s, captured_s + WAY_S)
+        found_s = stream_time.captured_at_s(arrived_s, 1e9 + captured_s)
+        assert found_s is None or found_s <= captured_s + WAY_S + 0.05
+    assert found_s == pytest.approx(arrived_s, abs=0.001)
+
+
+def test_the_first_pictures_of_a_stream_without_time_stamps_are_passed_over() -> None:
+    stream_time = StreamTime()
+    stream_time.restart(2.0)
+    found = [stream_time.captured_at_s(10 + number / 30) for number in range(90)]
+    assert found[:59] == [None] * 59
+    assert None not in found[61:]
 
 
 def test_a_stated_latency_counts_into_the_age() -> None:

@@ -38,6 +38,9 @@ FIRST_FRAME_S = 3.0
 STREAM_OPEN_S = 5.0
 """How long a stream may take to answer."""
 
+FFMPEG_SETTLE_S = 2.0
+"""How long FFmpeg may take to deliver what waited while it opened a stream without time stamps."""
+
 CLOSE_WAIT_S = 1.5
 """How long `OpenCvCamera.close` waits for a read to end; the driver's own wait for a frame is a second."""
 
@@ -173,7 +176,6 @@ class OpenCvCamera:
     def _acquire(self) -> None:
         capture = self._capture = self._opened_stream() if self._options.is_stream else self._opened_device()
         self._stamp.restart()
-        self._stream_time.restart()
         self._pace = Pace()
         self._position = 0.0
         differ = () if self._options.is_stream else apply_settings(capture, self._options)
@@ -206,7 +208,9 @@ class OpenCvCamera:
             except DeviceOpenError as error:
                 raise DeviceOpenError(f"the stream {self._name} cannot be opened: {error}") from error
             if stream is not None:
+                self._stream_time.restart()
                 return stream
+        self._stream_time.restart(FFMPEG_SETTLE_S)
         limits = {
             cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: STREAM_OPEN_S,
             cv2.CAP_PROP_READ_TIMEOUT_MSEC: self._options.read_timeout,

@@ -13,7 +13,10 @@ from collections import deque
 from dataclasses import dataclass, field
 
 SETTLE_S = 0.3
-"""How long a pace must last to be believed. Pictures that waited while a stream was opened come within that time."""
+"""How long a pace must last to be believed."""
+
+FALL_S = 0.05
+"""A stream whose lag still falls by this within `SETTLE_S` is delivering what waited."""
 
 GAP_PERIODS = 3.0
 GAP_S = 0.1
@@ -39,9 +42,11 @@ class StreamTime:
 
     With time stamps of the sender that are sound, the lag beyond the smallest one seen counts into the age. Stamps are
     sound after three in a row that do not go back; when one does, the judgement begins anew. Without them, pictures
-    are passed over after a gap, until they come at the usual pace again; see `Pace`. Whatever comes in the first
-    `SETTLE_S` is passed over in any case: FFmpeg looks at a stream for a second or more before it gives the first
-    picture, and keeps what came meanwhile.
+    are passed over after a gap, until they come at the usual pace again; see `Pace`.
+
+    A stream that was just opened may deliver what waited, too: FFmpeg looks at it for up to five seconds before it
+    gives the first picture, and keeps what came meanwhile. Then the smallest lag falls from picture to picture, and
+    nothing is believed until it stays. Without time stamps the first pictures are passed over for a fixed time.
 
     Args:
         latency_s: How old a picture is on arrival when nothing holds it up.
@@ -52,10 +57,15 @@ class StreamTime:
         self._last_captured_s = -math.inf
         self.restart()
 
-    def restart(self) -> None:
-        """Judge anew, for a stream that was opened again. Capture times still never go back."""
+    def restart(self, settle_s: float = SETTLE_S) -> None:
+        """Judge anew, for a stream that was opened again. Capture times still never go back.
+
+        Args:
+            settle_s: How long to pass over the pictures of a stream without time stamps.
+        """
         self._lag = _Lag()
         self._pace = Pace()
+        self._settle_s = settle_s
         self._opened_at_s = math.nan
 
     def captured_at_s(self, arrived_at_s: float, stamp_s: float = 0.0, pictures: int = 1) -> float | None:
@@ -73,16 +83,27 @@ class StreamTime:
             self._opened_at_s = arrived_at_s
         waited = self._pace.waited(arrived_at_s, pictures)
         lag_s = self._lag.lag_s(arrived_at_s, stamp_s)
-        if arrived_at_s - self._opened_at_s < SETTLE_S or (lag_s is None and waited):
+        if lag_s is None:
+            waited = waited or arrived_at_s - self._opened_at_s < self._settle_s
+            lag_s = 0.0
+        else:
+            waited = arrived_at_s - self._lag.fell_at_s < SETTLE_S
+        if waited:
             return None
-        self._last_captured_s = max(self._last_captured_s, arrived_at_s - self._latency_s - (lag_s or 0.0))
+        self._last_captured_s = max(self._last_captured_s, arrived_at_s - self._latency_s - lag_s)
         return self._last_captured_s
 
 
 class _Lag:
-    """How much longer than the quickest one a picture was under way, by the sender's time stamps."""
+    """How much longer than the quickest one a picture was on its way, by the sender's time stamps.
+
+    Attributes:
+        fell_at_s: When the smallest lag last fell by `FALL_S`.
+    """
 
     def __init__(self) -> None:
+        self.fell_at_s = -math.inf
+        self._fell_to_s = math.inf
         self._good_in_a_row = 0
         self._last_stamp_s = math.inf
         self._smallest_s = math.inf
@@ -96,12 +117,14 @@ class _Lag:
         """
         last_s, self._last_stamp_s = self._last_stamp_s, stamp_s
         if not 0 < last_s < stamp_s < math.inf:
-            self._good_in_a_row, self._smallest_s = 0, math.inf
+            self._good_in_a_row, self._smallest_s, self._fell_to_s = 0, math.inf, math.inf
             return None
         self._good_in_a_row += 1
         way_s = arrived_at_s - stamp_s
         self._smallest_s = min(self._smallest_s + DRIFT * (arrived_at_s - self._judged_at_s), way_s)
         self._judged_at_s = arrived_at_s
+        if self._smallest_s < self._fell_to_s - FALL_S:
+            self._fell_to_s, self.fell_at_s = self._smallest_s, arrived_at_s
         return way_s - self._smallest_s if self._good_in_a_row >= GOOD_STAMPS_NEEDED else None
 
 
