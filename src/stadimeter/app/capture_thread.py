@@ -20,8 +20,8 @@ LONGEST_DELAY_S = 8.0
 QUIET_S = 0.3
 """A camera that gave no new frame for longer than this is worth a word."""
 
-STOP_WAIT_S = 1.0
-"""How long `CaptureThread.stop` waits for the thread after it closed the camera."""
+STOP_WAIT_S = 0.4
+"""How long `CaptureThread.stop` waits for the thread after it closed the camera, which may take 1.5 s by itself."""
 
 RECOVERABLE = (DriverError, PictureError)
 Wait = Callable[[threading.Event, float], bool]
