@@ -53,12 +53,13 @@ STREAMS = [
 ]
 
 
+@pytest.mark.parametrize("jitter", [0.2, 0.8])
 @pytest.mark.parametrize("has_stamps", [False, True])
 @pytest.mark.parametrize(("period_s", "stall_s", "drain_s", "drops"), STREAMS)
 def test_no_picture_of_a_stall_looks_fresh_and_fresh_ones_are_believed_soon(
-    period_s: float, stall_s: float, drain_s: float, drops: bool, has_stamps: bool
+    period_s: float, stall_s: float, drain_s: float, drops: bool, has_stamps: bool, jitter: float
 ) -> None:
-    stream = Stream(period_s, stall_s, drain_s, drops=drops)
+    stream = Stream(period_s, stall_s, drain_s, drops=drops, jitter=jitter)
     stream_time = StreamTime(WAY_S)
     believed: list[float] = []
     for captured_s, arrived_s in stream:

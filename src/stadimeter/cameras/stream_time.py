@@ -25,9 +25,10 @@ GAP_S = 0.1
 LONGEST_CATCH_UP_S = 10.0
 """A pace that lasts for this long is believed, whatever it is: the camera has become faster."""
 
-FAST = 0.7
-"""Pictures that come after less than this part of the usual period come faster than they were captured."""
+FAST = 0.85
+"""Pictures that come after less than this part of the usual period, on the average, come faster than captured."""
 
+PICTURES_NEEDED = 3
 GOOD_STAMPS_NEEDED = 3
 
 DRIFT = 2e-4
@@ -134,17 +135,17 @@ class _CatchUp:
 
     Attributes:
         since_s: When the last picture before the gap came.
-        began_s: When the first one after it came.
-        steady_s: Since when none has come too fast.
-        pictures: How many have come.
-        steady: The intervals between those that did not come too fast.
+        came: When pictures came since, and how many had come by then.
     """
 
     since_s: float
-    began_s: float
-    steady_s: float
-    pictures: int
-    steady: list[float] = field(default_factory=list)
+    came: list[tuple[float, int]] = field(default_factory=list)
+
+    def recent(self) -> tuple[float, int] | None:
+        """Return a time up to now, `SETTLE_S` or longer, and the pictures in it; None if that is too soon to say."""
+        now_s, pictures = self.came[-1]
+        times = ((now_s - at_s, pictures - before) for at_s, before in reversed(self.came))
+        return next((found for found in times if found[0] >= SETTLE_S and found[1] >= PICTURES_NEEDED), None)
 
 
 class Pace:
@@ -153,9 +154,9 @@ class Pace:
     After a gap it takes pictures for ones that waited until one of these holds:
 
     * As many have come as the usual period gives for the whole time, and no longer in a burst.
-    * None has come too fast for `SETTLE_S`: the pictures of the gap were dropped elsewhere, or the camera has become
-      slower.
-    * They have come at their pace for `LONGEST_CATCH_UP_S`.
+    * They have come no faster than usual for `SETTLE_S`, on the average: the pictures of the gap were dropped
+      elsewhere, or the camera has become slower.
+    * More have come than the usual period gives, or `LONGEST_CATCH_UP_S` have passed: the camera has become faster.
 
     The usual period is the mean of the last intervals; the median would be 0 where a radio link delivers pictures in
     threes.
@@ -163,7 +164,7 @@ class Pace:
 
     def __init__(self) -> None:
         self._last_at_s = math.nan
-        self._intervals: deque[float] = deque(maxlen=32)
+        self._usual: deque[tuple[float, int]] = deque(maxlen=32)
         self._catch_up: _CatchUp | None = None
 
     def waited(self, arrived_at_s: float, pictures: int = 1) -> bool:
@@ -173,38 +174,39 @@ class Pace:
             arrived_at_s: When it came.
             pictures: How many have come since the one before, this one included.
         """
-        interval_s, self._last_at_s = arrived_at_s - self._last_at_s, arrived_at_s
-        if math.isnan(interval_s):
+        last_s, self._last_at_s = self._last_at_s, arrived_at_s
+        if math.isnan(last_s):
             return False
-        if self._catch_up is not None:
-            self._catch_up.pictures += pictures
-            return self._still_waited(self._catch_up, interval_s, interval_s / pictures)
-        if len(self._intervals) < GOOD_STAMPS_NEEDED or interval_s <= self._longest_s():
-            self._intervals.append(interval_s / pictures)
-            return False
-        self._catch_up = _CatchUp(arrived_at_s - interval_s, arrived_at_s, arrived_at_s, pictures)
-        return True
-
-    def _period_s(self) -> float:
-        return sum(self._intervals) / len(self._intervals)
-
-    def _longest_s(self) -> float:
-        return max(GAP_PERIODS * self._period_s(), self._period_s() + GAP_S)
-
-    def _still_waited(self, since: _CatchUp, interval_s: float, each_s: float) -> bool:
-        now_s, period_s = self._last_at_s, self._period_s()
-        if each_s < FAST * period_s:
-            since.steady_s = now_s
-            since.steady.clear()
-        else:
-            since.steady.append(each_s)
-        behind_s = now_s - since.since_s - since.pictures * period_s
-        caught_up = behind_s < 1.5 * period_s and interval_s > 0.5 * period_s
-        is_steady = len(since.steady) >= 3 and now_s - since.steady_s >= SETTLE_S
-        if not (caught_up or is_steady or behind_s < -3 * period_s or now_s - since.began_s > LONGEST_CATCH_UP_S):
+        interval_s = arrived_at_s - last_s
+        if self._catch_up is None:
+            if not self._is_gap(interval_s):
+                self._usual.append((interval_s, pictures))
+                return False
+            self._catch_up = _CatchUp(last_s, [(arrived_at_s, pictures)])
             return True
-        if is_steady or not caught_up:  # the pace is another one than before
-            self._intervals.clear()
-            self._intervals.extend(since.steady or [each_s])
+        self._catch_up.came.append((arrived_at_s, self._catch_up.came[-1][1] + pictures))
+        if self._still_waited(self._catch_up, interval_s):
+            return True
         self._catch_up = None
         return False
+
+    def _is_gap(self, interval_s: float) -> bool:
+        if sum(pictures for _, pictures in self._usual) < PICTURES_NEEDED:
+            return False
+        return interval_s > max(GAP_PERIODS * self._period_s(), self._period_s() + GAP_S)
+
+    def _period_s(self) -> float:
+        return sum(interval_s for interval_s, _ in self._usual) / sum(pictures for _, pictures in self._usual)
+
+    def _still_waited(self, catch_up: _CatchUp, interval_s: float) -> bool:
+        now_s, pictures = catch_up.came[-1]
+        period_s = self._period_s()
+        behind_s = now_s - catch_up.since_s - pictures * period_s
+        if behind_s < 1.5 * period_s and interval_s > 0.5 * period_s:
+            return False
+        recent = catch_up.recent()
+        is_steady = recent is not None and recent[0] >= FAST * period_s * recent[1]
+        is_faster = behind_s < -3 * period_s or now_s - catch_up.came[0][0] > LONGEST_CATCH_UP_S
+        if recent is not None and (is_steady or is_faster):
+            self._usual = deque([recent], maxlen=self._usual.maxlen)
+        return not (is_steady or is_faster)
