@@ -110,9 +110,9 @@ def test_a_picture_whose_lower_part_is_old_is_not_new(scene: np.ndarray, kept: f
     assert freeze.is_new(frame(3.1, noisy(scene, 99)), 3.1)
 
 
-@pytest.mark.parametrize("sigma", [0.5, 1.0, 2.0])
-@pytest.mark.parametrize("gain", [0.15, 0.5, 1.0, 2.0])
-@pytest.mark.parametrize("quality", [30, 50, 70, 90])
+@pytest.mark.parametrize("sigma", [0.5, 2.0])
+@pytest.mark.parametrize("gain", [0.15, 1.0, 2.0])
+@pytest.mark.parametrize("quality", [30, 60, 90])
 def test_good_pictures_of_a_still_scene_are_new(scene: np.ndarray, sigma: float, gain: float, quality: int) -> None:
     freeze = FreezeDetector()
     for number in range(6):

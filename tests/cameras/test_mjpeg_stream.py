@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -268,8 +269,17 @@ def test_a_redirection_is_followed(server: Server, open_camera: Callable[..., Op
 
 @pytest.mark.parametrize("path", ["/round", "/file", "/absent"])
 def test_what_leads_nowhere_is_refused(server: Server, open_camera: Callable[..., OpenCvCamera], path: str) -> None:
-    with pytest.raises(DeviceOpenError, match=f"the stream http://{server.place}{path} cannot be opened"):
+    with pytest.raises(DeviceOpenError, match=rf"^the stream http://{server.place}{path} cannot be opened: .* \d+ .*$"):
         open_camera(f"http://{server.place}{path}")
+
+
+@pytest.mark.parametrize("address", ["http://me:se/cret@{}/cam", "http://me:se%20cret@{}x/cam", "http://:secret@/cam"])
+def test_an_address_that_is_not_right_is_refused_without_showing_a_part_of_the_password(
+    server: Server, open_camera: Callable[..., OpenCvCamera], address: str
+) -> None:
+    with pytest.raises(DeviceOpenError, match="cannot be opened") as raised:
+        open_camera(address.format(server.place))
+    assert not {"se", "secret", "cret"} & set(re.split(r"\W+", str(raised.value)))
 
 
 def basic(authorization: str) -> bool:

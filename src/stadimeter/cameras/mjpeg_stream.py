@@ -15,7 +15,7 @@ import socket
 import time
 import traceback
 import urllib.request
-from urllib.error import HTTPError, URLError
+from urllib.error import HTTPError
 from urllib.parse import unquote, urlsplit
 
 import cv2
@@ -129,9 +129,12 @@ def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float) -> Mj
     except HTTPError as error:
         error.close()
         traceback.clear_frames(error.__traceback__)  # they hold the answers to earlier tries, with their sockets
-        raise DeviceOpenError(f"its sender answers {error.code} {error.reason}") from error
-    except (URLError, OSError, http.client.HTTPException, ValueError, LinkLostError) as error:
+        phrase = http.client.responses.get(error.code, "")  # the error's own words may hold an address
+        raise DeviceOpenError(f"its sender answers {error.code} {phrase}".rstrip()) from error
+    except OSError as error:
         raise DeviceOpenError(f"its sender does not answer ({getattr(error, 'reason', error)})") from error
+    except (http.client.HTTPException, ValueError, LinkLostError) as error:  # their words may hold a part of a password
+        raise DeviceOpenError("its address is not right, or its sender does not answer as a web server") from error
 
 
 def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float) -> MjpegStream | None:
