@@ -39,6 +39,7 @@ class ScriptedCamera:
 
     is_live = True
     remarks = ("it would not switch its autofocus off",)
+    not_for_motion = "its pictures are of unknown age"
 
     def __init__(self, clock: ManualClock, *script: Step, opening: tuple[Exception | None, ...] = ()) -> None:
         self.clock = clock
@@ -243,7 +244,7 @@ def test_a_capture_time_that_stands_still_counts_as_frozen(clock: ManualClock, w
     with opened(camera, waits) as capture:
         assert capture.latest(0.0).sequence == 0
     assert camera.opened == 2
-    assert "has not changed" in waits.words[0]
+    assert "capture time has not advanced" in waits.words[0]
 
 
 def test_a_mistake_in_a_driver_reaches_whoever_asks_for_frames(clock: ManualClock) -> None:
@@ -361,3 +362,8 @@ def test_the_way_to_get_frames_follows_from_the_camera(recording: ImageFilesCame
 def test_what_the_device_did_not_take_can_be_told(clock: ManualClock, waits: Waits) -> None:
     with opened(ScriptedCamera(clock, 1, 2), waits) as capture:
         assert capture.remarks() == ("it would not switch its autofocus off",)
+
+
+def test_why_nothing_may_move_on_a_camera_s_frames_is_known(recording: ImageFilesCamera, clock: ManualClock) -> None:
+    assert capture_for(ScriptedCamera(clock), clock).not_for_motion() == "its pictures are of unknown age"
+    assert capture_for(recording, clock).not_for_motion() == ""

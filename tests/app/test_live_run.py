@@ -34,6 +34,7 @@ class Camera:
     clock: MonotonicClock
     is_live: bool = True
     remarks: tuple = ()
+    not_for_motion: str = ""
     blocked: threading.Event = field(default_factory=threading.Event)
     closed: threading.Event = field(default_factory=threading.Event)
     count: int = 0

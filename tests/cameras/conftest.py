@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -26,6 +27,7 @@ class FakeDevice:
         values: What the device says of itself.
         fixed: Properties that it does not let be changed.
         images: What it delivers, the last one for ever; None is a picture that cannot be decoded.
+        wait: Called for each frame that is waited for.
     """
 
     def __init__(self) -> None:
@@ -33,6 +35,7 @@ class FakeDevice:
         self.values: dict[int, float] = {}
         self.fixed: set[int] = set()
         self.images: list[Image | None] = [np.zeros((480, 640, 3), np.uint8)]
+        self.wait: Callable[[], None] = lambda: None
         self.is_connected = True
         self.is_released = False
         self.source: tuple[Any, ...] = ()
@@ -55,6 +58,7 @@ class FakeDevice:
         return self.values.get(prop, -1.0)
 
     def grab(self) -> bool:
+        self.wait()
         return self.is_connected
 
     def retrieve(self) -> tuple[bool, Image | None]:

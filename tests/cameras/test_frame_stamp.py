@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.cameras.frame_stamp import GOOD_STAMPS_NEEDED, FrameStamp
+from stadimeter.cameras.frame_stamp import GOOD_STAMPS_NEEDED, FrameStamp, KernelTime
 
 PERIOD_S = 1 / 30
 LATENCY_S = 0.02
@@ -104,3 +104,26 @@ def test_capture_times_never_go_back_nor_past_the_arrival(steps: list[tuple[floa
         captured_s.append(stamp.captured_at_s(arrived_at_s - age_s, arrived_at_s))
         assert captured_s[-1] <= arrived_at_s
     assert all(earlier <= later for earlier, later in pairwise(captured_s))
+
+
+def test_a_stamp_of_the_kernel_is_brought_to_the_run_s_clock() -> None:
+    kernel = KernelTime(lambda: 50.0)
+    assert kernel.on_run_clock(49.97, 1050.0) == pytest.approx(1049.97)
+    assert kernel.on_run_clock(0.0, 1050.0) == 0.0
+    assert kernel.on_run_clock(-1.0, 1050.0) == 0.0
+
+
+def test_a_frame_from_before_a_suspend_is_as_old_as_the_suspend_was_long() -> None:
+    now = iter([50.0, 50.1, 50.2])
+    kernel = KernelTime(lambda: next(now))
+    kernel.on_run_clock(49.97, 50.0)
+    assert kernel.on_run_clock(50.05, 3650.1) == pytest.approx(50.05)
+    assert kernel.on_run_clock(50.17, 3650.2) == pytest.approx(3650.17)
+
+
+def test_a_stated_latency_counts_where_stamps_are_not_trusted() -> None:
+    stamp = FrameStamp(latency_s=0.05)
+    assert stamp.captured_at_s(0.0, 10.0) == pytest.approx(9.95)
+    for number in range(4):
+        found_s = stamp.captured_at_s(10.08 + number / 10, 10.1 + number / 10)
+    assert found_s == pytest.approx(10.38)

@@ -37,7 +37,10 @@ def node(tmp_path: Path) -> Path:
 
 
 def camera_of(device: FakeDevice, node: Path | str, clock: ManualClock, **table: Any) -> OpenCvCamera:
-    return OpenCvCamera(OpenCvOptions.model_validate({"device": str(node), **table}), clock, device)
+    options = OpenCvOptions.model_validate({"device": str(node), **table})
+    if options.is_stream:
+        device.wait = lambda: clock.advance_s(0.05)
+    return OpenCvCamera(options, clock, device, monotonic=clock.now_s)
 
 
 def picture(level: int = 0, shape: tuple[int, ...] = (480, 640, 3)) -> np.ndarray:
@@ -219,6 +222,49 @@ def test_a_stream_s_position_is_never_taken_for_a_stamp(device: FakeDevice, cloc
         clock.advance_s(0.1)
         device.values[cv2.CAP_PROP_POS_MSEC] = 1e3 * (clock.now_s() - 0.03)
         assert camera.read().captured_at_s == clock.now_s()
+
+
+def test_frames_that_waited_in_a_device_without_stamps_are_passed_over(
+    device: FakeDevice, node: Path, clock: ManualClock
+) -> None:
+    pauses = enumerate([0.05] * 20 + [0.6, 0.001, 0.001, 0.001] + [0.05] * 20, start=1)
+
+    def wait() -> None:
+        number, pause_s = next(pauses)
+        clock.advance_s(pause_s)
+        device.images = [picture(number)]
+
+    device.wait = wait
+    camera = camera_of(device, node, clock)
+    camera.open()
+    levels, ages_s = [], []
+    for _ in range(25):
+        frame = camera.read()
+        levels.append(int(frame.image[0, 0, 0]))
+        ages_s.append(clock.now_s() - frame.captured_at_s)
+    assert levels[:19] == list(range(2, 21)), "the first was taken when it was opened"
+    assert not {21, 22, 23, 24} & set(levels), "those that waited"
+    assert max(ages_s) == 0.0
+
+
+def test_a_stamp_of_the_kernel_is_right_on_a_run_s_clock_that_is_another(
+    device: FakeDevice, node: Path, clock: ManualClock
+) -> None:
+    options = OpenCvOptions.model_validate({"device": str(node)})
+    camera = OpenCvCamera(options, clock, device, monotonic=lambda: clock.now_s() - 900.0)
+    camera.open()
+    for _ in range(GOOD_STAMPS_NEEDED + 1):
+        clock.advance_s(0.1)
+        device.values[cv2.CAP_PROP_POS_MSEC] = 1e3 * (clock.now_s() - 900.03)
+        frame = camera.read()
+    assert frame.captured_at_s == pytest.approx(clock.now_s() - 0.03)
+
+
+def test_a_stated_latency_counts_into_the_age_of_a_stream(device: FakeDevice, clock: ManualClock) -> None:
+    camera = camera_of(device, "rtsp://10.0.0.9/live", clock, latency="150 ms")
+    camera.open()
+    assert camera.read().captured_at_s == pytest.approx(clock.now_s() - 0.15)
+    assert camera.not_for_motion == ""
 
 
 def test_the_device_is_never_released_while_it_is_being_read(

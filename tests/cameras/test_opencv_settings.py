@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -7,7 +8,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.cameras.opencv_settings import OpenCvOptions, apply_settings, size_differs
+from stadimeter.cameras.opencv_device import OpenCvCamera
+from stadimeter.cameras.opencv_settings import (
+    FFMPEG_OPTIONS,
+    OpenCvOptions,
+    apply_settings,
+    not_for_motion,
+    size_differs,
+)
+from stadimeter.testing.manual_clock import ManualClock
 
 if TYPE_CHECKING:
     from conftest import FakeDevice
@@ -106,3 +115,37 @@ def test_options_that_make_no_sense_are_refused(table: dict[str, object]) -> Non
 )
 def test_a_device_is_a_number_a_path_or_an_address(device_option: int | str, is_stream: bool) -> None:
     assert OpenCvOptions.model_validate({"device": device_option}).is_stream is is_stream
+
+
+@pytest.mark.parametrize(
+    ("table", "missing"),
+    [
+        ({"device": 0}, []),
+        ({"device": "/dev/video0", "latency": "30 ms"}, []),
+        ({"device": "http://cam/stream"}, ["latency"]),
+        ({"device": "RTSP://cam/live", "latency": "0 s"}, []),
+        ({"device": "tcp://cam:8888", "latency": "100 ms"}, []),
+        ({"device": "udp://127.0.0.1:5000"}, ["latency", "accept_lossy_stream"]),
+        ({"device": "srt://cam:9000", "latency": "100 ms"}, ["accept_lossy_stream"]),
+        ({"device": "rtp://127.0.0.1:5000", "latency": "100 ms", "accept_lossy_stream": True}, []),
+    ],
+)
+def test_nothing_moves_on_a_stream_of_unknown_age_or_with_losses(table: dict[str, object], missing: list[str]) -> None:
+    options = OpenCvOptions.model_validate(table)
+    assert list(not_for_motion(options)) == missing
+    why = OpenCvCamera(options, ManualClock()).not_for_motion
+    assert why == next(iter(not_for_motion(options).values()), "")
+    assert all(key in sentence for key, sentence in not_for_motion(options).items())
+
+
+def test_rtsp_over_udp_loses_packets(monkeypatch: pytest.MonkeyPatch) -> None:
+    options = OpenCvOptions.model_validate({"device": "rtsp://cam/live", "latency": "100 ms"})
+    assert "rtsp_transport;tcp" in os.environ[FFMPEG_OPTIONS]
+    monkeypatch.setenv(FFMPEG_OPTIONS, "rtsp_transport;udp")
+    assert list(not_for_motion(options)) == ["accept_lossy_stream"]
+
+
+def test_what_is_no_camera_is_refused_without_its_password() -> None:
+    with pytest.raises(ValueError, match=r"'10\.0\.0\.9/live' is not a camera") as raised:
+        OpenCvOptions.model_validate({"device": "me:secret@10.0.0.9/live"})
+    assert "secret" not in str(raised.value.errors()[0]["msg"])

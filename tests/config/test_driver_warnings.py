@@ -64,3 +64,56 @@ def test_what_a_notifier_would_lack_here_is_warned_of(tmp_path: Path, monkeypatc
         ),
         ("driver-lacks", "notifiers.phone", f"{lacks}there is no file {tmp_path / 'phone.txt'}"),
     ]
+
+
+CAMERA = """
+[camera]
+driver = "opencv"
+device = "{device}"
+{more}
+model = {{ width_px = 640, height_px = 480, fx_px = 600.0, fy_px = 600.0, cx_px = 319.5, cy_px = 239.5 }}
+[targets.ball]
+detector = "ball"
+diameter = "20 cm"
+hsv = "29,86,6:64,255,255"
+"""
+MOVES = """
+[actuators.motor]
+driver = "vibration-motor"
+pin = 18
+[rules.far]
+actuator = "motor"
+ramp = { from = "1 m", to = "2 m" }
+"""
+TELLS = """
+[messenger]
+driver = "simulated"
+[rules.far]
+when = { above = "1 m" }
+"""
+
+
+def said_of_the_camera(tmp_path: Path, text: str, device: str, more: str = "") -> list[tuple[str, str]]:
+    path = tmp_path / "run.toml"
+    path.write_text(CAMERA.format(device=device, more=more) + text)
+    codes = ("not-for-motion", "latency-too-long")
+    return [(each.code, each.key) for each in load_configuration(path).warnings if each.code in codes]
+
+
+@pytest.mark.parametrize(
+    ("device", "more", "said"),
+    [
+        ("/dev/video0", "", []),
+        ("http://cam/stream", 'latency = "80 ms"', []),
+        ("rtsp://cam/live", "", [("not-for-motion", "camera.latency")]),
+        ("http://cam/stream", 'latency = "120 ms"', [("latency-too-long", "camera.latency")]),
+        ("http://cam/stream", 'latency = "300 ms"', [("latency-too-long", "camera.latency")]),
+        ("udp://127.0.0.1:5000", 'latency = "80 ms"', [("not-for-motion", "camera.accept_lossy_stream")]),
+        ("udp://127.0.0.1:5000", 'latency = "80 ms"\naccept_lossy_stream = true', []),
+    ],
+)
+def test_what_a_stream_means_for_motion_is_warned_of(
+    tmp_path: Path, device: str, more: str, said: list[tuple[str, str]]
+) -> None:
+    assert said_of_the_camera(tmp_path, MOVES, device, more) == said
+    assert said_of_the_camera(tmp_path, TELLS, device, more) == []

@@ -50,6 +50,10 @@ class Capture(Protocol):
         """Return what the user should know of the camera as it was opened, a sentence each."""
         ...
 
+    def not_for_motion(self) -> str:
+        """Return why nothing may move on the camera's frames, in a sentence, or an empty string."""
+        ...
+
     def close(self) -> None:
         """Close the camera. May be called at any time, any number of times."""
         ...
@@ -129,6 +133,10 @@ class LiveCapture:
         """Return what the user should know of the camera as it was opened, a sentence each."""
         return self._camera.remarks
 
+    def not_for_motion(self) -> str:
+        """Return why nothing may move on the camera's frames, in a sentence, or an empty string."""
+        return self._camera.not_for_motion
+
     def close(self) -> None:
         """Stop reading and close the camera.
 
@@ -165,6 +173,10 @@ class DirectCapture:
     def remarks(self) -> tuple[str, ...]:
         """Return what the user should know of the camera as it was opened, a sentence each."""
         return self._camera.remarks
+
+    def not_for_motion(self) -> str:
+        """Return why nothing may move on the camera's frames, in a sentence, or an empty string."""
+        return self._camera.not_for_motion
 
     def close(self) -> None:
         """Close the camera; see `Capture`."""

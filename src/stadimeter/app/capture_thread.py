@@ -20,8 +20,8 @@ LONGEST_DELAY_S = 8.0
 QUIET_S = 0.3
 """A camera that gave no new frame for longer than this is worth a word."""
 
-STOP_WAIT_S = 1.0
-"""How long `CaptureThread.stop` waits for the thread after it closed the camera."""
+STOP_WAIT_S = 0.4
+"""How long `CaptureThread.stop` waits for the thread after it closed the camera, which may take 1.5 s by itself."""
 
 RECOVERABLE = (DriverError, PictureError)
 Wait = Callable[[threading.Event, float], bool]
@@ -116,8 +116,8 @@ class CaptureThread:
         if self._freeze.is_new(frame, now_s):
             self._new_frame_at_s, self._outage, self._delay_s = now_s, None, FIRST_DELAY_S
             self.mailbox.put(frame)
-        elif frozen_s := self._freeze.frozen_for_s(now_s):
-            raise CaptureTimeoutError(f"the picture has not changed for {frozen_s:.1f} s")
+        elif frozen := self._freeze.frozen(now_s):
+            raise CaptureTimeoutError(frozen)
 
     def _open_again(self, cause: str) -> None:
         """Close the camera, and open it until that succeeds or the thread is to stop."""

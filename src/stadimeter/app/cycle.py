@@ -99,6 +99,7 @@ class Cycle:
             frame=FrameStamp(sequence=frame.sequence, captured_at_s=frame.captured_at_s) if frame else None,
             measurements=measurements,
             camera_fault=camera_fault,
+            not_for_motion=self.capture.not_for_motion(),
             output_faults=tuple(
                 OutputFault(output=output.name, reason=fault)
                 for output in self.outputs

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
@@ -16,8 +17,15 @@ os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 import cv2
 import numpy as np
 
-from stadimeter.cameras.frame_stamp import FrameStamp
-from stadimeter.cameras.opencv_settings import CaptureLike, OpenCvOptions, apply_settings, size_differs
+from stadimeter.cameras.frame_stamp import FrameStamp, KernelTime
+from stadimeter.cameras.opencv_settings import (
+    CaptureLike,
+    OpenCvOptions,
+    apply_settings,
+    not_for_motion,
+    size_differs,
+)
+from stadimeter.cameras.stream_time import Pace, StreamTime
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame, Image
@@ -28,6 +36,9 @@ FIRST_FRAME_S = 3.0
 
 STREAM_OPEN_S = 5.0
 """How long a stream may take to answer."""
+
+FFMPEG_SETTLE_S = 2.0
+"""How long FFmpeg may take to deliver what waited while it opened a stream without time stamps."""
 
 CLOSE_WAIT_S = 1.5
 """How long `OpenCvCamera.close` waits for a read to end; the driver's own wait for a frame is a second."""
@@ -47,8 +58,10 @@ class OpenCapture(Protocol):
 class OpenCvCamera:
     """A Video4Linux device or a network stream, read through OpenCV.
 
-    A frame's capture time is the driver's stamp where it can be trusted (see `FrameStamp`), and its arrival for
-    streams. Settings that the device did not take are no error; they are in `remarks`.
+    A frame's capture time is the driver's stamp where it can be trusted (see `FrameStamp`), else its arrival less the
+    stated ``latency`` and the lag that shows (see `StreamTime`). Frames that waited on the way are passed over, and so
+    are damaged ones. Streams of JPEG pictures over HTTP are read by `MjpegStream`, all others by FFmpeg. Settings that
+    the device did not take are no error; they are in `remarks`.
 
     OpenCV's capture object may not be used by two threads at a time, so reading and releasing exclude each other. A
     `close` during a `read` in another thread lets that read end first, which the read time-out bounds. If the read
@@ -58,9 +71,16 @@ class OpenCvCamera:
         options: The device and its settings.
         clock: The run's clock.
         open_capture: Opens the device; another one than OpenCV's is for tests.
+        monotonic: The clock of the device's stamps; another one is for tests.
     """
 
-    def __init__(self, options: OpenCvOptions, clock: Clock, open_capture: OpenCapture = cv2.VideoCapture) -> None:
+    def __init__(
+        self,
+        options: OpenCvOptions,
+        clock: Clock,
+        open_capture: OpenCapture = cv2.VideoCapture,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._options = options
         self._clock = clock
         self._open_capture = open_capture
@@ -69,9 +89,14 @@ class OpenCvCamera:
         self._lock = threading.Lock()
         self._is_closing = True
         self._capture: CaptureLike | None = None
-        self._stamp = FrameStamp()
+        self._kernel_time = KernelTime(monotonic)
+        self._stamp = FrameStamp(options.latency or 0.0)
+        self._stream_time = StreamTime(options.latency or 0.0)
+        self._pace = Pace()
+        self._position = 0.0
         self._delivered = 0
         self._settings_differ: tuple[str, ...] = ()
+        self._not_for_motion = self._why_not_for_motion()
 
     @property
     def is_live(self) -> bool:
@@ -82,6 +107,11 @@ class OpenCvCamera:
     def remarks(self) -> tuple[str, ...]:
         """What was asked for and not given when the camera was last opened, a sentence each."""
         return self._settings_differ
+
+    @property
+    def not_for_motion(self) -> str:
+        """Why nothing may move on its frames: a stream of unknown age, or one that loses packets."""
+        return self._not_for_motion
 
     def open(self) -> None:
         """Open the device, apply its settings and wait for a first picture.
@@ -112,10 +142,9 @@ class OpenCvCamera:
         with self._alone(CaptureTimeoutError):
             if self._capture is None or self._is_closing:
                 raise DeviceClosedError(f"the camera {self._name} is not open; open it before reading from it")
-            image = self._next_image(self._capture, self._options.read_timeout)
+            image, captured_at_s = self._next_picture(self._capture, self._options.read_timeout)
             if self._is_closing:
                 raise DeviceClosedError(f"the camera {self._name} was closed while a frame was awaited")
-            captured_at_s = self._stamp.captured_at_s(self._stamp_s(self._capture), self._clock.now_s())
         self._delivered += 1
         return Frame(image, captured_at_s, self._delivered - 1)
 
@@ -146,15 +175,21 @@ class OpenCvCamera:
 
     def _acquire(self) -> None:
         self._source = self._options.source()  # anew each time: the password in a file may have changed
+        self._not_for_motion = self._why_not_for_motion()
         capture = self._capture = self._opened_stream() if self._options.is_stream else self._opened_device()
         self._stamp.restart()
+        self._pace = Pace()
+        self._position = 0.0
         differ = () if self._options.is_stream else apply_settings(capture, self._options)
         try:
-            image = self._next_image(capture, FIRST_FRAME_S)
+            image, _ = self._next_picture(capture, FIRST_FRAME_S)
         except (CaptureTimeoutError, LinkLostError) as error:
             asked = f" ({'; '.join(differ)})" if differ else ""
             raise DeviceOpenError(f"the camera {self._name} opens but gives no picture{asked}") from error
         self._settings_differ = differ + size_differs(image, self._options)
+
+    def _why_not_for_motion(self) -> str:
+        return next(iter(not_for_motion(self._options).values()), "")
 
     def _opened_device(self) -> CaptureLike:
         if not Path(self._source).exists():
@@ -170,6 +205,17 @@ class OpenCvCamera:
         return capture
 
     def _opened_stream(self) -> CaptureLike:
+        if self._options.scheme in {"http", "https"}:
+            from stadimeter.cameras.mjpeg_stream import open_mjpeg  # noqa: PLC0415 - most runs never need it
+
+            try:
+                stream = open_mjpeg(self._source, STREAM_OPEN_S, self._options.read_timeout)
+            except DeviceOpenError as error:
+                raise DeviceOpenError(f"the stream {self._name} cannot be opened: {error}") from error
+            if stream is not None:
+                self._stream_time.restart()
+                return stream
+        self._stream_time.restart(FFMPEG_SETTLE_S)
         limits = {
             cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: STREAM_OPEN_S,
             cv2.CAP_PROP_READ_TIMEOUT_MSEC: self._options.read_timeout,
@@ -182,19 +228,46 @@ class OpenCvCamera:
             )
         return capture
 
-    def _next_image(self, capture: CaptureLike, limit_s: float) -> Image:
+    def _next_picture(self, capture: CaptureLike, limit_s: float) -> tuple[Image, float]:
+        """Wait for a picture that is whole and did not wait; return it and its capture time."""
         began_s = self._clock.now_s()
+        passed_over = {"damaged": 0, "late": 0}
         while not self._is_closing:
             grab_began_s = self._clock.now_s()
             if capture.grab():
-                if (image := _decoded(capture)) is not None:
-                    return image
+                captured_at_s = self._captured_at_s(capture)
+                if captured_at_s is None:
+                    passed_over["late"] += 1
+                elif (image := _decoded(capture)) is not None:
+                    return image, captured_at_s
+                else:
+                    passed_over["damaged"] += 1
             elif self._clock.now_s() - grab_began_s < 0.5 * min(DEVICE_WAIT_S, self._options.read_timeout):
                 raise LinkLostError(self._loss())
             waited_s = self._clock.now_s() - began_s
             if waited_s >= limit_s:
-                raise CaptureTimeoutError(f"the camera {self._name} gave no whole picture for {waited_s:.1f} s")
+                came = ", ".join(f"{number} {what}" for what, number in passed_over.items() if number)
+                raise CaptureTimeoutError(
+                    f"the camera {self._name} gave no whole picture for {waited_s:.1f} s"
+                    + (f" ({came})" if came else "")
+                )
         raise DeviceClosedError(f"the camera {self._name} was closed while a frame was awaited")
+
+    def _captured_at_s(self, capture: CaptureLike) -> float | None:
+        """Return when the grabbed frame was captured, or None if it waited on the way."""
+        arrived_at_s = self._clock.now_s()
+        pictures = self._pictures(capture)
+        stamp_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
+        if self._options.is_stream:
+            return self._stream_time.captured_at_s(arrived_at_s, stamp_s, pictures)
+        captured_at_s = self._stamp.captured_at_s(self._kernel_time.on_run_clock(stamp_s, arrived_at_s), arrived_at_s)
+        waited = self._pace.waited(arrived_at_s, pictures)
+        return None if waited and not self._stamp.is_trusted else captured_at_s
+
+    def _pictures(self, capture: CaptureLike) -> int:
+        """Return how many frames have come since the last one that was grabbed."""
+        before, self._position = self._position, capture.get(cv2.CAP_PROP_POS_FRAMES)
+        return max(1, round(self._position - before))
 
     def _loss(self) -> str:
         if self._options.is_stream:
@@ -202,10 +275,6 @@ class OpenCvCamera:
         if not Path(self._source).exists():
             return f"{self._name} is gone; is the camera's cable loose?"
         return f"the camera {self._name} has stopped answering"
-
-    def _stamp_s(self, capture: CaptureLike) -> float:
-        # A stream's stamps count from its own start, which may by chance look like the monotonic clock.
-        return 0.0 if self._options.is_stream else capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
 
 
 def _decoded(capture: CaptureLike) -> Image | None:
@@ -228,4 +297,10 @@ def _lacks(options: OpenCvOptions) -> tuple[str, ...]:
     return (f"there is no file {file}",) if file is not None and not file.is_file() else ()
 
 
-PLUGIN = Plugin(OpenCvOptions, _build, lacks=_lacks)
+PLUGIN = Plugin(
+    OpenCvOptions,
+    _build,
+    lacks=_lacks,
+    not_for_motion=not_for_motion,
+    latency=lambda options: options.latency or 0.0,
+)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Annotated, Any, Protocol, Self
 
 import cv2
@@ -13,6 +15,7 @@ from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import Options
 from stadimeter.config.units import Duration, Frequency
 from stadimeter.core.frame import Image
+from stadimeter.errors import DeviceOpenError
 
 EXPOSURE_UNIT_S = 100e-6
 """The unit of V4L2_CID_EXPOSURE_ABSOLUTE (Linux Media API, camera control reference)."""
@@ -20,6 +23,14 @@ EXPOSURE_UNIT_S = 100e-6
 AUTO_EXPOSURE_MANUAL = 1
 AUTO_EXPOSURE_ON = 3
 """The menu values of V4L2_CID_EXPOSURE_AUTO: manual, and aperture priority, which is what UVC cameras offer."""
+
+
+RELIABLE_TRANSPORTS = frozenset({"file", "http", "https", "rtmp", "rtmps", "rtsp", "rtsps", "tcp", "tls"})
+"""Schemes of addresses whose bytes all arrive, or none after the first that is lost. RTSP is asked for over TCP."""
+
+FFMPEG_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+# OpenCV would ask for RTSP over TCP, and take UDP if the sender has nothing else. A user's own setting is kept.
+os.environ.setdefault(FFMPEG_OPTIONS, "rtsp_transport;tcp")
 
 
 def _check_device(value: object) -> object:
@@ -48,6 +59,10 @@ class OpenCvOptions(Options):
         exposure: The exposure time in seconds; None leaves it to the camera.
         autofocus: Whether the camera may refocus. It changes the focal length, and so every distance; off unless asked.
         read_timeout: How long to wait for a frame, in seconds.
+        latency: How old a picture is when it arrives, in seconds: from the exposure to its arrival here. It counts into
+            the age of every frame that has no capture time. Without it nothing may move on the frames of a stream.
+        accept_lossy_stream: Whether something may move on a stream that comes over UDP, SRT or the like, where packets
+            are lost. A decoder then shows old parts of the picture as if they were new.
     """
 
     device: Annotated[int | str, BeforeValidator(_check_device)] | None = None
@@ -59,6 +74,8 @@ class OpenCvOptions(Options):
     exposure: Annotated[Duration, Field(gt=0)] | None = None
     autofocus: bool = False
     read_timeout: Annotated[Duration, Field(gt=0, le=60)] = 1.0
+    latency: Annotated[Duration, Field(le=60)] | None = None
+    accept_lossy_stream: bool = False
 
     @model_validator(mode="after")
     def _one_camera_only(self) -> Self:
@@ -93,6 +110,42 @@ class OpenCvOptions(Options):
         if self.device_file is not None:
             return address_in(self.device_file, "rtsp://…")
         return f"/dev/video{self.device}" if isinstance(self.device, int) else self.device or ""
+
+    @property
+    def scheme(self) -> str:
+        """How a stream is sent, such as ``rtsp``; empty for a device, and for a stream whose address cannot be read."""
+        with suppress(DeviceOpenError):
+            return self.source().partition("://")[0].lower() if self.is_stream else ""
+        return ""
+
+
+def not_for_motion(options: OpenCvOptions) -> dict[str, str]:
+    """Return why nothing may move on the frames of a camera.
+
+    Args:
+        options: The camera's options.
+
+    Returns:
+        For each option that would have to be written, a sentence; nothing if its frames will do.
+    """
+    why: dict[str, str] = {}
+    if options.is_stream and options.latency is None:
+        why["latency"] = (
+            "how old the pictures of a stream are is not known, so nothing moves on them;"
+            ' measure it and write such as latency = "150 ms" in [camera]'
+        )
+    if _loses_packets(options) and not options.accept_lossy_stream:
+        why["accept_lossy_stream"] = (
+            f"packets of {options.scheme}:// get lost, and old parts of the picture then look like new ones, so nothing"
+            " moves on it; send it over TCP, or write accept_lossy_stream = true in [camera]"
+        )
+    return why
+
+
+def _loses_packets(options: OpenCvOptions) -> bool:
+    if options.scheme == "rtsp":
+        return "rtsp_transport;tcp" not in os.environ.get(FFMPEG_OPTIONS, "")
+    return options.scheme != "" and options.scheme not in RELIABLE_TRANSPORTS
 
 
 class CaptureLike(Protocol):

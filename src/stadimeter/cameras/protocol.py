@@ -29,6 +29,15 @@ class Camera(Protocol):
         """What its user should know since it was opened, a sentence each: settings that the device did not take."""
         ...
 
+    @property
+    def not_for_motion(self) -> str:
+        """Why nothing may move on its frames, in a sentence that says what to write into the configuration.
+
+        Empty if something may, as for a device that knows when it captured a frame. Not empty for frames of unknown
+        age, and for pictures in which old parts may look new. It may be asked for at any time, also before `open`.
+        """
+        ...
+
     def open(self) -> None:
         """Acquire the device and apply its settings.
 
@@ -41,7 +50,9 @@ class Camera(Protocol):
     def read(self) -> Frame:
         """Wait for the next frame and return it.
 
-        Capture times never go back and sequence numbers always rise. A camera that is not live calls
+        A frame's capture time is when its light was caught, or earlier, never later: whatever delays a frame counts
+        into its age. Frames that a driver knows to be damaged, or to have waited on the way, are passed over. Capture
+        times never go back and sequence numbers always rise. A camera that is not live calls
         ``clock.sleep_until_s`` with the frame's time before it returns, so that time passes as it did in the recording.
 
         Returns:

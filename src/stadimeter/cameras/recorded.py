@@ -38,6 +38,11 @@ class RecordedCamera(ABC):
         """Nothing: there is no device that could refuse a setting."""
         return ()
 
+    @property
+    def not_for_motion(self) -> str:
+        """An empty string: the capture times are those of the recording."""
+        return ""
+
     def open(self) -> None:
         """Find the recording and go to its beginning.
 

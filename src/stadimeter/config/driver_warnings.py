@@ -12,6 +12,9 @@ from stadimeter.config.toml_lines import KeyPath
 
 _RELAY = "relay"
 
+LEFT_FOR_FRAMES_S = 0.1
+"""Three frames at 30 a second: with less, every hiccup of a network stops the outputs."""
+
 RELAY_SLOWEST_S = 5.0
 """A relay of a hundred thousand switchings that switches more often than this lasts for less than two weeks."""
 
@@ -30,8 +33,37 @@ def driver_warnings(draft: Draft) -> Iterator[Finding]:
     for at, part in draft.parts():
         for lack in part.plugin.lacks(part.options):
             yield Finding(at, f"the driver '{part.driver}' will not work here: {lack}", code="driver-lacks")
+    yield from _no_motion(draft)
+    yield from _late_frames(draft)
     yield from _unused_notifiers(draft)
     yield from _worn_relays(draft)
+
+
+def _no_motion(draft: Draft) -> Iterator[Finding]:
+    if draft.camera is None or not _moves(draft):
+        return
+    for key, why in draft.camera.plugin.not_for_motion(draft.camera.options).items():
+        yield Finding(("camera", key), why, "alarms and messages work without", "not-for-motion")
+
+
+def _late_frames(draft: Draft) -> Iterator[Finding]:
+    """Find frames that are too old for motion when they arrive, or nearly."""
+    if draft.camera is None or not _moves(draft):
+        return
+    at = ("camera", "latency")
+    latency_s, longest_s = draft.camera.plugin.latency(draft.camera.options), draft.safety.max_frame_age
+    left_s = longest_s - latency_s
+    message = f"pictures are {1e3 * latency_s:.0f} ms old when they arrive, and safety.max_frame_age is"
+    hint = "a faster stream helps; a longer max_frame_age, and a lease, mean that it drives on for longer after a stop"
+    if latency_s > 0 and left_s <= 0:
+        yield Finding(at, f"{message} {1e3 * longest_s:.0f} ms: nothing will ever move", hint, "latency-too-long")
+    elif latency_s > 0 and left_s < LEFT_FOR_FRAMES_S:
+        left = f"{1e3 * longest_s:.0f} ms: that leaves {1e3 * left_s:.0f} ms until the next picture, or outputs stop"
+        yield Finding(at, f"{message} {left}", hint, "latency-too-long")
+
+
+def _moves(draft: Draft) -> bool:
+    return bool(draft.rules) and (draft.base is not None or bool(draft.actuators))
 
 
 def _unused_notifiers(draft: Draft) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ configuration names are loaded, so a driver whose library is missing costs nothi
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -127,12 +127,17 @@ class Plugin(Generic[OptionsT]):
             anything else is watched more closely.
         lacks: Names what the driver with these options would lack on this computer, such as a library or a file:
             sentences that `check` warns of. It touches no hardware and no network.
+        not_for_motion: Of a camera, why nothing may move on its frames: for each option that would have to be written,
+            a sentence that `check` warns of. See `stadimeter.cameras.protocol.Camera.not_for_motion`.
+        latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
     """
 
     options: type[OptionsT]
     build: Callable[[OptionsT, DriverContext], Any]
     is_simulated: Callable[[OptionsT], bool] = field(default=lambda _options: False)
     lacks: Callable[[OptionsT], tuple[str, ...]] = field(default=lambda _options: ())
+    not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
+    latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
 
 
 @cache

@@ -80,6 +80,11 @@ class SimulatedCamera:
         """Nothing: there is no device that could refuse a setting."""
         return ()
 
+    @property
+    def not_for_motion(self) -> str:
+        """An empty string: the capture times are exact."""
+        return ""
+
     def open(self) -> None:
         """Make ready to read. Frames are numbered on if the camera was open before."""
         if self._noise is not None and self._renderer is None:

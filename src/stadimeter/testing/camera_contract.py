@@ -90,6 +90,13 @@ class CameraContract:
         camera.close()
         camera.close()
 
+    def test_whether_something_may_move_on_its_frames_is_known_before_it_is_opened(self, camera: Camera) -> None:
+        """`check` and the start of a run say it."""
+        before = camera.not_for_motion
+        camera.open()
+        assert camera.not_for_motion == before, "it depends on the configuration, not on the device"
+        assert "\n" not in before, "the reason is one line"
+
     def test_frames_are_8_bit_colour_pictures_of_one_size(self, camera: Camera) -> None:
         """Detectors rely on the form of the image."""
         frames = _read(camera)

@@ -1,0 +1,253 @@
+"""A stream of JPEG pictures over HTTP, as mjpg-streamer, ustreamer, motion and ESP32 cameras send it.
+
+It is read here and not by FFmpeg. FFmpeg decodes a truncated picture into a buffer that still holds an older one, says
+nothing, and neither ``err_detect=explode`` nor ``discardcorrupt`` changes that: the old part of the picture then counts
+as seen just now. Here each part is decoded as a whole JPEG, or not at all.
+"""
+
+from __future__ import annotations
+
+import http.client
+import math
+import re
+import select
+import socket
+import time
+import traceback
+import urllib.request
+from urllib.error import HTTPError
+from urllib.parse import unquote, urlsplit
+
+import cv2
+
+from stadimeter.cameras.multipart import Multipart, Part
+from stadimeter.cameras.picture import decode_whole_jpeg
+from stadimeter.core.frame import Image
+from stadimeter.errors import DeviceOpenError, LinkLostError, PictureError
+
+READ_BYTES = 1 << 16
+
+DRAIN_MAX_BYTES = 32 << 20
+"""How much that waits is passed over at a time: more than the kernel's buffers hold, and less than for ever."""
+
+SNIFFED_BYTES = 1024
+
+_MULTIPART = re.compile(
+    rb"\s*--([^\r\n]{1,70})\r?\n(?:[^\r\n]{1,200}\r?\n){0,8}content-type:[ \t]*image/jpe?g", re.IGNORECASE
+)
+_CHUNK = re.compile(rb"(?:\r\n)?([0-9a-fA-F]{1,8})[^\r\n]{0,200}\r\n")
+
+
+class MjpegStream:
+    """An open stream, read as ``cv2.VideoCapture`` is: `grab` waits for a picture, `retrieve` decodes it.
+
+    `grab` takes the newest picture that has arrived. What waited longer, since this program was held up, is passed
+    over without being decoded; ``CAP_PROP_POS_FRAMES`` counts it. ``CAP_PROP_POS_MSEC`` is the sender's time stamp of
+    the picture, 0 if it has none.
+
+    Args:
+        body: The body of the answer.
+        boundary: What parts the pictures.
+        begin: What was read of the body already.
+        read_timeout_s: How long `grab` waits.
+    """
+
+    def __init__(self, body: _Body, boundary: str, begin: bytes, read_timeout_s: float) -> None:
+        self._body = body
+        self._read_timeout_s = read_timeout_s
+        self._parts = Multipart(boundary)
+        self._parts.feed(begin)
+        self._part = Part(b"", math.nan)
+        self._received = 0
+
+    def isOpened(self) -> bool:  # noqa: N802 - OpenCV's name and meaning
+        """Return whether pictures may come."""
+        return not self._body.response.isclosed()
+
+    def grab(self) -> bool:
+        """Wait for the newest picture; return whether one came within the read time-out."""
+        deadline_s = time.monotonic() + self._read_timeout_s
+        try:
+            return self._newest_part(deadline_s)
+        except (OSError, LinkLostError, ValueError):
+            return False
+
+    def retrieve(self) -> tuple[bool, Image | None]:
+        """Return the picture that was grabbed, or that it is damaged."""
+        try:
+            return True, decode_whole_jpeg(self._part.body)
+        except PictureError:
+            return False, None
+
+    def get(self, prop: int, /) -> float:
+        """Return a property: the time stamp or the number of pictures that came so far."""
+        if prop == cv2.CAP_PROP_POS_MSEC:
+            return 0.0 if math.isnan(self._part.stamp_s) else 1e3 * self._part.stamp_s
+        return float(self._received) if prop == cv2.CAP_PROP_POS_FRAMES else 0.0
+
+    def set(self, _prop: int, _value: float, /) -> bool:
+        """Return that the sender takes no settings."""
+        return False
+
+    def release(self) -> None:
+        """Hang up."""
+        self._body.response.close()
+
+    def _newest_part(self, deadline_s: float) -> bool:
+        came, passed_bytes = False, 0
+        while True:
+            while (part := self._parts.next_part()) is not None:
+                self._part, came = part, True
+                self._received += 1
+            wait_s = 0.0 if came else max(0.0, deadline_s - time.monotonic())
+            if passed_bytes > DRAIN_MAX_BYTES or (data := self._body.read(wait_s)) is None:
+                return came
+            self._parts.feed(data)
+            passed_bytes += len(data)
+
+
+def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float) -> MjpegStream | None:
+    """Ask an address for a stream of pictures.
+
+    Redirections are followed, within limits. User and password in the address serve for basic and digest
+    authentication, and go to no other host.
+
+    Args:
+        address: The address, ``http://`` or ``https://``.
+        open_timeout_s: How long each step of the connection may take.
+        read_timeout_s: How long to wait for each picture.
+
+    Returns:
+        The stream; None if the address answers with something else, such as HLS or MP4.
+
+    Raises:
+        DeviceOpenError: It does not answer, or refuses; the message says why, without the address.
+    """
+    try:
+        response = _opener(address).open(_without_user(address), timeout=open_timeout_s)
+        return _stream_of(response, read_timeout_s)
+    except HTTPError as error:
+        error.close()
+        traceback.clear_frames(error.__traceback__)  # they hold the answers to earlier tries, with their sockets
+        phrase = http.client.responses.get(error.code, "")  # the error's own words may hold an address
+        raise DeviceOpenError(f"its sender answers {error.code} {phrase}".rstrip()) from error
+    except OSError as error:
+        raise DeviceOpenError(f"its sender does not answer ({getattr(error, 'reason', error)})") from error
+    except (http.client.HTTPException, ValueError, LinkLostError) as error:  # their words may hold a part of a password
+        raise DeviceOpenError("its address is not right, or its sender does not answer as a web server") from error
+
+
+def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float) -> MjpegStream | None:
+    body = _Body(response)
+    if response.headers.get_content_maintype() == "multipart":
+        boundary = str(response.headers.get_param("boundary") or "")
+        return MjpegStream(body, boundary, b"", read_timeout_s)
+    # FFmpeg, and what is made with it, sends such streams as bytes of no type; it would also recognise them by this.
+    begin = b""
+    deadline_s = time.monotonic() + read_timeout_s
+    while len(begin) < SNIFFED_BYTES and (data := body.read(max(0.0, deadline_s - time.monotonic()))) is not None:
+        begin += data
+        if found := _MULTIPART.match(begin):
+            return MjpegStream(body, found[1].decode("latin-1"), begin, read_timeout_s)
+    response.close()
+    return None
+
+
+def _opener(address: str) -> urllib.request.OpenerDirector:
+    """Return what asks for an address: HTTP only, without proxies, so that no redirection reads a file."""
+    passwords = urllib.request.HTTPPasswordMgrWithDefaultRealm()
+    parts = urlsplit(address)
+    if parts.username is not None:
+        passwords.add_password(None, _without_user(address), unquote(parts.username), unquote(parts.password or ""))
+    opener = urllib.request.OpenerDirector()
+    for handler in (
+        urllib.request.UnknownHandler(),
+        urllib.request.HTTPDefaultErrorHandler(),
+        urllib.request.HTTPRedirectHandler(),
+        urllib.request.HTTPErrorProcessor(),
+        urllib.request.HTTPDigestAuthHandler(passwords),
+        urllib.request.HTTPBasicAuthHandler(passwords),
+        urllib.request.HTTPHandler(),
+        urllib.request.HTTPSHandler(),
+    ):
+        opener.add_handler(handler)
+    return opener
+
+
+def _without_user(address: str) -> str:
+    parts = urlsplit(address)
+    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+
+
+class _Body:
+    """The body of an answer, read from the socket: the library's own reading waits for as much as was asked for.
+
+    Args:
+        response: The answer, of which only the headers were read.
+    """
+
+    def __init__(self, response: http.client.HTTPResponse) -> None:
+        self.response = response
+        self._sock: socket.socket = response.fp.raw._sock  # type: ignore[attr-defined] # noqa: SLF001 - no other way
+        self._chunks = _Chunks() if response.chunked else None
+        self._already_read = self._read_with_the_headers()
+
+    def read(self, wait_s: float) -> bytes | None:
+        """Return the next bytes, or None if none come within the time or the sender has ended.
+
+        Raises:
+            LinkLostError: They are not encoded as the sender says.
+            OSError: The connection is lost.
+        """
+        data, self._already_read = self._already_read, b""
+        if not data:
+            data = self._sock.recv(READ_BYTES) if self._has_data(wait_s) else b""
+        if not data:
+            return None
+        return self._chunks.without_sizes(data) if self._chunks else data
+
+    def _read_with_the_headers(self) -> bytes:
+        timeout_s = self._sock.gettimeout()
+        self._sock.settimeout(0.0)
+        try:
+            return self.response.fp.read1(READ_BYTES) or b""
+        except OSError:
+            return b""
+        finally:
+            self._sock.settimeout(timeout_s)
+
+    def _has_data(self, wait_s: float) -> bool:
+        decrypted = getattr(self._sock, "pending", None)  # of TLS
+        if decrypted is not None and decrypted():
+            return True
+        return bool(select.select([self._sock], [], [], wait_s)[0])
+
+
+class _Chunks:
+    """Takes the sizes out of ``Transfer-Encoding: chunked`` (RFC 9112, section 7.1)."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self._left = 0
+
+    def without_sizes(self, data: bytes) -> bytes:
+        """Return what the next bytes carry.
+
+        Raises:
+            LinkLostError: They are not chunked as they should be.
+        """
+        data, self._rest = self._rest + data, b""
+        found: list[bytes] = []
+        while data:
+            if not self._left:
+                size = _CHUNK.match(data)
+                if size is None:
+                    if len(data) > 256:
+                        raise LinkLostError("the stream is not chunked as it says")
+                    self._rest = data
+                    break
+                data, self._left = data[size.end() :], int(size[1], 16)
+                continue
+            found.append(data[: self._left])
+            data, self._left = data[self._left :], self._left - len(found[-1])
+        return b"".join(found)

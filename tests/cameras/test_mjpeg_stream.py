@@ -1,0 +1,327 @@
+"""A real sender of JPEG pictures over HTTP, honest and damaged."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.app.capture import LiveCapture
+from stadimeter.app.clock import MonotonicClock
+from stadimeter.cameras.opencv_device import OpenCvCamera
+from stadimeter.cameras.opencv_settings import OpenCvOptions
+from stadimeter.core.frame import Frame, Image
+from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, DriverError
+
+PERIOD_S = 0.02
+PATIENCE_S = 15.0
+SIZE = (160, 120)
+
+
+def picture(number: int) -> bytes:
+    """Return a noisy picture that shows its number, as a row of blocks at its lower edge."""
+    image = np.random.default_rng(number).integers(90, 160, (SIZE[1], SIZE[0], 3), dtype=np.uint8)
+    for bit in range(16):
+        image[-16:, 10 * bit : 10 * bit + 10] = 255 if number >> bit & 1 else 0
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
+
+
+def number_of(image: Image) -> int:
+    return sum((image[-10:-4, 10 * bit + 3 : 10 * bit + 7].mean() > 128) << bit for bit in range(16))
+
+
+class Server(ThreadingHTTPServer):
+    """Sends numbered pictures.
+
+    Attributes:
+        damage: What to make of a picture on its way.
+        part: Makes a part of the stream of a picture and its number.
+        pause: What to wait for before a picture is sent.
+        content_type: What it says that it sends.
+        allows: Whether a request is answered.
+        challenge: What it answers to one that is not.
+        sent: The number of the last picture that was sent.
+    """
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.damage: Callable[[bytes, int], bytes] = lambda jpeg, _number: jpeg
+        self.part: Callable[[bytes, int], bytes] = part_with_length
+        self.pause: Callable[[int], object] = lambda _number: time.sleep(PERIOD_S)
+        self.content_type = "multipart/x-mixed-replace; boundary=frame"
+        self.allows: Callable[[str], bool] = lambda _authorization: True
+        self.challenge = ""
+        self.video = Path()
+        self.is_chunked = False
+        self.sent = -1
+        self.ended = threading.Event()
+
+    @property
+    def place(self) -> str:
+        return f"127.0.0.1:{self.server_port}"
+
+
+class Handler(BaseHTTPRequestHandler):
+    server: Server
+    protocol_version = "HTTP/1.1"
+
+    def do_GET(self) -> None:
+        if not self.server.allows(self.headers.get("Authorization", "")):
+            self._answer(401, {"WWW-Authenticate": self.server.challenge})
+        elif self.path == "/moved":
+            self._answer(302, {"Location": "/cam"})
+        elif self.path == "/round":
+            self._answer(302, {"Location": "/round"})
+        elif self.path == "/file":
+            self._answer(302, {"Location": "file:///etc/hostname"})
+        elif self.path.startswith("/cam"):
+            self._send_pictures()
+        elif self.path.startswith("/video"):
+            self._answer(200, {"Content-Type": "video/x-msvideo"}, Path(self.server.video).read_bytes())
+        else:
+            self._answer(404, {})
+
+    def _answer(self, status: int, headers: dict[str, str], body: bytes = b"") -> None:
+        self.send_response(status)
+        for name, value in {**headers, "Content-Length": str(len(body))}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _send_pictures(self) -> None:
+        server = self.server
+        self.send_response(200)
+        self.send_header("Content-Type", server.content_type)
+        if server.is_chunked:
+            self.send_header("Transfer-Encoding", "chunked")
+        self.end_headers()
+        self.close_connection = True
+        try:
+            while not server.ended.is_set():
+                number = server.sent + 1
+                server.pause(number)
+                data = server.part(server.damage(picture(number), number), number)
+                pieces = [data[at : at + 700] for at in range(0, len(data), 700)] if server.is_chunked else [data]
+                for piece in pieces:
+                    self.wfile.write(b"%x\r\n%s\r\n" % (len(piece), piece) if server.is_chunked else piece)
+                server.sent = number
+        except OSError:
+            return
+
+    def log_message(self, *args: object) -> None:
+        """Say nothing."""
+
+
+def part_with_length(jpeg: bytes, number: int) -> bytes:
+    return b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n" % (len(jpeg), jpeg)
+
+
+def part_with_the_length_of_the_whole(jpeg: bytes, number: int) -> bytes:
+    whole = len(picture(number))
+    return b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n" % (whole, jpeg)
+
+
+def part_without_length(jpeg: bytes, number: int) -> bytes:
+    return b"--frame\nContent-Type: image/jpeg\n\n" + jpeg + b"\n"
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    server = Server()
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+    thread.start()
+    yield server
+    server.ended.set()
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+@pytest.fixture
+def open_camera(server: Server) -> Iterator[Callable[..., OpenCvCamera]]:
+    cameras: list[OpenCvCamera] = []
+
+    def opened(address: str = "", **table: str) -> OpenCvCamera:
+        options = {"device": address or f"http://{server.place}/cam", "read_timeout": "700 ms", **table}
+        cameras.append(OpenCvCamera(OpenCvOptions.model_validate(options), MonotonicClock()))
+        cameras[-1].open()
+        return cameras[-1]
+
+    yield opened
+    for camera in cameras:
+        camera.close()
+
+
+def frames_of(camera: OpenCvCamera, count: int) -> list[Frame]:
+    return [camera.read() for _ in range(count)]
+
+
+@pytest.mark.parametrize("is_chunked", [False, True])
+@pytest.mark.parametrize("part", [part_with_length, part_without_length])
+@pytest.mark.parametrize("boundary", ["frame", '"frame"', "--frame"])
+def test_pictures_arrive_as_they_were_sent(
+    server: Server, open_camera: Callable[..., OpenCvCamera], boundary: str, part: Callable, is_chunked: bool
+) -> None:
+    server.content_type = f"multipart/x-mixed-replace;boundary={boundary}"
+    server.part, server.is_chunked = part, is_chunked
+    frames = frames_of(open_camera(), 4)
+    numbers = [number_of(frame.image) for frame in frames]
+    assert numbers == sorted(set(numbers))
+    sent = cv2.imdecode(np.frombuffer(picture(numbers[-1]), np.uint8), cv2.IMREAD_COLOR)
+    assert np.array_equal(frames[-1].image, sent)
+
+
+def test_a_stream_that_is_sent_without_a_type_is_known_by_its_beginning(
+    server: Server, open_camera: Callable[..., OpenCvCamera]
+) -> None:
+    server.content_type = "application/octet-stream"
+    server.damage = lambda jpeg, number: jpeg if number % 2 else jpeg[: len(jpeg) // 2] + b"\xff\xd9"
+    assert all(number_of(frame.image) % 2 for frame in frames_of(open_camera(), 4))
+
+
+DAMAGES = [
+    (kept, end, part)
+    for kept in (0.1, 0.4, 0.7, 0.95)
+    for end in (b"", b"\xff\xd9")
+    for part in (part_with_length, part_with_the_length_of_the_whole, part_without_length)
+]
+
+
+def test_pictures_that_were_cut_are_never_frames(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
+    def damaged_part(jpeg: bytes, number: int) -> bytes:
+        if number < 30 or number % 5 == 0:
+            return part_with_length(jpeg, number)
+        kept, end, part = DAMAGES[number % len(DAMAGES)]
+        return part(jpeg[: round(kept * len(jpeg))] + end, number)
+
+    server.part = damaged_part
+    camera = open_camera()
+    numbers = [number_of(camera.read().image)]
+    while numbers[-1] < 30 + 6 * len(DAMAGES):
+        numbers.append(number_of(camera.read().image))
+    assert numbers == sorted(set(numbers))
+    assert [number for number in numbers if number > 30 and number % 5] == []
+
+
+def test_a_stream_that_stays_damaged_is_said_to_be(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
+    server.damage = lambda jpeg, number: jpeg[: len(jpeg) // 2] if number > 40 else jpeg
+    camera = open_camera(read_timeout="300 ms")
+    with pytest.raises(CaptureTimeoutError, match=r"gave no whole picture for 0\.\d s \(\d+ damaged\)"):
+        frames_of(camera, 100)
+
+
+def test_two_old_pictures_in_turn_are_never_delivered_as_new(server: Server) -> None:
+    camera = OpenCvCamera(OpenCvOptions(device=f"http://{server.place}/cam"), MonotonicClock())
+    capture = LiveCapture(camera, MonotonicClock())
+    server.damage = lambda jpeg, number: picture(number % 2) if number > 40 else jpeg
+    capture.open()
+    numbers = [number_of(capture.latest(PATIENCE_S).image)]
+    deadline_s = time.monotonic() + PATIENCE_S
+    while "opening the camera again" not in capture.trouble():
+        assert time.monotonic() < deadline_s, capture.trouble()
+        try:
+            numbers.append(number_of(capture.latest(0.1).image))
+        except DriverError:
+            continue
+    capture.close()
+    assert len(numbers) == len(set(numbers)), "0 and 1 are delivered once at most"
+
+
+def test_what_came_while_nobody_read_is_passed_over(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
+    camera = open_camera()
+    frames_of(camera, 20)
+    before = server.sent
+    while server.sent < before + 60:
+        time.sleep(PERIOD_S)
+    reached = server.sent
+    assert number_of(camera.read().image) >= reached - 1
+
+
+def test_the_lag_of_the_sender_s_time_stamps_counts_into_the_age(
+    server: Server, open_camera: Callable[..., OpenCvCamera]
+) -> None:
+    def part(jpeg: bytes, number: int) -> bytes:
+        # After the first 40 pictures each is captured 0.2 s earlier, beside its sending, than the one before it was.
+        stamp_s = 5000 + number * PERIOD_S if number < 40 else 5000 + 40 * PERIOD_S + (number - 40) * 1e-3
+        return part_with_length(jpeg, number).replace(b"\r\n\r\n", b"\r\nX-Timestamp: %.6f\r\n\r\n" % stamp_s, 1)
+
+    server.part = part
+    camera = open_camera()
+    while (number := number_of((frame := camera.read()).image)) < 80:
+        pass
+    assert time.monotonic() - frame.captured_at_s > 0.9 * (number - 40) * (PERIOD_S - 1e-3) - 0.1
+
+
+def test_a_redirection_is_followed(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
+    assert open_camera(f"http://{server.place}/moved").read().width_px == SIZE[0]
+
+
+@pytest.mark.parametrize("path", ["/round", "/file", "/absent"])
+def test_what_leads_nowhere_is_refused(server: Server, open_camera: Callable[..., OpenCvCamera], path: str) -> None:
+    with pytest.raises(DeviceOpenError, match=rf"^the stream http://{server.place}{path} cannot be opened: .* \d+ .*$"):
+        open_camera(f"http://{server.place}{path}")
+
+
+@pytest.mark.parametrize("address", ["http://me:se/cret@{}/cam", "http://me:se%20cret@{}x/cam", "http://:secret@/cam"])
+def test_an_address_that_is_not_right_is_refused_without_showing_a_part_of_the_password(
+    server: Server, open_camera: Callable[..., OpenCvCamera], address: str
+) -> None:
+    with pytest.raises(DeviceOpenError, match="cannot be opened") as raised:
+        open_camera(address.format(server.place))
+    assert not {"se", "secret", "cret"} & set(re.split(r"\W+", str(raised.value)))
+
+
+def basic(authorization: str) -> bool:
+    return authorization == "Basic " + base64.b64encode(b"me:se@cret").decode()
+
+
+def digest(authorization: str) -> bool:
+    fields = dict(
+        field.strip().replace('"', "").split("=", 1) for field in authorization[7:].split(",") if "=" in field
+    )
+    if not fields:
+        return False
+
+    def md5(*parts: str) -> str:
+        return hashlib.md5(":".join(parts).encode()).hexdigest()  # noqa: S324 - RFC 2617
+
+    user = md5("me", "cam", "se@cret")
+    asked = md5("GET", fields["uri"])
+    return fields["response"] == md5(user, fields["nonce"], fields["nc"], fields["cnonce"], "auth", asked)
+
+
+@pytest.mark.parametrize(
+    ("challenge", "allows"),
+    [('Basic realm="cam"', basic), ('Digest realm="cam", nonce="abc", qop="auth", algorithm=MD5', digest)],
+)
+def test_user_and_password_of_the_address_are_sent(
+    server: Server, open_camera: Callable[..., OpenCvCamera], challenge: str, allows: Callable[[str], bool]
+) -> None:
+    server.challenge, server.allows = challenge, allows
+    assert open_camera(f"http://me:se%40cret@{server.place}/cam").read().width_px == SIZE[0]
+    with pytest.raises(DeviceOpenError, match="answers 401") as raised:
+        open_camera(f"http://me:wrong@{server.place}/cam?token=hidden")
+    assert not {"wrong", "hidden"} & set(str(raised.value).replace("=", " ").replace(":", " ").split())
+
+
+def test_what_is_no_stream_of_pictures_is_left_to_ffmpeg(
+    server: Server, open_camera: Callable[..., OpenCvCamera], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server.video = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(server.video), cv2.VideoWriter.fourcc(*"MJPG"), 20.0, SIZE)
+    for number in range(60):
+        writer.write(cv2.imdecode(np.frombuffer(picture(number), np.uint8), cv2.IMREAD_COLOR))
+    writer.release()
+    monkeypatch.setattr("stadimeter.cameras.stream_time.SETTLE_S", 0.0)  # a file is read in no time
+    assert open_camera(f"http://{server.place}/video.avi").read().width_px == SIZE[0]
