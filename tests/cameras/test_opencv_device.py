@@ -85,6 +85,7 @@ def test_a_stream_that_nobody_sends_is_refused_without_showing_the_password() ->
 def test_the_address_in_a_file_is_read_anew_at_each_opening_and_the_file_stands_for_it_in_messages(
     device: FakeDevice, tmp_path: Path, clock: ManualClock
 ) -> None:
+    device.wait = lambda: clock.advance_s(1 / 30)
     file = tmp_path / "camera.txt"
     camera = OpenCvCamera(OpenCvOptions(device_file=file), clock, device)
     with pytest.raises(DeviceOpenError, match=r"camera\.txt, cannot be read: there is no such file"):

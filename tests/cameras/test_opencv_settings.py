@@ -146,6 +146,6 @@ def test_rtsp_over_udp_loses_packets(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_is_no_camera_is_refused_without_its_password() -> None:
-    with pytest.raises(ValueError, match=r"'10\.0\.0\.9/live' is not a camera") as raised:
+    with pytest.raises(ValueError, match="is not a camera") as raised:
         OpenCvOptions.model_validate({"device": "me:secret@10.0.0.9/live"})
     assert "secret" not in str(raised.value.errors()[0]["msg"])

@@ -124,7 +124,7 @@ def test_an_address_without_a_password_is_no_reason_for_a_warning(tmp_path: Path
 
 def test_the_file_of_an_address_is_recorded_by_its_name_only(tmp_path: Path) -> None:
     (tmp_path / "camera.txt").write_text(ADDRESS + "\n")
-    configuration = camera(tmp_path, 'device_file = "camera.txt"')
+    configuration = camera(tmp_path, 'device_file = "camera.txt"\nlatency = "80 ms"')
     assert configuration.text == configuration.path.read_text()
     assert configuration.warnings == ()
     assert configuration.camera.options.source() == ADDRESS
