@@ -1,0 +1,38 @@
+"""The page on safety promises nothing that no test asserts."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and "| --- |" not in line]
+PROMISES = [row for row in ROWS if not row.endswith("| asserted by |")]
+TEST = re.compile(r"`([\w/]+\.py)::([\w:]+)`")
+
+
+def names_in(file):
+    """Return the tests of a file, and those that its classes inherit from a contract suite."""
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "tests" / file, *CONTRACTS)]
+    return {node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+
+
+CONTRACTS = sorted((ROOT / "src" / "stadimeter" / "testing").glob("*_contract.py"))
+
+
+@pytest.mark.parametrize("row", PROMISES, ids=lambda row: row.split("|")[1].strip())
+def test_each_promise_names_tests_that_there_are(row):
+    named = TEST.findall(row.rsplit("|", 2)[1])
+    assert named, "no test asserts this"
+    for file, names in named:
+        assert set(names.split("::")) <= names_in(file), f"{file}: there is no {names}"
+
+
+def test_every_table_says_what_asserts_it():
+    headings = [
+        before for before, line in zip(PAGE.splitlines(), PAGE.splitlines()[1:], strict=False) if "| --- |" in line
+    ]
+    assert len(headings) >= 5
+    assert all(heading.endswith("| asserted by |") for heading in headings)
