@@ -83,6 +83,7 @@ class SteadyCamera:
 
     is_live = True
     remarks = ()
+    not_for_motion = ""
 
     def __init__(self) -> None:
         self._closed = threading.Event()

@@ -144,6 +144,7 @@ class Source:
         delay_s: How long a picture is on its way.
         stalled: Pictures are taken and wait, while this is set.
         burst_hz: How fast pictures that waited are sent.
+        newest: The two pictures that were taken last.
     """
 
     def __init__(self) -> None:
@@ -152,6 +153,7 @@ class Source:
         self.delay_s = 0.0
         self.stalled = threading.Event()
         self.burst_hz = 150.0
+        self.newest = (BALL[0], BALL[1])
         self.ended = threading.Event()
 
     def parts(self) -> Iterator[bytes]:
@@ -161,7 +163,9 @@ class Source:
         while not self.ended.is_set():
             while next_s <= now_s():
                 shown = BALL if self.ball_is_there else GONE
-                waiting.append((next_s, self.spoil(number, shown[number % VARIANTS])))
+                taken = self.spoil(number, shown[number % VARIANTS])
+                self.newest = (self.newest[1], taken)
+                waiting.append((next_s, taken))
                 number, next_s = number + 1, next_s + PERIOD_S
             if self.stalled.is_set() or not waiting or waiting[0][0] + self.delay_s > now_s():
                 time.sleep(0.002)
@@ -223,7 +227,6 @@ def lossy_h264(source: Source, loss: float, seed: int) -> Iterator[str]:
                     relay.sendto(data, target)
 
     def feed() -> None:
-        assert encoder.stdin is not None
         with suppress(OSError, ValueError):
             for part in source.parts():
                 encoder.stdin.write(part)
@@ -238,6 +241,8 @@ def lossy_h264(source: Source, loss: float, seed: int) -> Iterator[str]:
         source.ended.set()
         encoder.kill()
         encoder.wait()
+        with suppress(OSError):
+            encoder.stdin.close()
         for thread in threads:
             thread.join()
         relay.close()
@@ -275,7 +280,9 @@ def _cut(share: float, *, with_end: bool = False) -> Callable[[Source, int], flo
 
 
 def _alternate(source: Source, _process: int) -> float:
-    source.spoil = lambda number, _data: BALL[number % 2]
+    """Send the two newest pictures again and again, as a driver does that cycles its buffers."""
+    newest = source.newest
+    source.spoil = lambda number, _data: newest[number % 2]
     return now_s()
 
 

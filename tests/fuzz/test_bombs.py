@@ -146,7 +146,7 @@ def test_a_configuration_that_asks_for_too_much_is_refused(tmp_path: Path, run_m
     path = tmp_path / "bomb.toml"
     TEXTS[kind](path)
     assert_refused(run_measured, path, "run", path, lines=101)
-    assert_refused(run_measured, path, "check", path, lines=310)
+    assert_refused(run_measured, path, "check", path, lines=410)
 
 
 @pytest.mark.long

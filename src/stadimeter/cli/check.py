@@ -13,7 +13,7 @@ from rich.text import Text
 
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.cli.exits import WRONG
-from stadimeter.cli.problems import print_problems
+from stadimeter.cli.problems import Source, print_problems
 from stadimeter.config.describing.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import ConfigError, Problem
@@ -71,8 +71,9 @@ def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
         _print_json(error.problems, error.warnings, ())
         return
     console = Console(stderr=True, highlight=False, soft_wrap=True)
-    print_problems(console, error.problems, "error")
-    print_problems(console, error.warnings, "warning")
+    sources: dict[str, Source] = {}
+    print_problems(console, error.problems, "error", sources)
+    print_problems(console, error.warnings, "warning", sources)
     count = _counted(len(error.problems), "error")
     also = f", {_counted(len(error.warnings), 'warning')}" if error.warnings else ""
     console.print(Text(f"{count}{also}: {config} cannot be used", "bold red"))

@@ -27,22 +27,25 @@ _ADDRESS = re.compile(r"""(?<=://)[^\s"']+""")
 
 
 @dataclass(frozen=True, slots=True)
-class _Source:
+class Source:
     """A file with problems: its lines, and the place of each key, if it could be parsed."""
 
     lines: list[str]
     places: Mapping[str, Place]
 
 
-def print_problems(console: Console, problems: Iterable[Problem], kind: Kind) -> None:
+def print_problems(
+    console: Console, problems: Iterable[Problem], kind: Kind, sources: dict[str, Source] | None = None
+) -> None:
     """Print each problem with its line, underlined, and what to do about it.
 
     Args:
         console: Where to.
         problems: The problems.
         kind: How bad they are.
+        sources: The files that were read for this before; those that are read now are added.
     """
-    sources: dict[str, _Source] = {}
+    sources = {} if sources is None else sources
     every = list(problems)
     for problem in every[:MOST_SHOWN]:
         if problem.file not in sources:
@@ -67,7 +70,7 @@ def _title(problem: Problem, kind: Kind) -> Text:
     )
 
 
-def _fragment(problem: Problem, source: _Source, kind: Kind) -> list[Text]:
+def _fragment(problem: Problem, source: Source, kind: Kind) -> list[Text]:
     lines = source.lines
     if not 0 < problem.line <= len(lines):
         return []
@@ -91,7 +94,7 @@ def _cropped(line: str, begin: int, end: int) -> tuple[str, int, int]:
     return f"{before}{shown}{after}", begin + shift, min(end + shift, len(before) + len(shown))
 
 
-def _span(problem: Problem, source: _Source, line: str) -> tuple[int, int]:
+def _span(problem: Problem, source: Source, line: str) -> tuple[int, int]:
     """Return the columns to underline: those of the key, or else the whole line without its margin and comment."""
     place = _place(problem, source)
     if place is not None and place.line == problem.line:
@@ -99,20 +102,20 @@ def _span(problem: Problem, source: _Source, line: str) -> tuple[int, int]:
     return len(line) - len(line.lstrip()), len(line.rstrip())
 
 
-def _place(problem: Problem, source: _Source) -> Place | None:
+def _place(problem: Problem, source: Source) -> Place | None:
     key = problem.key
     while key and key not in source.places:
         key = key.rpartition(".")[0]
     return source.places.get(key)
 
 
-def _source(file: str) -> _Source:
+def _source(file: str) -> Source:
     text = _read(file)
     try:
         places = parse_toml(text, file).places
     except ConfigError:
         places = {}
-    return _Source(text.split("\n"), {".".join(map(str, path)): place for path, place in places.items()})
+    return Source(text.split("\n"), {".".join(map(str, path)): place for path, place in places.items()})
 
 
 def _read(file: str) -> str:

@@ -12,7 +12,7 @@ from stadimeter.config import driver_tables, models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
 from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.driver_tables import CommonT, DriverKind, DriverTable, read_driver_table, validate
-from stadimeter.config.findings import Finding, did_you_mean_or_list
+from stadimeter.config.findings import MOST_EXPLAINED, Finding, did_you_mean_or_list
 from stadimeter.config.paths import path_from, validation_context
 from stadimeter.config.plain_words import shown
 from stadimeter.config.rule_tests.tables import RuleTestTable
@@ -155,10 +155,12 @@ class _Reader:
         return self.draft
 
     def _sections(self) -> None:
-        for section in self.draft.table:
-            if section not in models.SECTIONS:
-                hint = did_you_mean_or_list(section, models.SECTIONS)
-                self._found((section,), f"unknown section '{section}'", hint, "unknown-key")
+        unknown = [section for section in self.draft.table if section not in models.SECTIONS]
+        for section in unknown[:MOST_EXPLAINED]:
+            hint = did_you_mean_or_list(section, models.SECTIONS)
+            self._found((section,), f"unknown section '{section}'", hint, "unknown-key")
+        if left := unknown[MOST_EXPLAINED:]:
+            self._found((left[0],), f"from here on, {len(left)} more sections are unknown", code="unknown-key")
 
     def _camera(self) -> None:
         read = self._single("camera", driver_tables.CAMERA)

@@ -12,6 +12,10 @@ from stadimeter.errors import Problem
 
 OTHER = "other"
 """The code of what has none of its own."""
+
+MOST_EXPLAINED = 1000
+"""More wrong keys of one table than this are only counted: to look for similar words takes 0.1 ms for each."""
+
 _LONGEST = 600
 """The longest messages list what could have been written; longer ones repeat what was."""
 

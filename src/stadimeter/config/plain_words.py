@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 import typing
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list
+from stadimeter.config.findings import MOST_EXPLAINED, Finding, did_you_mean, did_you_mean_or_list
 from stadimeter.config.toml_lines import KeyPath
 
 _LONGEST_VALUE = 60
@@ -73,9 +74,11 @@ def findings(
     for details in error.errors(include_url=False):
         path, value = _path_and_value(table, details)
         by_path.setdefault(path, (value, []))[1].append(details)
-    for path, (value, complaints) in by_path.items():
+    for path, (value, complaints) in islice(by_path.items(), MOST_EXPLAINED):
         known = [*known_keys(model, path[:-1]), *(also_known if len(path) == 1 else ())]
         yield _finding((*at, *path), complaints, known, value)
+    if (left := len(by_path) - MOST_EXPLAINED) > 0:
+        yield Finding(at, f"{left} more keys are wrong", code="unknown-key")
 
 
 def known_keys(model: type[BaseModel], path: KeyPath = ()) -> list[str]:

@@ -18,8 +18,8 @@ from typing import BinaryIO
 
 from stadimeter.errors import UnreadableError
 
-CONFIGURATION_MAX_BYTES = 300_000
-"""A thousand rules fit in. What is longer takes seconds to check, and more than 100 MB."""
+CONFIGURATION_MAX_BYTES = 850_000
+"""Ten thousand rules fit in. Nothing of that size takes more than 300 MB, or more than some seconds to refuse."""
 
 CAMERA_FILE_MAX_BYTES = 250_000
 """One that `calibrate` writes takes a hundredth of it."""
