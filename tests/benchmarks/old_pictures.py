@@ -36,6 +36,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.painted_ball import paint_ball
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
+from stadimeter.testing.simulated_run import LENS as LENS_TABLE
 
 SIZE = (640, 480)
 RATE_HZ = 30.0
@@ -52,19 +53,15 @@ LIMIT_S = 0.25
 
 LENS = CameraModel(width_px=640, height_px=480, fx_px=600.0, fy_px=600.0, cx_px=319.5, cy_px=239.5)
 
-CONFIGURATION = """
+CONFIGURATION = (
+    """
 [camera]
 driver = "opencv"
 device = "{address}"
 {camera}
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
-
+"""
+    + LENS_TABLE
+    + """
 [targets.ball]
 detector = "ball"
 diameter = "20 cm"
@@ -82,6 +79,7 @@ max_speed = "0.4 m/s"
 actuator = "base"
 follow = {{ distance = "1 m", max_speed = "0.3 m/s" }}
 """
+)
 
 
 def now_s() -> float:
