@@ -6,6 +6,7 @@ the same decision to the last bit, which is what makes a recorded run a test.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from stadimeter.core.alarms.timing import Sample
@@ -17,7 +18,7 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.rules.judging import Judged, judge, not_judged_yet
 from stadimeter.core.rules.reasons import Reasons
 from stadimeter.core.safety import SafetyState, in_words, is_gap, step_safety, usual_step_s
-from stadimeter.core.track import TrackStatus
+from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking.life_cycle import TrackState, after_gap, new_track
 from stadimeter.core.tracking.life_cycle import step as step_track
 
@@ -86,14 +87,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     track_states = _step_tracks(state, observation, is_new=is_new, gap_s=gap_s)
     tracks = {tracked.track.target: tracked.track for tracked in track_states}
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
-    tracks_before = {tracked.track.target: tracked.track for tracked in state.tracks}
-    known = Known(
-        tracks=tracks,
-        now_s=observation.now_s,
-        wall=observation.wall,
-        before=tracks_before,
-        is_after_gap=gap_s is not None,
-    )
+    known = _known(state, tracks, observation, is_after_gap=gap_s is not None)
     sample = _sample(state, safety)
     rules, outcome = judge(plan.rules, state.rules, known, sample, cycle, observation.operator_commands)
     # After a gap the outputs have been stopped by their leases: they start from there, not from the last command.
@@ -132,6 +126,13 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         events=state.events + len(events),
     )
     return remembered, decision
+
+
+def _known(state: State, tracks: Mapping[str, Track], observation: Observation, *, is_after_gap: bool) -> Known:
+    before = {tracked.track.target: tracked.track for tracked in state.tracks}
+    return Known(
+        tracks=tracks, now_s=observation.now_s, wall=observation.wall, before=before, is_after_gap=is_after_gap
+    )
 
 
 def _step_tracks(
