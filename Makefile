@@ -35,16 +35,16 @@ format: $(VENV)/.dev ## put the code in order
 	$(BIN)/ruff format
 
 bench: $(VENV)/.bench ## measure accuracy and speed on rendered pictures; ARGS="--only ball --frames 60" for a part
-	$(BIN)/python tests/benchmarks/run.py $(ARGS)
+	PYTHONPATH=tests $(BIN)/python tests/benchmarks/run.py $(ARGS)
 
 bench-rules: $(VENV)/.dev ## measure rules: on noise, by the thousand, and an hour replayed
-	$(BIN)/python tests/benchmarks/rules_report.py $(ARGS)
+	PYTHONPATH=tests $(BIN)/python tests/benchmarks/rules_report.py $(ARGS)
 
 bench-safety: $(VENV)/.dev ## run the program on streams that fail, and time how long its robot moves
-	$(BIN)/python tests/benchmarks/old_pictures.py $(ARGS)
+	PYTHONPATH=tests $(BIN)/python tests/benchmarks/old_pictures.py $(ARGS)
 
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
-	$(BIN)/python docs/pictures/make_pictures.py
+	PYTHONPATH=tests $(BIN)/python docs/pictures/make_pictures.py
 
 clean: ## remove what the other targets made
 	rm -rf $(VENV) $(OLD_VENV) .mypy_cache .ruff_cache .hypothesis .import_linter_cache

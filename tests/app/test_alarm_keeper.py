@@ -15,7 +15,7 @@ from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.errors import StateError
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.observing import Rehearsal
+from support.observing import Rehearsal
 
 NEAR = AlarmRule(
     name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.45

@@ -12,7 +12,7 @@ from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule
-from stadimeter.testing.observing import Rehearsal, measured
+from support.observing import Rehearsal, measured
 
 NEAR = AlarmRule(
     name="near",

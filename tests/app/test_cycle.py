@@ -15,7 +15,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction, Re
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import BallSize
 from stadimeter.detectors.protocol import Detector
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 STILL = """
 [world]

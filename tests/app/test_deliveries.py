@@ -14,7 +14,7 @@ from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 RAISED = Message(topic="event/alarm", payload='{"id":"a-1"}', qos=1)
 NOTE = Notification(title="near", body="0.41 m", time="2026-06-01T22:14:03+02:00")

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.replaying.replay import replay
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.errors import JournalError
-from stadimeter.testing.observing import Rehearsal, measured
+from stadimeter.workbench.replay.replay import replay
+from support.observing import Rehearsal, measured
 
 PLAN = Plan(
     targets=("ball",),
@@ -310,7 +310,7 @@ from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
 from stadimeter.errors import JournalError
-from stadimeter.testing.observing import Rehearsal, measured
+from support.observing import Rehearsal, measured
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (5000, resource.RLIM_INFINITY))

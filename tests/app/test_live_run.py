@@ -24,7 +24,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.target import BallSize
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
 from stadimeter.testing.recording import RecordingActuator
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 
 @dataclass

@@ -15,7 +15,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
 from stadimeter.errors import CalibrationError, DeviceOpenError, DriverError, JournalError
 from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 CONFIGURATION = (
     SIMULATED_BALL

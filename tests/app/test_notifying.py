@@ -24,8 +24,8 @@ from stadimeter.errors import DriverError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
 from stadimeter.messaging.back_off import Patience
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.simulated_run import SIMULATED_BALL
-from stadimeter.testing.webhook_listener import HOST, WebhookListener
+from support.simulated_run import SIMULATED_BALL
+from support.webhook_listener import HOST, WebhookListener
 
 TIME = "2026-06-01T22:14:03+02:00"
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 LAUNCHER = """
 import os, sys

@@ -14,7 +14,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
 from stadimeter.errors import JournalError
-from stadimeter.testing.observing import Rehearsal
+from support.observing import Rehearsal
 
 
 class Gate:

@@ -18,12 +18,9 @@ from mcap.writer import Writer
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings import recording as recording_module
 from stadimeter.app.recordings.cycle_json import cycle_schema
-from stadimeter.app.recordings.opening import read_recording
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
-from stadimeter.app.recordings.recording_reader import decoded_frame, read_mcap
 from stadimeter.app.recordings.recording_schemas import SCHEMAS, plain
-from stadimeter.app.replaying.replay import replay
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.detection import RejectedCandidate
@@ -32,7 +29,10 @@ from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.target import BallSize
 from stadimeter.errors import DriverUnavailableError, JournalError
-from stadimeter.testing.observing import Rehearsal
+from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.recording_reader import decoded_frame, read_mcap
+from stadimeter.workbench.replay.replay import replay
+from support.observing import Rehearsal
 
 PLAN = Plan(
     targets=("ball",),

@@ -11,7 +11,7 @@ from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.testing.eventually import eventually
 from stadimeter.testing.recording import RecordingMessenger
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 NEAR = """
 [rules.near]

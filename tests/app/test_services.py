@@ -12,7 +12,7 @@ from stadimeter.app.keeping.moments import moment
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.wall_time import TimeOfDay
 from stadimeter.config.loader import load_configuration
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 NEAR = """
 [rules.near]

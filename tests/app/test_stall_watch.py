@@ -9,7 +9,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.command import LevelCommand
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.recording import RecordingActuator
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 BASE = """
 [base]

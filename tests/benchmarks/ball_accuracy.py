@@ -13,12 +13,12 @@ from samples import OURS, TUTORIAL, Sample, Summary, grouped, ours_of, summarise
 from workload import over_seeds
 
 from stadimeter.ranging.similar_triangles import distance_m, focal_length_px
-from stadimeter.simulation.scenes import draw
-from stadimeter.simulation.scenes.backdrop import PlainBackdrop
-from stadimeter.simulation.scenes.ball import BallTarget
-from stadimeter.simulation.scenes.nuisances import BALL_NUISANCES, HARDER_NUISANCES
-from stadimeter.simulation.scenes.render import render
-from stadimeter.simulation.scenes.scene import RenderedScene, Scene
+from support.scenes import draw
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.nuisances import BALL_NUISANCES, HARDER_NUISANCES
+from support.scenes.render import render
+from support.scenes.scene import RenderedScene, Scene
 
 GROSS = 0.3
 LARGE_RADIUS_PX = 20.0

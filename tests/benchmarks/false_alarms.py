@@ -12,10 +12,10 @@ from part import Part, table
 from workload import over_seeds
 
 from stadimeter.core.detection import DetectionStatus
-from stadimeter.simulation.scenes import draw
-from stadimeter.simulation.scenes.backdrop import ClutterBackdrop
-from stadimeter.simulation.scenes.render import render
-from stadimeter.simulation.scenes.scene import Scene
+from support.scenes import draw
+from support.scenes.backdrop import ClutterBackdrop
+from support.scenes.render import render
+from support.scenes.scene import Scene
 
 DISTRACTORS = 12
 LEAST_TUTORIAL_RADIUS_PX = 10

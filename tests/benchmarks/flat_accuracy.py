@@ -13,11 +13,11 @@ from samples import OURS, TUTORIAL, Sample, grouped, ours_of, summarise
 from workload import over_seeds
 
 from stadimeter.ranging.similar_triangles import distance_m, focal_length_px
-from stadimeter.simulation.scenes import draw
-from stadimeter.simulation.scenes.nuisances import CAMERA_NUISANCES, SHEET_NUISANCES
-from stadimeter.simulation.scenes.plane import Pose
-from stadimeter.simulation.scenes.render import render
-from stadimeter.simulation.scenes.scene import RenderedScene, Scene, Truth
+from support.scenes import draw
+from support.scenes.nuisances import CAMERA_NUISANCES, SHEET_NUISANCES
+from support.scenes.plane import Pose
+from support.scenes.render import render
+from support.scenes.scene import RenderedScene, Scene, Truth
 
 GROSS = 0.05
 TILTS_DEG = (0, 15, 30, 45, 60)

@@ -35,8 +35,8 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
-from stadimeter.testing.broker import HOST, make_broker, mosquitto_program
-from stadimeter.testing.observing import measured
+from support.broker import HOST, make_broker, mosquitto_program
+from support.observing import measured
 
 COUNTS = (1, 10, 100)
 FRAMES = 1200

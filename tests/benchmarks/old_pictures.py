@@ -36,7 +36,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.painted_ball import paint_ball
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
-from stadimeter.testing.simulated_run import LENS as LENS_TABLE
+from support.simulated_run import LENS as LENS_TABLE
 
 SIZE = (640, 480)
 RATE_HZ = 30.0

@@ -16,9 +16,9 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement
 from stadimeter.detectors.protocol import Detector
 from stadimeter.ranging.measure import measure_frame
-from stadimeter.simulation.scenes import draw
-from stadimeter.simulation.scenes.scene import Truth
 from stadimeter.testing.manual_clock import ManualClock
+from support.scenes import draw
+from support.scenes.scene import Truth
 
 BALL_HSV = "29,86,6:64,255,255"
 PREDICTION_SIGMA_PX = 2.0

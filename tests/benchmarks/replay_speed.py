@@ -22,11 +22,11 @@ from machinery import configuration, yardstick_times_s
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recordings.opening import read_recording
-from stadimeter.app.replaying.replay import Comparison
-from stadimeter.app.replaying.replay_run import replay_run, uncollected
 from stadimeter.cli.recording_options import Keeping, kept
 from stadimeter.config.loader import load_configuration
+from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay import Comparison
+from stadimeter.workbench.replay.replay_run import replay_run, uncollected
 
 RULES = (3, 10)
 HOUR_FRAMES = 30 * 3600

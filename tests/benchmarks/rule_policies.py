@@ -35,8 +35,8 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
-from stadimeter.simulation.scenes import draw
-from stadimeter.testing.observing import measured, missed
+from support.observing import measured, missed
+from support.scenes import draw
 
 FRAMES_PER_S = 15.0
 OBJECT_M, FOCAL_PX = 0.5, 1000.0

@@ -33,7 +33,7 @@ from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
-from stadimeter.testing.observing import measured
+from support.observing import measured
 
 FRAME_S = 1 / 30
 FRAMES = 900

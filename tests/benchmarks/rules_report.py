@@ -18,7 +18,7 @@ import rule_scale
 from goals import Facts, Goal
 from part import Part, table
 
-from stadimeter.simulation.scenes import draw
+from support.scenes import draw
 
 OUT = Path(__file__).resolve().parents[2] / "docs" / "benchmarks" / "rules.md"
 

@@ -27,7 +27,7 @@ import tag_accuracy
 from goals import goals_table
 from part import Part
 
-from stadimeter.simulation.scenes import draw
+from support.scenes import draw
 
 OUT = Path(__file__).resolve().parents[2] / "docs" / "benchmarks"
 Job = Callable[[argparse.Namespace, int], Part]
@@ -117,7 +117,7 @@ def _head(took_s: float) -> str:
     return (
         "# Benchmarks\n\n"
         "Made by `make bench`; do not edit. The pictures are rendered with exact truth by "
-        "`stadimeter.simulation.scenes`: ray-cast, anti-aliased, mixed in linear light, point spread 0.7 px, sRGB, "
+        "`support.scenes`: ray-cast, anti-aliased, mixed in linear light, point spread 0.7 px, sRGB, "
         f"noise 2 unless a row says otherwise. Their seeds start at {draw.REPORT_SEEDS.start}; nothing was tuned on "
         f"them: thresholds and constants were chosen on seeds below {draw.TUNING_SEEDS.stop}.\n\n"
         "Bias is the median of the signed error in pixels of apparent size: above zero the target was measured too "

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadimeter.core.measurement import Measurement
-from stadimeter.simulation.scenes.scene import Truth
+from support.scenes.scene import Truth
 
 OURS, TUTORIAL = "stadimeter", "tutorial"
 SIGMAS_OF_95 = 1.96

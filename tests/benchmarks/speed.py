@@ -24,9 +24,9 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.tag_families import tag_family
 from stadimeter.detectors.tag_search import TagSearch
-from stadimeter.simulation.scenes import draw
-from stadimeter.simulation.scenes.render import render
-from stadimeter.simulation.scenes.scene import RenderedScene, Scene
+from support.scenes import draw
+from support.scenes.render import render
+from support.scenes.scene import RenderedScene, Scene
 
 SIZES = ((640, 480), (1280, 720), (1920, 1080))
 FOCAL_OF_WIDTH = 600 / 640

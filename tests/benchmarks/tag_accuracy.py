@@ -12,10 +12,10 @@ from part import Chart, Part, table
 from samples import OURS, Sample, grouped, ours_of, summarise
 from workload import over_seeds
 
-from stadimeter.simulation.scenes import draw
-from stadimeter.simulation.scenes.nuisances import CAMERA_NUISANCES, TAG_NUISANCES
-from stadimeter.simulation.scenes.render import render
-from stadimeter.simulation.scenes.scene import RenderedScene, Scene
+from support.scenes import draw
+from support.scenes.nuisances import CAMERA_NUISANCES, TAG_NUISANCES
+from support.scenes.render import render
+from support.scenes.scene import RenderedScene, Scene
 
 GROSS = 0.3
 SIZES_PX = (12, 16, 20, 24, 32, 48, 64, 100, 150, 200)

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.simulation.scenes import draw
-from stadimeter.simulation.scenes.backdrop import PlainBackdrop
-from stadimeter.simulation.scenes.ball import BallTarget
-from stadimeter.simulation.scenes.nuisances import BALL_NUISANCES
-from stadimeter.simulation.scenes.plane import Pose
-from stadimeter.simulation.scenes.render import render
+from support.scenes import draw
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.nuisances import BALL_NUISANCES
+from support.scenes.plane import Pose
+from support.scenes.render import render
 
 RUN = Path(__file__).parent / "run.py"
 

@@ -49,7 +49,7 @@ def test_the_policies_of_others_do_what_is_said_of_them():
 def test_an_alarm_as_it_comes_does_not_flap_is_hardly_raised_for_nothing_and_is_not_late():
     from rule_policies import DEFAULT, SAFETY, simulate
 
-    from stadimeter.simulation.scenes import draw
+    from support.scenes import draw
 
     scores = simulate(draw.REPORT_SEEDS.start)
     for score in scores[DEFAULT].values():

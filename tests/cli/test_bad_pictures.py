@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from stadimeter.app.measuring import build_detectors
+from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.main import app
 from stadimeter.cli.target_options import wanted_targets
 from stadimeter.config.camera_file import save_camera_model

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from stadimeter.app.board_session import Source
 from stadimeter.cli import calibrate_board_live
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
+from stadimeter.workbench.calibration.board_session import Source
 
 BOARD = ("--board", "9x6", "--square", "25mm")
 MATRIX = np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]])

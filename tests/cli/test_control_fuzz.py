@@ -17,7 +17,7 @@ from stadimeter.app.control.client import ask
 from stadimeter.app.control.messages import OPS
 from stadimeter.app.control.places import is_alive
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 CONFIG = (
     SIMULATED_BALL

@@ -16,11 +16,11 @@ from stadimeter.cli.main import app
 from stadimeter.cli.target_options import wanted_targets
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.scenes.backdrop import PlainBackdrop
-from stadimeter.simulation.scenes.draw import CAMERA
-from stadimeter.simulation.scenes.plane import DiscTarget, Pose
-from stadimeter.simulation.scenes.render import render
-from stadimeter.simulation.scenes.scene import Scene
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.draw import CAMERA
+from support.scenes.plane import DiscTarget, Pose
+from support.scenes.render import render
+from support.scenes.scene import Scene
 
 
 def run(*arguments: object) -> Result:

@@ -24,8 +24,8 @@ from stadimeter.messaging.back_off import Patience
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.simulated_run import SIMULATED_BALL
-from stadimeter.testing.webhook_listener import HOST, WebhookListener
+from support.simulated_run import SIMULATED_BALL
+from support.webhook_listener import HOST, WebhookListener
 
 HANGS_S = 15.0
 """A process that has not ended by then hangs. How long it takes is measured elsewhere: machines are busy at times."""

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadimeter.app.measuring import TargetResult
 from stadimeter.cli.candidates import format_best, format_place
 from stadimeter.cli.explanation import explanation, explanation_record
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.sigma_parts import SigmaParts
+from stadimeter.workbench.measuring import TargetResult
 
 DOOR = RejectedCandidate(centre_px=(120.4, 340.0), size_px=88.2, reason="edge scatters by 2.1 px, limit 1.0 px")
 LAMP = RejectedCandidate(centre_px=(9.0, 8.0), size_px=7.0, reason="7.0 px wide, limit 12 px")

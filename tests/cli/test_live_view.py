@@ -21,7 +21,7 @@ from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.errors import ConfigError
-from stadimeter.testing.observing import measured, missed
+from support.observing import measured, missed
 
 SIZES = [(80, 24), (120, 35), (200, 50)]
 

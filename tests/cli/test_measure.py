@@ -12,13 +12,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import stadimeter.cli.measure as measure_command
-from stadimeter.app.measuring import NamedDetector, measure_picture
+from stadimeter.app.detectors import NamedDetector
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import BallSize
+from stadimeter.workbench.measuring import measure_picture
 
 KEYS = [
     "file", "target", "status", "distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad", "tilt_rad",

@@ -14,9 +14,9 @@ import pytest
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
-from stadimeter.testing.broker import free_port
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.broker import free_port
+from support.simulated_run import SIMULATED_BALL
 
 NEAR = """
 [rules.near]

@@ -15,7 +15,7 @@ from stadimeter.core.decision import Event, EventKind, RuleStatus, SafetyMode, S
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.testing.observing import measured, missed
+from support.observing import measured, missed
 
 
 def raised(at_s: float) -> Event:

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.recordings.opening import read_recording
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from stadimeter.workbench.replay.opening import read_recording
+from support.simulated_run import SIMULATED_BALL
 
 SIMULATED = SIMULATED_BALL + '[rules.far]\nactuator = "motor"\nramp = { from = "0.5 m", to = "1 m" }\n[world]\n'
 OPTIONS = [("--journal", "run.jsonl"), pytest.param("--record", "run.mcap", marks=pytest.mark.long)]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 

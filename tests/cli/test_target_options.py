@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.measuring import build_detectors
+from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE
 from stadimeter.cli.target_options import wanted_targets
 from stadimeter.errors import ConfigError

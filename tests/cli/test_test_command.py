@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from stadimeter.cli import test_rules
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 RULES = """
 [rules.near]

@@ -9,13 +9,13 @@ from typer.testing import CliRunner
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.tuning import candidates as tuning_candidates
-from stadimeter.app.tuning import proposing as tuning
 from stadimeter.cli import tune
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
-from stadimeter.testing.noisy_journal import KnownNoise, write_noisy_journal
+from stadimeter.workbench.tuning import candidates as tuning_candidates
+from stadimeter.workbench.tuning import proposing as tuning
+from support.noisy_journal import KnownNoise, write_noisy_journal
 
 CONFIGURATION = """
 [camera]

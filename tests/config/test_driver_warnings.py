@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 PARTS = f"""{SIMULATED_BALL}
 [actuators.siren]

@@ -14,7 +14,7 @@ from stadimeter.core.condition import AnyOf, Not, RuleCondition
 from stadimeter.core.plan import BaseOutput, LevelOutput
 from stadimeter.core.rule import AlarmRule, Pattern, RampRule, Send, SequenceStep, Template
 from stadimeter.errors import ConfigError, Problem
-from stadimeter.testing.simulated_run import LENS
+from support.simulated_run import LENS
 
 PARTS = f"""
 [camera]

@@ -8,7 +8,7 @@ import pytest
 
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import ConfigError
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 SECRET = "tgram://123456789:AbCdEf/42"
 

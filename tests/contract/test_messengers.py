@@ -12,11 +12,11 @@ from stadimeter.config.plugins import MESSENGERS, WORLDS, DriverContext, load_pl
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.messaging.mqtt_options import MqttOptions
-from stadimeter.testing.broker import AmqttBroker, BrokerAccess, LoopbackBroker, make_broker
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.messenger_contract import MessengerContract, MessengerRig
-from stadimeter.testing.mqtt_listener import MqttListener
-from stadimeter.testing.tunnel import Tunnel
+from support.broker import AmqttBroker, BrokerAccess, LoopbackBroker, make_broker
+from support.mqtt_listener import MqttListener
+from support.tunnel import Tunnel
 
 BASE = "stadimeter/contract"
 

@@ -11,7 +11,7 @@ from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOption
 from stadimeter.messaging.back_off import Patience
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.notifier_contract import NotifierContract, NotifierRig
-from stadimeter.testing.webhook_listener import HOST, WebhookListener
+from support.webhook_listener import HOST, WebhookListener
 
 
 class TestAppriseNotifier(NotifierContract):

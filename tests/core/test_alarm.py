@@ -10,7 +10,7 @@ from stadimeter.core.condition import DistanceCondition, PresenceCondition
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay
-from stadimeter.testing.observing import Rehearsal
+from support.observing import Rehearsal
 
 NEAR = AlarmRule(
     name="near",

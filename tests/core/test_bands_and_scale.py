@@ -18,7 +18,7 @@ from stadimeter.core.plan import Plan, Tracking
 from stadimeter.core.rule import AlarmRule, OnDelay, RampRule, Severity
 from stadimeter.core.rules.ramp_level import ramp_level
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.testing.observing import measured
+from support.observing import measured
 
 NEAR = DistanceCondition(below_m=0.5, target="ball")
 FAR = DistanceCondition(above_m=2.0, target="ball")

@@ -14,7 +14,7 @@ from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
-from stadimeter.testing.observing import Rehearsal, measured, missed
+from support.observing import Rehearsal, measured, missed
 
 PLAN = Plan(
     targets=("ball",),

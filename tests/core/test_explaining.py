@@ -10,7 +10,7 @@ from stadimeter.core.observation import Observation
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, OnDelay, RampRule
 from stadimeter.core.rules.explaining import explain
-from stadimeter.testing.observing import Rehearsal
+from support.observing import Rehearsal
 
 NEAR = AlarmRule(
     name="near",

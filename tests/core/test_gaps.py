@@ -13,7 +13,7 @@ from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, OnDelay
 from stadimeter.core.safety import is_gap
 from stadimeter.core.track import TrackStatus
-from stadimeter.testing.observing import Rehearsal, measured
+from support.observing import Rehearsal, measured
 
 FRAME_S = 0.1
 NEAR = AlarmRule(

@@ -11,7 +11,7 @@ from stadimeter.core.conditions.crossings import crossings_of
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, Lost, LostPolicy, OnDelay, RampRule
-from stadimeter.testing.observing import Rehearsal
+from support.observing import Rehearsal
 
 near_a_limit = st.floats(0.9, 1.1)  # the limits are here as well, so the probability decides
 conditions = st.builds(

@@ -23,7 +23,7 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay
-from stadimeter.testing.observing import Rehearsal, measured, missed
+from support.observing import Rehearsal, measured, missed
 
 targets = st.sampled_from(["ball", "tag"])
 sure = {"probability_on": st.sampled_from([None, 0.5, 0.8]), "probability_off": st.sampled_from([0.5, 0.3])}

@@ -16,7 +16,7 @@ from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay, RampRule, SequenceStep
 from stadimeter.core.rules import keeping
 from stadimeter.core.rules.keeping import absent, kept, meaning_of, restored, shifted
-from stadimeter.testing.observing import Rehearsal
+from support.observing import Rehearsal
 
 NEAR = AlarmRule(
     name="near",

@@ -7,7 +7,7 @@ import pytest
 from stadimeter.core.plan import Plan, Tracking
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import new_track, step
-from stadimeter.testing.observing import Rehearsal, measured, missed
+from support.observing import Rehearsal, measured, missed
 
 SETTINGS = Tracking(confirm_frames=2, coast_s=0.3, outliers_max=3, gate_sigmas=4.0)
 

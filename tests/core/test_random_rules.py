@@ -39,7 +39,7 @@ from stadimeter.core.rule import (
     SequenceStep,
     Template,
 )
-from stadimeter.testing.observing import measured, missed
+from support.observing import measured, missed
 
 TARGETS = ("ball", "tag")
 FRAME_S = 0.1

@@ -10,7 +10,7 @@ from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, Pattern, RampRule, Send, SequenceStep, Template
-from stadimeter.testing.observing import Rehearsal
+from support.observing import Rehearsal
 
 NEAR = AlarmRule(
     name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.2, cooldown_s=0

@@ -10,7 +10,7 @@ from stadimeter.core.decision import EventKind
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, OnDelay, RampRule
 from stadimeter.core.rules.keeping import Turn, carried_over, turn
-from stadimeter.testing.observing import Rehearsal
+from support.observing import Rehearsal
 
 NEAR = AlarmRule(
     name="near",

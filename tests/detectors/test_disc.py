@@ -20,10 +20,10 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import DiscSize
 from stadimeter.detectors.disc import PLUGIN, DiscDetector, DiscOptions
 from stadimeter.detectors.ellipse_shape import Ellipse, ellipse_through
-from stadimeter.simulation.scenes.draw import CAMERA, disc_scene, empty_scene
-from stadimeter.simulation.scenes.nuisances import distorted, motion, noise, tone
-from stadimeter.simulation.scenes.render import render
-from stadimeter.simulation.scenes.tone import Tone, encode
+from support.scenes.draw import CAMERA, disc_scene, empty_scene
+from support.scenes.nuisances import distorted, motion, noise, tone
+from support.scenes.render import render
+from support.scenes.tone import Tone, encode
 
 pytestmark = pytest.mark.vision
 

@@ -12,12 +12,12 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.circle_fit import Circle
 from stadimeter.detectors.limb_edges import LimbEdges, limb_edges
 from stadimeter.detectors.linear_light import light_table
-from stadimeter.simulation.scenes import draw
-from stadimeter.simulation.scenes.backdrop import PlainBackdrop
-from stadimeter.simulation.scenes.ball import BallTarget
-from stadimeter.simulation.scenes.nuisances import exposure, motion
-from stadimeter.simulation.scenes.render import render
-from stadimeter.simulation.scenes.scene import Scene
+from support.scenes import draw
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.nuisances import exposure, motion
+from support.scenes.render import render
+from support.scenes.scene import Scene
 
 pytestmark = pytest.mark.vision
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.quad_edges import measure_edges, settle_edges
 from stadimeter.detectors.quadrilaterals import find_quadrilaterals, quick_masks, thorough_masks
-from stadimeter.simulation.scenes.draw import sheet_scene
-from stadimeter.simulation.scenes.render import render
+from support.scenes.draw import sheet_scene
+from support.scenes.render import render
 
 pytestmark = pytest.mark.vision
 

@@ -20,10 +20,10 @@ from stadimeter.core.target import SheetSize
 from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.sheet import PLUGIN, SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
-from stadimeter.simulation.scenes.draw import CAMERA, empty_scene, sheet_scene
-from stadimeter.simulation.scenes.nuisances import BARREL, SHEET_NUISANCES
-from stadimeter.simulation.scenes.plane import Pose
-from stadimeter.simulation.scenes.render import render
+from support.scenes.draw import CAMERA, empty_scene, sheet_scene
+from support.scenes.nuisances import BARREL, SHEET_NUISANCES
+from support.scenes.plane import Pose
+from support.scenes.render import render
 
 pytestmark = pytest.mark.vision
 

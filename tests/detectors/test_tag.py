@@ -22,10 +22,10 @@ from stadimeter.detectors.tag import PLUGIN, TagDetector, TagOptions
 from stadimeter.detectors.tag_families import DICTIONARIES, tag_family
 from stadimeter.detectors.tag_sides import measure_sides
 from stadimeter.errors import DriverUnavailableError
-from stadimeter.simulation.scenes.draw import empty_scene, tag_scene
-from stadimeter.simulation.scenes.nuisances import distorted, motion, noise, tone
-from stadimeter.simulation.scenes.render import render
-from stadimeter.simulation.scenes.tone import Tone, encode
+from support.scenes.draw import empty_scene, tag_scene
+from support.scenes.nuisances import distorted, motion, noise, tone
+from support.scenes.render import render
+from support.scenes.tone import Tone, encode
 
 pytestmark = pytest.mark.vision
 

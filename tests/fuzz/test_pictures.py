@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.app.exif import read_lens_settings
 from stadimeter.cameras.picture import read_picture
 from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
 from stadimeter.errors import PictureError
+from stadimeter.workbench.calibration.exif import read_lens_settings
 
 KINDS = {
     "baseline.jpg": (".jpg", []),

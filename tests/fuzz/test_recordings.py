@@ -15,11 +15,8 @@ import zstandard
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.opening import read_recording
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, load_recorded
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter
-from stadimeter.app.recordings.recording_reader import McapRecording
-from stadimeter.app.replaying.replay import replay
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import DistanceCondition
@@ -27,7 +24,10 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import ConfigError, JournalError
-from stadimeter.testing.observing import Rehearsal
+from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.recording_reader import McapRecording
+from stadimeter.workbench.replay.replay import replay
+from support.observing import Rehearsal
 
 PLAN = Plan(
     targets=("ball",),

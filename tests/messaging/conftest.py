@@ -12,16 +12,16 @@ import pytest
 from stadimeter.config.plugins import MESSENGERS, DriverContext, load_plugin
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.testing.broker import (
+from stadimeter.testing.manual_clock import ManualClock
+from support.broker import (
     BrokerAccess,
     LoopbackBroker,
     MosquittoBroker,
     make_broker,
     mosquitto_program,
 )
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.mqtt_listener import MqttListener
-from stadimeter.testing.tunnel import Tunnel
+from support.mqtt_listener import MqttListener
+from support.tunnel import Tunnel
 
 MakeBroker = Callable[..., LoopbackBroker]
 MakeMessenger = Callable[..., PahoMessenger]

@@ -16,7 +16,7 @@ from stadimeter.errors import DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
 from stadimeter.messaging.back_off import Patience
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.webhook_listener import HOST, WebhookListener
+from support.webhook_listener import HOST, WebhookListener
 
 PATIENCE = Patience(first_pause_s=0.02, longest_pause_s=0.05, goodbye_s=10.0)
 NOTE = Notification(title="door", body="0.42 m", severity=Severity.SAFETY)

@@ -15,8 +15,8 @@ from stadimeter.core.message import Message
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.messaging.mqtt_options import MqttOptions
-from stadimeter.testing.broker import HOST
 from stadimeter.testing.eventually import eventually
+from support.broker import HOST
 
 CONNECT_VERSION_AT = 8
 ACCEPTED_311 = b"\x20\x02\x00\x00"

@@ -10,10 +10,10 @@ import pytest
 from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError, DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.testing.broker import LoopbackBroker, MosquittoBroker, free_port
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.mqtt_listener import MqttListener
-from stadimeter.testing.tunnel import Tunnel
+from support.broker import LoopbackBroker, MosquittoBroker, free_port
+from support.mqtt_listener import MqttListener
+from support.tunnel import Tunnel
 
 BASE = "stadimeter/it"
 AVAILABILITY = f"{BASE}/availability"

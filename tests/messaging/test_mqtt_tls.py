@@ -11,8 +11,8 @@ import pytest
 
 from stadimeter.errors import DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.testing.broker import LoopbackBroker, free_port, mosquitto_program
 from stadimeter.testing.eventually import eventually
+from support.broker import LoopbackBroker, free_port, mosquitto_program
 
 MakeMessenger = Callable[..., PahoMessenger]
 StartBroker = Callable[..., LoopbackBroker]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.ranging.circle_pose import circle_poses, cone_through
-from stadimeter.simulation.scenes.plane import Pose
+from support.scenes.plane import Pose
 
 pytestmark = pytest.mark.vision
 

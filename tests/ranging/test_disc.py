@@ -20,10 +20,10 @@ from stadimeter.ranging.apparent_size import apparent_size
 from stadimeter.ranging.disc import read_disc
 from stadimeter.ranging.feasibility import expect, farthest_m
 from stadimeter.ranging.measure import measure, measure_frame
-from stadimeter.simulation.scenes.draw import CAMERA, disc_scene
-from stadimeter.simulation.scenes.nuisances import SHEET_NUISANCES
-from stadimeter.simulation.scenes.plane import Pose
-from stadimeter.simulation.scenes.render import render
+from support.scenes.draw import CAMERA, disc_scene
+from support.scenes.nuisances import SHEET_NUISANCES
+from support.scenes.plane import Pose
+from support.scenes.render import render
 
 pytestmark = pytest.mark.vision
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from stadimeter.ranging.plane_pose import ambiguity, distance_share, doubt_share, plane_poses, rectangle
 from stadimeter.ranging.rectangle_fit import rectangle_fit
-from stadimeter.simulation.scenes.plane import Pose
+from support.scenes.plane import Pose
 
 pytestmark = pytest.mark.vision
 

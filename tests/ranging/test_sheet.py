@@ -17,9 +17,9 @@ from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import KnownDistance, calibrate
 from stadimeter.ranging.measure import measure, measure_frame
 from stadimeter.ranging.sheet import read_sheet
-from stadimeter.simulation.scenes.draw import CAMERA, sheet_scene
-from stadimeter.simulation.scenes.plane import Pose
-from stadimeter.simulation.scenes.render import render
+from support.scenes.draw import CAMERA, sheet_scene
+from support.scenes.plane import Pose
+from support.scenes.render import render
 
 pytestmark = pytest.mark.vision
 

@@ -20,10 +20,10 @@ from stadimeter.detectors.quad_shape import diagonals_meet, width_and_height
 from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.ranging.measure import measure, measure_frame
 from stadimeter.ranging.tag import ambiguity, read_tag, tag_poses
-from stadimeter.simulation.scenes.draw import CAMERA, tag_scene
-from stadimeter.simulation.scenes.nuisances import TAG_NUISANCES
-from stadimeter.simulation.scenes.plane import Pose
-from stadimeter.simulation.scenes.render import render
+from support.scenes.draw import CAMERA, tag_scene
+from support.scenes.nuisances import TAG_NUISANCES
+from support.scenes.plane import Pose
+from support.scenes.render import render
 
 pytestmark = pytest.mark.vision
 

@@ -13,7 +13,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from support.simulated_run import SIMULATED_BALL
 
 WORLD = (
     SIMULATED_BALL

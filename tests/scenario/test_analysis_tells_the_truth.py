@@ -10,7 +10,7 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.testing.observing import Rehearsal
+from support.observing import Rehearsal
 
 FRAME_S = 0.1
 LONGEST_S = 1.5

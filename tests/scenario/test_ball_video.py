@@ -10,12 +10,12 @@ from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.loop import Loop
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorder import Recorder
-from stadimeter.app.replaying.replay import replay
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.track import TrackStatus
 from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
-from stadimeter.testing.simulated_run import LENS
+from stadimeter.workbench.replay.replay import replay
+from support.simulated_run import LENS
 
 # The ball's size is not known; with 6.4 cm and 600 px it moves between about 0.5 and 1 m.
 CONFIGURATION = """

@@ -13,15 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.rule_tests.running import RuleTests
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.rule_tests.tables import RuleTest
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.testing.observing import measured, missed
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from stadimeter.workbench.rule_tests.running import RuleTests
+from support.observing import measured, missed
+from support.simulated_run import SIMULATED_BALL
 
 FRAME_S = 1 / 30
 SIGMA_M = 0.015

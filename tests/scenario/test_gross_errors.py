@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.rule_tests.running import RuleTests
 from stadimeter.config.loader import load_configuration
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from stadimeter.workbench.rule_tests.running import RuleTests
+from support.simulated_run import SIMULATED_BALL
 
 STANDING = """
 [world]

@@ -14,11 +14,11 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from stadimeter.testing.broker import BrokerAccess, MosquittoBroker, mosquitto_program
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.mqtt_listener import MqttListener
-from stadimeter.testing.simulated_run import SIMULATED_BALL
-from stadimeter.testing.tunnel import Tunnel
+from support.broker import BrokerAccess, MosquittoBroker, mosquitto_program
+from support.mqtt_listener import MqttListener
+from support.simulated_run import SIMULATED_BALL
+from support.tunnel import Tunnel
 
 pytestmark = pytest.mark.skipif(mosquitto_program() is None, reason="needs mosquitto")
 

@@ -6,8 +6,8 @@ import pytest
 
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorder import Recorder
-from stadimeter.app.replaying.replay import replay
-from stadimeter.testing.simulated_run import SIMULATED_BALL
+from stadimeter.workbench.replay.replay import replay
+from support.simulated_run import SIMULATED_BALL
 
 STANDING = (
     SIMULATED_BALL

@@ -19,12 +19,12 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
-from stadimeter.app.recordings.opening import read_recording
 from stadimeter.cli.main import app
-from stadimeter.testing.broker import make_broker
 from stadimeter.testing.eventually import eventually
-from stadimeter.testing.mqtt_listener import MqttListener
-from stadimeter.testing.simulated_run import LENS
+from stadimeter.workbench.replay.opening import read_recording
+from support.broker import make_broker
+from support.mqtt_listener import MqttListener
+from support.simulated_run import LENS
 
 PASSWORD, TOKEN = "hunter2", "tok3n"
 LOGIN = base64.b64encode(f"admin:{PASSWORD}".encode())

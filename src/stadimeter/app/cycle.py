@@ -9,7 +9,6 @@ from time import perf_counter
 from stadimeter.app.capture import Capture
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.leased_output import LeasedOutput
-from stadimeter.app.looking import Looking
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
 from stadimeter.core.command import Command
@@ -20,6 +19,7 @@ from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
+from stadimeter.perception.perceiver import Looking
 
 FRAME_WAIT_S = 0.1
 """A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass."""

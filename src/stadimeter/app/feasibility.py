@@ -6,8 +6,8 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from stadimeter.app.detectors import build_detectors
 from stadimeter.app.field_of_view import FieldOfView, direction_findings
-from stadimeter.app.measuring import build_detectors
 from stadimeter.config.analysis.written import WrittenCondition
 from stadimeter.config.describing.describe import length
 from stadimeter.config.findings import Finding, problems

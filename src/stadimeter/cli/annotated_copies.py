@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from stadimeter.app.annotation import Mark
-from stadimeter.app.measuring import PictureResult, TargetResult
 from stadimeter.cli.formatting import METRE, LengthUnit, format_distance, format_tilt
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import ConfigError, Problem
+from stadimeter.workbench.annotation import Mark
+from stadimeter.workbench.measuring import PictureResult, TargetResult
 
 KEPT_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 """A copy is of the same kind as the picture where that is one of these, else a PNG."""

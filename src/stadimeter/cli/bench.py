@@ -11,8 +11,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from stadimeter.app.bench import DetectorSpeed, Figures, Latency, measure
 from stadimeter.cli.exits import told_plainly
+from stadimeter.workbench.bench import DetectorSpeed, Figures, Latency, measure
 
 
 def register(app: typer.Typer) -> None:

@@ -11,9 +11,6 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from stadimeter.app.board_corners import Board, CharucoBoard, Chessboard
-from stadimeter.app.board_session import GOOD_COVERAGE, GOOD_FOCAL_SHARE
-from stadimeter.app.calibrating import check_lens_settings, find_boards
 from stadimeter.cli.calibrate_board_live import views_from_camera
 from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
 from stadimeter.cli.known_pictures import ToneCurveOption, today
@@ -21,6 +18,9 @@ from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.board_calibration import BoardCalibration, calibrate_board
+from stadimeter.workbench.calibration.board_corners import Board, CharucoBoard, Chessboard
+from stadimeter.workbench.calibration.board_session import GOOD_COVERAGE, GOOD_FOCAL_SHARE
+from stadimeter.workbench.calibration.calibrating import check_lens_settings, find_boards
 
 _SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")
 

@@ -10,8 +10,6 @@ from typing import Any
 import typer
 from pydantic import ValidationError
 
-from stadimeter.app.board_corners import Board
-from stadimeter.app.board_session import BoardSession, Source, open_source
 from stadimeter.cli.known_pictures import today
 from stadimeter.config import plain_words
 from stadimeter.config.driver_choice import DriverChoice
@@ -20,6 +18,8 @@ from stadimeter.config.toml_source import parse_toml
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, ConfigError, EndOfFramesError, Problem
+from stadimeter.workbench.calibration.board_corners import Board
+from stadimeter.workbench.calibration.board_session import BoardSession, Source, open_source
 
 FRAME_WAIT_S = 0.5
 SAY_EVERY_S = 2.0

@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.app.calibrating import with_bias_undone
 from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
@@ -35,6 +34,7 @@ from stadimeter.cli.target_options import (
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import ToneCurve
 from stadimeter.ranging.calibration import Calibration, FocalLength, KnownDistance, calibrate
+from stadimeter.workbench.calibration.calibrating import with_bias_undone
 
 FAR_OFF_AXIS_RAD = math.radians(10)
 """Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %."""

@@ -10,11 +10,12 @@ from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.recordings.opening import read_recording
-from stadimeter.app.replaying.explaining import as_data, explain_recording, seconds_ago
-from stadimeter.app.replaying.replay_run import replay_run
+from stadimeter.app.control.explanation_data import as_data
 from stadimeter.cli.control_options import JsonOption, SocketOption, asked, tell
 from stadimeter.cli.exits import told_plainly
+from stadimeter.workbench.replay.explaining import explain_recording, seconds_ago
+from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay_run import replay_run
 
 
 def register(app: typer.Typer) -> None:

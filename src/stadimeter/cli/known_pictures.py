@@ -10,13 +10,13 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.app.calibrating import check_lens_settings, known_distance
-from stadimeter.app.measuring import build_detectors
+from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.target_options import WantedTargets, parse_known_length
 from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.calibration import KnownDistance
+from stadimeter.workbench.calibration.calibrating import check_lens_settings, known_distance
 
 PicturesAtDistances = Annotated[
     list[str],

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stadimeter.app.annotation import annotate, write_picture
-from stadimeter.app.measuring import NamedDetector, PictureResult, TargetResult, build_detectors, measure_picture
+from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.cli.annotated_copies import copy_paths, marks_of
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, told_plainly
 from stadimeter.cli.explanation import explanation, explanation_record
@@ -36,6 +35,8 @@ from stadimeter.config.camera_file import load_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem
+from stadimeter.workbench.annotation import annotate, write_picture
+from stadimeter.workbench.measuring import PictureResult, TargetResult, measure_picture
 
 if TYPE_CHECKING:
     from rich.progress import Progress

@@ -12,15 +12,15 @@ from typing import Annotated, Any
 import typer
 
 from stadimeter.app.recordings.journal import Journal, JournalWriter, sha256_of
-from stadimeter.app.recordings.opening import Recording, read_recording
-from stadimeter.app.replaying.measured_again import AgainTally, MeasuredAgain
-from stadimeter.app.replaying.replay import Comparison, Replayed, ReplayResult, replayed_record
-from stadimeter.app.replaying.replay_diff import ReplayDiff, compare
-from stadimeter.app.replaying.replay_figures import Tally
-from stadimeter.app.replaying.replay_run import ReplayRun, replay_run, uncollected
 from stadimeter.cli.exits import NOT_FOUND, told_plainly
 from stadimeter.cli.replay_words import again_lines, comparison_lines, diff_lines, event_line
 from stadimeter.errors import JournalError
+from stadimeter.workbench.replay.measured_again import AgainTally, MeasuredAgain
+from stadimeter.workbench.replay.opening import Recording, read_recording
+from stadimeter.workbench.replay.replay import Comparison, Replayed, ReplayResult, replayed_record
+from stadimeter.workbench.replay.replay_diff import ReplayDiff, compare
+from stadimeter.workbench.replay.replay_figures import Tally
+from stadimeter.workbench.replay.replay_run import ReplayRun, replay_run, uncollected
 
 
 def register(app: typer.Typer) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 
-from stadimeter.app.replaying.measured_again import MeasuredAgain
-from stadimeter.app.replaying.replay import ReplayResult
-from stadimeter.app.replaying.replay_diff import EventChange, ReplayDiff, RuleChange
-from stadimeter.app.replaying.replay_figures import RuleFigures
 from stadimeter.core.decision import Event
+from stadimeter.workbench.replay.measured_again import MeasuredAgain
+from stadimeter.workbench.replay.replay import ReplayResult
+from stadimeter.workbench.replay.replay_diff import EventChange, ReplayDiff, RuleChange
+from stadimeter.workbench.replay.replay_figures import RuleFigures
 
 SHOWN_CHANGES = 40
 """So many events that changed are listed; ``--json`` has all of them."""

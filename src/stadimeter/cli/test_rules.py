@@ -13,11 +13,11 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from stadimeter.app.rule_tests.running import RuleTestResult, RuleTests
-from stadimeter.app.rule_tests.watching import Failure
 from stadimeter.cli.exits import NOT_FOUND, WRONG, told_plainly
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rule_tests.tables import RuleTest
+from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
+from stadimeter.workbench.rule_tests.watching import Failure
 
 _EXAMPLE = """\
 [[tests]]

@@ -12,17 +12,17 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from stadimeter.app.recordings.opening import read_recording
 from stadimeter.app.recordings.recorded_configuration import load_recorded
-from stadimeter.app.tuning.candidates import Settings, Tuned, tuned_rule
-from stadimeter.app.tuning.noise import Sights, sights_of
-from stadimeter.app.tuning.plot import draw_plot, on_delay_in_words
-from stadimeter.app.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
-from stadimeter.app.tuning.rates import DAY_S
 from stadimeter.cli.exits import NOT_FOUND, told_plainly
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_duration, parse_speed
 from stadimeter.core.rule import OnDelay
+from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.tuning.candidates import Settings, Tuned, tuned_rule
+from stadimeter.workbench.tuning.noise import Sights, sights_of
+from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words
+from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
+from stadimeter.workbench.tuning.rates import DAY_S
 
 
 def register(app: typer.Typer) -> None:

@@ -144,7 +144,7 @@ class BallGates:
             )
         margin = support - needed
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
-        # stadimeter.app.expectations. To judge it again would take as long as a fifth of all else.
+        # stadimeter.perception.predictions. To judge it again would take as long as a fifth of all else.
         is_known = is_expected and margin >= BEST_MARGIN
         fill = 1.0 if is_known else colour_share(image, limb.circle, self.colour)
         if fill < LEAST_FILL:

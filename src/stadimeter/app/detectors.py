@@ -1,0 +1,50 @@
+"""The detectors of targets, each with its target's name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from stadimeter.app.clock import SteppedClock
+from stadimeter.config.driver_choice import DriverChoice
+from stadimeter.config.plugins import DriverContext
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.detectors.protocol import Detector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedDetector:
+    """A target that is looked for.
+
+    Attributes:
+        name: The target's name.
+        detector: What finds it.
+    """
+
+    name: str
+    detector: Detector
+
+
+def build_detectors(choices: Sequence[DriverChoice], camera_model: CameraModel | None) -> tuple[NamedDetector, ...]:
+    """Build the detectors of targets.
+
+    Args:
+        choices: The targets' drivers with their checked options.
+        camera_model: The lens; None where it is not known yet.
+
+    Returns:
+        The detectors, in the same order.
+
+    Raises:
+        StadimeterError: A detector cannot be built.
+    """
+    clock = SteppedClock()
+    return tuple(
+        NamedDetector(
+            name=choice.name,
+            detector=choice.plugin.build(
+                choice.options, DriverContext(name=choice.name, clock=clock, camera_model=camera_model)
+            ),
+        )
+        for choice in choices
+    )

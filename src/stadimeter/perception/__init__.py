@@ -1,0 +1,1 @@
+"""From a frame and the tracks to measurements."""

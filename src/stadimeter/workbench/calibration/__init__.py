@@ -1,0 +1,1 @@
+"""Calibration sessions: boards and known distances."""

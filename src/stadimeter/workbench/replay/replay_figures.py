@@ -1,0 +1,161 @@
+"""What rules come to over a recording: how often they changed, how late they were, what they let pass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from statistics import median
+
+from stadimeter.core.condition import DistanceCondition, leaves
+from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus
+from stadimeter.core.observation import Observation
+from stadimeter.core.plan import Plan
+from stadimeter.core.rule import AlarmRule
+from stadimeter.workbench.replay.crossing_times import Stay, stays
+
+EARLY_S = 0.5
+"""An alarm that is raised at most this long before its distance was truly crossed was raised by that crossing."""
+
+_STANDS = {RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RuleFigures:
+    """What one rule comes to.
+
+    Attributes:
+        rule: The rule's name.
+        raised: How often it was raised.
+        transitions_per_minute: How often it was raised or cleared in a minute.
+        late_median_s: How long after its distance was crossed it was raised, in the middle; None if that is not known.
+        late_worst_s: The same, the worst case.
+        missed: How often its distance was crossed and it was not raised.
+        unfounded: How often it was raised while its distance was not crossed; None if that is not known.
+        least_distance_m: The least distance of what it watches while it did not stand; None if it watches none.
+    """
+
+    rule: str
+    raised: int
+    transitions_per_minute: float
+    late_median_s: float | None = None
+    late_worst_s: float | None = None
+    missed: int | None = None
+    unfounded: int | None = None
+    least_distance_m: float | None = None
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts through a replay what its figures are made of.
+
+    Attributes:
+        plan: The rules.
+        events: Every event so far.
+        from_s: The time of the first cycle.
+        to_s: The time of the last one.
+    """
+
+    plan: Plan
+    events: list[Event] = field(default_factory=list)
+    from_s: float | None = None
+    to_s: float = 0.0
+    _distances: tuple[tuple[int, str, str], ...] = ()
+    _least_m: dict[str, float] = field(default_factory=dict)
+    _measured: dict[str, tuple[list[float], list[float], list[float]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Find the alarms on a distance, each with its place in the plan, its name and its target."""
+        self._distances = tuple(
+            (number, rule.name, leaf.target)
+            for number, rule in enumerate(self.plan.rules)
+            if isinstance(rule, AlarmRule)
+            for leaf in leaves(rule.condition)
+            if isinstance(leaf, DistanceCondition)
+        )
+
+    @property
+    def minutes(self) -> float:
+        """How long the replay was, in minutes."""
+        return 0.0 if self.from_s is None else (self.to_s - self.from_s) / 60
+
+    def add(self, observation: Observation, decision: Decision) -> None:
+        """Add one cycle.
+
+        Args:
+            observation: What was observed in it.
+            decision: What is decided.
+        """
+        self.from_s = observation.now_s if self.from_s is None else self.from_s
+        self.to_s = observation.now_s
+        self.events += decision.events
+        if observation.frame is not None:
+            self._add_frame(observation, decision)
+
+    def figures(self) -> tuple[RuleFigures, ...]:
+        """Return what each alarm comes to, in the order of the plan. Other rules have no events."""
+        return tuple(self._figures(rule) for rule in self.plan.rules if isinstance(rule, AlarmRule))
+
+    def _add_frame(self, observation: Observation, decision: Decision) -> None:
+        for measured in observation.measurements:
+            if measured.distance_m is not None and measured.depth_m is not None:
+                at_s, distances_m, depths_m = self._measured.setdefault(measured.target, ([], [], []))
+                at_s.append(measured.captured_at_s)
+                distances_m.append(measured.distance_m)
+                depths_m.append(measured.depth_m)
+        known_m = {track.target: track.distance_m for track in decision.tracks if track.is_valid}
+        for number, name, target in self._distances:
+            distance_m = known_m.get(target)
+            if distance_m is not None and decision.rules[number].status not in _STANDS:
+                self._least_m[name] = min(distance_m, self._least_m.get(name, math.inf))
+
+    def _figures(self, rule: AlarmRule) -> RuleFigures:
+        raised_s = self._times_s(rule.name, {EventKind.RAISED})
+        cleared_s = self._times_s(rule.name, {EventKind.CLEARED})
+        where = _watched(rule)
+        late_s: list[float] = []
+        missed = unfounded = None
+        if where is not None and where.target in self._measured:
+            at_s, distances_m, depths_m = self._measured[where.target]
+            true = stays(at_s, depths_m if where.quantity == "depth" else distances_m, where)
+            late_s, missed = _lateness(true, raised_s, cleared_s)
+            unfounded = sum(
+                not any(stay.from_s - EARLY_S <= time_s <= stay.to_s for stay in true) for time_s in raised_s
+            )
+        return RuleFigures(
+            rule=rule.name,
+            raised=len(raised_s),
+            transitions_per_minute=(len(raised_s) + len(cleared_s)) / self.minutes if self.minutes else 0.0,
+            late_median_s=median(late_s) if late_s else None,
+            late_worst_s=max(late_s, default=None),
+            missed=missed,
+            unfounded=unfounded,
+            least_distance_m=self._least_m.get(rule.name),
+        )
+
+    def _times_s(self, rule: str, kinds: Iterable[EventKind]) -> list[float]:
+        return [event.at_s for event in self.events if event.source == rule and event.kind in kinds]
+
+
+def _watched(rule: AlarmRule) -> DistanceCondition | None:
+    """Return the distance that an alarm watches; None if it watches something else, or more."""
+    return rule.condition if isinstance(rule.condition, DistanceCondition) else None
+
+
+def _lateness(true: Sequence[Stay], raised_s: Sequence[float], cleared_s: Sequence[float]) -> tuple[list[float], int]:
+    """Return how late the crossings were noticed, and how many were not. Alarms that stood already do not count."""
+    late_s, missed = [], 0
+    for stay in true:
+        begin_s = stay.from_s - EARLY_S
+        raised = next((time_s for time_s in raised_s if begin_s <= time_s <= stay.to_s), None)
+        if raised is not None:
+            late_s += [raised - stay.from_s] if stay.is_entered else []
+        elif not _stood(begin_s, raised_s, cleared_s):
+            missed += 1
+    return late_s, missed
+
+
+def _stood(at_s: float, raised_s: Sequence[float], cleared_s: Sequence[float]) -> bool:
+    last_raised_s = max((time_s for time_s in raised_s if time_s < at_s), default=-math.inf)
+    last_cleared_s = max((time_s for time_s in cleared_s if time_s < at_s), default=-math.inf)
+    return last_raised_s > last_cleared_s

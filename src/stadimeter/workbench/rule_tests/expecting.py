@@ -1,0 +1,264 @@
+"""From what a test expects of a rule or an output to the watches that look for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from stadimeter.config.rule_tests.expectations import ExpectTable
+from stadimeter.config.rule_tests.motions import PathPoint, SpanTable
+from stadimeter.core.command import Command, LevelCommand
+from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace
+from stadimeter.core.outputs import safe_command
+from stadimeter.core.plan import Output, Plan
+from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rules.explaining import explain
+from stadimeter.workbench.rule_tests.synthetic_track import enters_s, leaves_s
+from stadimeter.workbench.rule_tests.watching import (
+    AlwaysWatch,
+    CountWatch,
+    EndWatch,
+    FirstWatch,
+    MomentWatch,
+    PeakWatch,
+    Subject,
+    Turn,
+    Watch,
+)
+
+ACTIVE = frozenset({RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED})
+"""In these states an alarm stands."""
+_TRANSITIONS = frozenset({EventKind.RAISED, EventKind.CLEARED})
+_TOLD_OF = frozenset({EventKind.RAISED, EventKind.CLEARED, EventKind.REALARMED})
+
+
+def watches(name: str, expected: ExpectTable, plan: Plan, path: Sequence[PathPoint]) -> Iterator[Watch]:
+    """Return what looks for everything that is expected of a rule or output.
+
+    Args:
+        name: Its name. A rule and an output may share one.
+        expected: What is expected.
+        plan: The plan.
+        path: Where the rule's target truly is when; empty where that is not known.
+
+    Yields:
+        One watch for each expectation.
+    """
+    for index, rule in enumerate(plan.rules):
+        if rule.name == name:
+            yield from _RuleWatches(rule, index, expected, path).all()
+    for index, output in enumerate(plan.outputs):
+        if output.name == name:
+            yield from _OutputWatches(output, index, expected).all()
+
+
+@dataclass(frozen=True, slots=True)
+class _RuleWatches:
+    """Makes the watches of one rule."""
+
+    rule: AnyRule
+    index: int
+    expected: ExpectTable
+    path: Sequence[PathPoint]
+
+    def all(self) -> Iterator[Watch]:
+        yield from self._counts()
+        yield from self._firsts()
+        yield from self._moments()
+        yield from self._ends()
+
+    def _trace(self, turn: Turn) -> RuleTrace:
+        return turn.decision.rules[self.index]
+
+    def _is_active(self, turn: Turn) -> bool:
+        return self._trace(turn).status in ACTIVE
+
+    def _doing(self, turn: Turn) -> str:
+        return explain(turn.decision, self.rule.name).sentence
+
+    def _about(self, key: str) -> Subject:
+        return Subject(name=self.rule.name, key=key, doing=self._doing)
+
+    def _events(self, kinds: frozenset[EventKind]) -> Callable[[Turn], list[Event]]:
+        name = self.rule.name
+        return lambda turn: [event for event in turn.decision.events if event.source == name and event.kind in kinds]
+
+    def _told(self, turn: Turn) -> list[Event]:
+        return [event for event in self._events(_TOLD_OF)(turn) if event.notify]
+
+    def _sent(self, turn: Turn) -> list[Event]:
+        return [notice.event for notice in turn.decision.notices if notice.rule == self.rule.name]
+
+    def _counts(self) -> Iterator[Watch]:
+        expected = self.expected
+        raised, cleared = self._events(frozenset({EventKind.RAISED})), self._events(frozenset({EventKind.CLEARED}))
+        yield from self._exactly("raised", expected.raised, raised, ("raise", "raises"))
+        yield from self._exactly("cleared", expected.cleared, cleared, ("clearing", "clearings"))
+        yield from self._exactly("notified", expected.notified, self._told, ("notification", "notifications"))
+        yield from self._exactly("sent", expected.sent, self._sent, ("message", "messages"))
+        transitions, noun = self._events(_TRANSITIONS), ("transition", "transitions")
+        if (most := expected.transitions_max) is not None:
+            yield self._count("transitions_max", transitions, lambda _: (0, most), noun)
+        if (rate := expected.transitions_per_min_max) is not None:
+            yield self._count("transitions_per_min_max", transitions, lambda took_s: (0, rate * took_s / 60), noun)
+
+    def _exactly(
+        self, key: str, count: int | None, counted: Callable[[Turn], list[Event]], noun: tuple[str, str]
+    ) -> Iterator[Watch]:
+        if count is not None:
+            yield self._count(key, counted, lambda _: (count, count), noun)
+
+    def _count(
+        self,
+        key: str,
+        counted: Callable[[Turn], Iterable[Event]],
+        limits: Callable[[float], tuple[float, float]],
+        noun: tuple[str, str],
+    ) -> Watch:
+        near = RuleStatus.CLEARING if key == "cleared" else RuleStatus.PENDING
+        return CountWatch(self._about(key), counted, limits, noun, lambda turn: self._trace(turn).status is near)
+
+    def _firsts(self) -> Iterator[Watch]:
+        for kind in (EventKind.RAISED, EventKind.CLEARED):
+            verb = kind.value
+            by_s, after_s, within_s = (getattr(self.expected, f"{verb}_{key}") for key in ("by", "after", "within"))
+            if by_s is not None:
+                yield self._first(kind, f"{verb}_by", (0.0, by_s), f"{verb} by {by_s:.2f} s")
+            if after_s is not None:
+                words = f"{verb} not before {after_s:.2f} s"
+                yield self._first(kind, f"{verb}_after", (after_s, math.inf), words)
+            if within_s is not None:
+                yield self._within(kind, f"{verb}_within", within_s)
+
+    def _first(self, kind: EventKind, key: str, stretch_s: tuple[float, float], words: str) -> Watch:
+        return FirstWatch(self._about(key), self._events(frozenset({kind})), kind.value, stretch_s, words)
+
+    def _within(self, kind: EventKind, key: str, within_s: float) -> Watch:
+        low_m, high_m = _limits_m(self.rule)
+        is_raised = kind is EventKind.RAISED
+        crossed_s = (enters_s if is_raised else leaves_s)(self.path, low_m, high_m)
+        limits = " and ".join(f"{limit_m:.2f} m" for limit_m in (low_m, high_m) if math.isfinite(limit_m))
+        if crossed_s is None:
+            words = f"{'enters' if is_raised else 'leaves'} its limits of {limits}"
+            return EndWatch(
+                self._about(key), f"'{self.rule.target}' {words}", lambda _: False, lambda _: "it never does"
+            )
+        words = f"{kind.value} within {within_s:.2f} s of crossing {limits} at {crossed_s:.2f} s"
+        return self._first(kind, key, (0.0, crossed_s + within_s), words)
+
+    def _moments(self) -> Iterator[Watch]:
+        if (moments := self.expected.active_at) is not None:
+            yield MomentWatch(self._about("active_at"), [(at, "active", self._is_active) for at in moments])
+        if (moments := self.expected.inactive_at) is not None:
+            inactive = [(at, "not active", lambda turn: not self._is_active(turn)) for at in moments]
+            yield MomentWatch(self._about("inactive_at"), inactive)
+
+    def _ends(self) -> Iterator[Watch]:
+        if (status := self.expected.status) is not None:
+            yield EndWatch(
+                self._about("status"),
+                status.value,
+                lambda turn: self._trace(turn).status is status,
+                lambda turn: self._trace(turn).status.value,
+            )
+        if (acknowledged := self.expected.acknowledged) is not None:
+            yield EndWatch(
+                self._about("acknowledged"),
+                _acknowledged(is_so=acknowledged),
+                lambda turn: self._trace(turn).acknowledged is acknowledged,
+                lambda turn: _acknowledged(is_so=self._trace(turn).acknowledged),
+            )
+
+
+def _limits_m(rule: AnyRule) -> tuple[float, float]:
+    if not (isinstance(rule, AlarmRule) and isinstance(rule.condition, DistanceCondition)):
+        raise TypeError(f"the rule {rule.name} has no limit on the distance alone")  # the cross-checks refuse it first
+    low_m = -math.inf if rule.condition.above_m is None else rule.condition.above_m
+    high_m = math.inf if rule.condition.below_m is None else rule.condition.below_m
+    return low_m, high_m
+
+
+def _acknowledged(*, is_so: bool) -> str:
+    return "acknowledged" if is_so else "not acknowledged"
+
+
+@dataclass(frozen=True, slots=True)
+class _OutputWatches:
+    """Makes the watches of one output."""
+
+    output: Output
+    index: int
+    expected: ExpectTable
+
+    def all(self) -> Iterator[Watch]:
+        yield from self._levels()
+        yield from self._speeds()
+        yield from self._moments()
+
+    def _command(self, turn: Turn) -> Command:
+        return turn.decision.commands[self.index]
+
+    def _level(self, turn: Turn) -> float:
+        command = self._command(turn)
+        return command.level if isinstance(command, LevelCommand) else 0.0
+
+    def _speed_mps(self, turn: Turn) -> float:
+        command = self._command(turn)
+        return 0.0 if isinstance(command, LevelCommand) else abs(command.linear_mps)
+
+    def _is_stopped(self, turn: Turn) -> bool:
+        command, safe = self._command(turn), safe_command(self.output)
+        if isinstance(command, LevelCommand):
+            return isinstance(safe, LevelCommand) and command.level == safe.level
+        return (command.linear_mps, command.angular_radps) == (0.0, 0.0)
+
+    def _doing(self, turn: Turn) -> str:
+        command, trace = self._command(turn), turn.decision.outputs[self.index]
+        if isinstance(command, LevelCommand):
+            does = f"level {command.level:.2f}"
+        else:
+            does = f"{command.linear_mps:.2f} m/s, {math.degrees(command.angular_radps):.0f} deg/s"
+        why = trace.reason or turn.decision.reasons.get(trace.winner, "")
+        return f"{does}, commanded by {trace.winner}: {why}"
+
+    def _about(self, key: str) -> Subject:
+        return Subject(name=self.output.name, key=key, doing=self._doing)
+
+    def _levels(self) -> Iterator[Watch]:
+        if (tables := self.expected.level_at) is not None:
+            yield MomentWatch(self._about("level_at"), [self._level_at(table.at, *table.limits) for table in tables])
+        if (most := self.expected.level_max) is not None:
+            yield AlwaysWatch(
+                self._about("level_max"),
+                f"never above level {most:.2f}",
+                lambda turn: self._level(turn) <= most,
+                lambda turn: f"level {self._level(turn):.2f}",
+            )
+        if (least := self.expected.level_reaches) is not None:
+            yield PeakWatch(self._about("level_reaches"), least, self._level)
+
+    def _level_at(self, at_s: float, low: float, high: float) -> tuple[float | SpanTable, str, Callable[[Turn], bool]]:
+        words = f"level from {max(0.0, low):.2f} to {min(1.0, high):.2f}"
+        return at_s, words, lambda turn: low <= self._level(turn) <= high
+
+    def _speeds(self) -> Iterator[Watch]:
+        if (most_mps := self.expected.speed_max) is not None:
+            yield AlwaysWatch(
+                self._about("speed_max"),
+                f"never faster than {most_mps:.2f} m/s",
+                lambda turn: self._speed_mps(turn) <= most_mps,
+                lambda turn: f"{self._speed_mps(turn):.2f} m/s",
+            )
+        if (least_mps := self.expected.speed_reaches) is not None:
+            yield PeakWatch(self._about("speed_reaches"), least_mps, self._speed_mps, " m/s")
+
+    def _moments(self) -> Iterator[Watch]:
+        if (moments := self.expected.stopped_at) is not None:
+            yield MomentWatch(
+                self._about("stopped_at"), [(at, "at its safe value", self._is_stopped) for at in moments]
+            )
+        if (moments := self.expected.acts_at) is not None:
+            acts = [(at, "not at its safe value", lambda turn: not self._is_stopped(turn)) for at in moments]
+            yield MomentWatch(self._about("acts_at"), acts)

@@ -1,0 +1,198 @@
+"""Distances made up as a camera would measure them: where a target truly is, and what noise makes of it.
+
+The noise is that which camera and target are expected to have, normally distributed and correlated from one frame to
+the next as the tracker expects it. Directions are exact: how sure they are, is not known. Everything random follows
+from a seed, and each frame takes the same number of random numbers, so that one thing changed changes nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import NormalDist
+
+from stadimeter.config.rule_tests.motions import PathPoint, SpanTable
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.workbench.rule_tests.sensor_model import SensorModel
+
+OUTLIER_FACTOR = 3.0
+"""A gross error makes a distance up to this many times as large, or as small."""
+DROWNED_SHARE = 0.2
+"""Where noise leaves less than this of a distance, there is nothing to measure: so near, it would count as sure."""
+
+_NORMAL = NormalDist()
+
+
+def where(path: Sequence[PathPoint], at_s: float) -> PathPoint:
+    """Return where a target truly is.
+
+    Args:
+        path: Where it is at certain times, in order; it stays at the last point.
+        at_s: Seconds from the start of the test.
+
+    Returns:
+        The point.
+    """
+    index = bisect_right(path, at_s, key=lambda point: point.at_s)
+    if index == len(path):
+        return path[-1]
+    before, after = path[max(0, index - 1)], path[index]
+    span_s = after.at_s - before.at_s
+    share = (at_s - before.at_s) / span_s if span_s > 0 else 0.0
+    return PathPoint(
+        at_s=at_s,
+        distance_m=_between(before.distance_m, after.distance_m, share),
+        bearing_rad=_between(before.bearing_rad, after.bearing_rad, share),
+        elevation_rad=_between(before.elevation_rad, after.elevation_rad, share),
+    )
+
+
+def enters_s(path: Sequence[PathPoint], low_m: float, high_m: float) -> float | None:
+    """Return when the true distance first lies between two limits.
+
+    Args:
+        path: Where the target is at certain times, in order.
+        low_m: The lower limit in metres, or minus infinity.
+        high_m: The upper limit in metres, or infinity.
+
+    Returns:
+        Seconds from the start of the test; None for never.
+    """
+    if low_m < path[0].distance_m < high_m:
+        return path[0].at_s
+    for before, after in pairwise(path):
+        start_m, end_m = before.distance_m, after.distance_m
+        if max(start_m, end_m) <= low_m or min(start_m, end_m) >= high_m or start_m == end_m:
+            continue
+        border_m = high_m if start_m >= high_m else low_m
+        return _between(before.at_s, after.at_s, (border_m - start_m) / (end_m - start_m))
+    return None
+
+
+def leaves_s(path: Sequence[PathPoint], low_m: float, high_m: float) -> float | None:
+    """Return when the true distance, having been between two limits, first no longer is.
+
+    Args:
+        path: Where the target is at certain times, in order.
+        low_m: The lower limit in metres, or minus infinity.
+        high_m: The upper limit in metres, or infinity.
+
+    Returns:
+        Seconds from the start of the test; None for never.
+    """
+    entered_s = enters_s(path, low_m, high_m)
+    if entered_s is None:
+        return None
+    for before, after in pairwise(path):
+        start_m, end_m = before.distance_m, after.distance_m
+        if after.at_s < entered_s or low_m < end_m < high_m:
+            continue
+        border_m = high_m if end_m >= high_m else low_m
+        if start_m == end_m or not min(start_m, end_m) <= border_m <= max(start_m, end_m):
+            continue
+        return _between(before.at_s, after.at_s, (border_m - start_m) / (end_m - start_m))
+    return None
+
+
+def _between(start: float, end: float, share: float) -> float:
+    return start + (end - start) * share
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nuisances:
+    """What goes wrong with measurements.
+
+    Attributes:
+        noise: How large the noise is, as a factor of what is expected.
+        correlation: Of the noise, from one frame to the next.
+        dropouts: The share of frames in which the target is not found.
+        outliers: The share of frames in which the distance is grossly wrong.
+        lost: When the target is out of sight.
+    """
+
+    noise: float = 1.0
+    correlation: float = 0.0
+    dropouts: float = 0.0
+    outliers: float = 0.0
+    lost: Sequence[SpanTable] = ()
+
+
+class SyntheticTrack:
+    """Measures one target that is not there, a frame at a time.
+
+    Args:
+        target: Its name.
+        path: Where it truly is when; empty for a target that is never in sight.
+        sensor: How sure camera and target are.
+        nuisances: What goes wrong.
+        seed: Everything random follows from it and the target's name.
+    """
+
+    def __init__(
+        self, target: str, path: Sequence[PathPoint], sensor: SensorModel, nuisances: Nuisances, seed: int
+    ) -> None:
+        self._target = target
+        self._path = path
+        self._sensor = sensor
+        self._nuisances = nuisances
+        self._random = random.Random(f"{seed}:{target}")  # noqa: S311 - noise, not a secret
+        self._deviation = self._normal()
+
+    def measure(self, at_s: float) -> Measurement:
+        """Measure it in the next frame.
+
+        Args:
+            at_s: When the frame was taken, in seconds from the start of the test; later than the frame before.
+
+        Returns:
+            The measurement, or why there is none.
+        """
+        deviation = self._next_deviation()
+        is_dropped = self._random.random() < self._nuisances.dropouts
+        is_outlier = self._random.random() < self._nuisances.outliers
+        error = self._random.random()
+        if not self._path or any(span.holds(at_s) for span in self._nuisances.lost):
+            return self._missed(at_s, "out of sight")
+        if is_dropped:
+            return self._missed(at_s, "not found in this frame")
+        true = where(self._path, at_s)
+        if not self._sensor.is_found(true.distance_m):
+            return self._missed(at_s, "too small in the picture")
+        _, noise_m = self._sensor.sigmas_m(true.distance_m)
+        distance_m = true.distance_m + self._nuisances.noise * noise_m * deviation
+        if is_outlier:
+            distance_m = true.distance_m * OUTLIER_FACTOR ** (2 * error - 1)
+        elif distance_m < true.distance_m * DROWNED_SHARE:
+            return self._missed(at_s, "lost in the noise")
+        return self._measured(at_s, distance_m, true)
+
+    def _next_deviation(self) -> float:
+        """Return the noise of this frame in standard deviations: what is left of the last one's, and news."""
+        kept = self._nuisances.correlation
+        self._deviation = kept * self._deviation + math.sqrt(1 - kept * kept) * self._normal()
+        return self._deviation
+
+    def _normal(self) -> float:
+        # The open interval: neither of its ends is a probability that has a number of standard deviations.
+        return _NORMAL.inv_cdf((self._random.getrandbits(52) + 0.5) / 2**52)
+
+    def _missed(self, at_s: float, reason: str) -> Measurement:
+        return Measurement(target=self._target, status=MeasurementStatus.NOT_FOUND, captured_at_s=at_s, reason=reason)
+
+    def _measured(self, at_s: float, distance_m: float, true: PathPoint) -> Measurement:
+        sigma_m, noise_m = self._sensor.sigmas_m(distance_m)
+        return Measurement(
+            target=self._target,
+            status=MeasurementStatus.MEASURED,
+            captured_at_s=at_s,
+            distance_m=distance_m,
+            depth_m=distance_m * math.cos(true.bearing_rad) * math.cos(true.elevation_rad),
+            sigma_m=sigma_m,
+            noise_m=noise_m,
+            bearing_rad=true.bearing_rad,
+            elevation_rad=true.elevation_rad,
+        )

@@ -1,0 +1,326 @@
+"""What recordings tell of the noise of a target's distance, and of where the target was.
+
+Noise is what is left when the target's own movement is taken away. A target that moves as it likes cannot be told from
+noise, so only calm stretches are used: some seconds in which a straight line fits about as well as it does elsewhere.
+Of those come the noise, frame by frame, in units of the standard deviation that each measurement stated. How large it
+truly is, how long it lasts, and how often it is grossly wrong or missing, is nowhere assumed: it is replayed as it was.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.condition import Quantity
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.tracking.filter import NOISE_FLOOR_M
+from stadimeter.errors import JournalError
+from stadimeter.workbench.replay.opening import Recording
+
+STRETCH_S = 5.0
+"""So long is a stretch: many times what noise lasts, and short enough for a target that never stands for long."""
+GAP_S = 1.0
+"""After a pause of this long, a new stretch begins."""
+SEEN_SHARE = 0.5
+"""A stretch counts if the target was measured in this share of its frames; else it may simply not have been there."""
+CALM_TIMES = 2.0
+"""A stretch is calm if its spread is at most this many times that of the calmest quarter."""
+CALM_LEAST_S = 20.0
+"""With less than this, nothing can be said of noise."""
+GROSS_SIGMAS = 6.0
+"""Further than this from the line, in standard deviations of the noise as it truly is, is grossly wrong."""
+
+_MAD_TO_SIGMA = 1.4826
+_FIT_ROUNDS = 4
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Sights:
+    """What one recording holds of a target, a frame each.
+
+    Attributes:
+        times_s: Capture times.
+        figures_m: The distances, or depths; NaN in frames without the target.
+        noises_m: The standard deviation that was stated for the part that differs from frame to frame.
+        scale: The rest of the stated standard deviation, as a share of the distance.
+    """
+
+    times_s: Floats
+    figures_m: Floats
+    noises_m: Floats
+    scale: float
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Stretch:
+    """Some seconds of a recording.
+
+    Attributes:
+        begins_s: The capture time of its first frame.
+        steps_s: The time since the frame before, for each frame.
+        first_m: Where the target was at its beginning, by the line that fits.
+        last_m: Where it was at its end.
+        errors: How far each measurement is from the line, in standard deviations as stated; NaN without one.
+        spread: The standard deviation of the errors, those that are grossly wrong left out.
+    """
+
+    begins_s: float
+    steps_s: Floats
+    first_m: float
+    last_m: float
+    errors: Floats
+    spread: float
+
+    @property
+    def duration_s(self) -> float:
+        """How long it is."""
+        return float(self.steps_s.sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Noise:
+    """What recordings tell of the noise.
+
+    Attributes:
+        stretches: All stretches in which the target was there.
+        calm: The calm ones of them.
+        recorded_s: How long the recordings are, the time without the target included.
+        frame_s: The time from frame to frame, on the median.
+        stated_per_m2: The stated standard deviation of the noise divided by the square of the distance, on the median.
+        scale: The part of the stated standard deviation that no filter reduces, as a share of the distance.
+        ratio: How many times as large as stated the noise truly is.
+        correlation: Of the noise from one frame to the next.
+        gross: The share of measurements that are grossly wrong.
+        missing: The share of frames without a measurement.
+    """
+
+    stretches: tuple[Stretch, ...]
+    calm: tuple[Stretch, ...]
+    recorded_s: float
+    frame_s: float
+    stated_per_m2: float
+    scale: float
+    ratio: float
+    correlation: float
+    gross: float
+    missing: float
+
+    @property
+    def calm_s(self) -> float:
+        """How much time the calm stretches are."""
+        return sum(stretch.duration_s for stretch in self.calm)
+
+    def stated_m(self, distance_m: float) -> float:
+        """Return the standard deviation that would be stated for a measurement; in metres, for a distance in metres."""
+        return max(self.stated_per_m2 * distance_m * distance_m, NOISE_FLOOR_M)
+
+    def true_m(self, distance_m: float) -> float:
+        """Return the standard deviation that a measurement truly has; in metres, for a distance in metres."""
+        return self.ratio * self.stated_m(distance_m)
+
+
+def sights_of(recording: Recording, target: str, quantity: Quantity) -> Sights:
+    """Read what a recording holds of a target.
+
+    Args:
+        recording: The recording.
+        target: The target's name.
+        quantity: Distance or depth.
+
+    Returns:
+        What was measured, in the order of the frames.
+
+    Raises:
+        JournalError: The recording is damaged, has no frames, or does not know the target.
+    """
+    rows: list[tuple[float, float, float, float]] = []
+    known: set[str] = set()
+    frames = 0
+    for cycle in recording.cycles():
+        observation = cycle.observation()
+        frames += observation.frame is not None
+        known.update(seen.target for seen in observation.measurements)
+        rows += [_row(seen, quantity) for seen in observation.measurements if seen.target == target]
+    if not rows:
+        raise JournalError(_nothing_of(recording, target, frames, known))
+    _, first = np.unique([row[0] for row in rows], return_index=True)  # a frame that came twice counts once
+    table = np.array(rows)[first]
+    shares = table[:, 3][np.isfinite(table[:, 3])]
+    return Sights(
+        times_s=table[:, 0],
+        figures_m=table[:, 1],
+        noises_m=table[:, 2],
+        scale=float(np.median(shares)) if len(shares) else 0.0,
+    )
+
+
+def _row(seen: Measurement, quantity: Quantity) -> tuple[float, float, float, float]:
+    """Return the capture time, the figure, its noise, and the other part of its standard deviation as a share."""
+    figure_m = seen.distance_m if quantity == "distance" else seen.depth_m
+    noise_m, sigma_m = seen.noise_m, seen.sigma_m
+    nothing = (seen.captured_at_s, math.nan, math.nan, math.nan)
+    if seen.status is not MeasurementStatus.MEASURED or figure_m is None or noise_m is None or sigma_m is None:
+        return nothing
+    if not math.isfinite(figure_m + noise_m + sigma_m) or figure_m <= 0:
+        return nothing
+    noise_m = max(noise_m, NOISE_FLOOR_M)
+    return seen.captured_at_s, figure_m, noise_m, math.sqrt(max(0.0, sigma_m**2 - noise_m**2)) / figure_m
+
+
+def _nothing_of(recording: Recording, target: str, frames: int, known: set[str]) -> str:
+    if not frames:
+        return f"{recording.path}: no frame was recorded; record a run in which the camera works"
+    has = f"its targets are: {', '.join(sorted(known))}" if known else "no target was looked for"
+    return f"{recording.path}: the rule watches '{target}', which this recording does not have; {has}"
+
+
+def noise_of(recordings: Sequence[Sights]) -> Noise:
+    """Tell the noise from the target's movement.
+
+    Args:
+        recordings: What was measured of the target in each recording.
+
+    Returns:
+        What is known of the noise.
+
+    Raises:
+        JournalError: The target was never calm for long enough.
+    """
+    stretches = [stretch for sights in recordings for stretch in stretches_of(sights)]
+    calm = _calm(stretches)
+    calm_s = sum(stretch.duration_s for stretch in calm)
+    if calm_s < CALM_LEAST_S:
+        raise JournalError(
+            f"the target stood still, or moved steadily, for {calm_s:.0f} s of the recordings only; at least "
+            f"{CALM_LEAST_S:.0f} s are needed to tell noise from movement: record it standing where it mostly stands"
+        )
+    calm = _made_whole(calm)
+    errors = np.concatenate([stretch.errors for stretch in calm])
+    ratio = max(_spread(errors), 1e-3)
+    seen = np.isfinite(errors)
+    steps_s = np.concatenate([np.diff(sights.times_s) for sights in recordings])
+    figures_m = np.concatenate([sights.figures_m for sights in recordings])
+    noises_m = np.concatenate([sights.noises_m for sights in recordings])
+    return Noise(
+        stretches=tuple(stretches),
+        calm=tuple(calm),
+        recorded_s=sum(float(sights.times_s[-1] - sights.times_s[0]) for sights in recordings),
+        frame_s=float(np.median(steps_s)),
+        stated_per_m2=float(np.nanmedian(noises_m / figures_m**2)),
+        scale=float(np.median([sights.scale for sights in recordings])),
+        ratio=ratio,
+        correlation=_correlation([stretch.errors for stretch in calm], ratio),
+        gross=float(np.mean(np.abs(errors[seen]) > GROSS_SIGMAS * ratio)),
+        missing=float(1 - np.mean(seen)),
+    )
+
+
+def stretches_of(sights: Sights) -> list[Stretch]:
+    """Cut a recording into stretches in which the target was there.
+
+    Args:
+        sights: What was measured.
+
+    Returns:
+        The stretches, in order.
+    """
+    steps_s = np.diff(sights.times_s, prepend=sights.times_s[0] - _usual_step_s(sights.times_s))
+    return [
+        _stretch(sights, part, steps_s)
+        for run in _runs(sights.times_s)
+        for part in _parts(sights.times_s, run)
+        if np.mean(np.isfinite(sights.figures_m[part])) >= SEEN_SHARE
+    ]
+
+
+def _usual_step_s(times_s: Floats) -> float:
+    return float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
+
+
+def _runs(times_s: Floats) -> Iterable[slice]:
+    """Yield the frames between two pauses."""
+    breaks = [0, *(np.flatnonzero(np.diff(times_s) > GAP_S) + 1).tolist(), len(times_s)]
+    for first, end in pairwise(breaks):
+        yield slice(first, end)
+
+
+def _parts(times_s: Floats, run: slice) -> Iterable[slice]:
+    """Yield stretches of a run; what is left over at its end is too short to tell anything."""
+    first = run.start
+    while first < run.stop and times_s[run.stop - 1] - times_s[first] >= STRETCH_S:
+        end = int(np.searchsorted(times_s, times_s[first] + STRETCH_S))
+        if end - first >= 10:
+            yield slice(first, end)
+        first = end
+
+
+def _stretch(sights: Sights, part: slice, steps_s: Floats) -> Stretch:
+    times_s, figures_m = sights.times_s[part], sights.figures_m[part]
+    slope_mps, middle_m, middle_s = _robust_line(times_s, figures_m)
+    line_m = middle_m + slope_mps * (times_s - middle_s)
+    errors = (figures_m - line_m) / sights.noises_m[part]
+    return Stretch(
+        begins_s=float(times_s[0]),
+        steps_s=np.minimum(steps_s[part], GAP_S),
+        first_m=float(line_m[0]),
+        last_m=float(line_m[-1]),
+        errors=errors,
+        spread=_spread(errors),
+    )
+
+
+def _robust_line(times_s: Floats, figures_m: Floats) -> tuple[float, float, float]:
+    """Return slope, height in the middle, and the middle, of a line that gross errors do not draw to themselves."""
+    seen = np.isfinite(figures_m)
+    times_s, figures_m = times_s[seen], figures_m[seen]
+    middle_s = float(times_s.mean())
+    weights = (np.abs(figures_m - np.median(figures_m)) <= 0.3 * np.median(figures_m)).astype(float)
+    slope, height = 0.0, float(np.median(figures_m))
+    for _ in range(_FIT_ROUNDS):
+        slope, height = np.polyfit(times_s - middle_s, figures_m, 1, w=np.sqrt(weights))
+        off = np.abs(figures_m - height - slope * (times_s - middle_s))
+        limit = 3 * max(_MAD_TO_SIGMA * float(np.median(off)), 1e-9)
+        weights = np.maximum(np.minimum(1.0, limit / np.maximum(off, 1e-12)) ** 4, 1e-9)
+    return float(slope), float(height), middle_s
+
+
+def _spread(errors: Floats) -> float:
+    return _MAD_TO_SIGMA * float(np.nanmedian(np.abs(errors)))
+
+
+def _calm(stretches: Sequence[Stretch]) -> list[Stretch]:
+    """Return the stretches in which a straight line fits about as well as it ever does."""
+    if not stretches:
+        return []
+    usual = float(np.quantile([stretch.spread for stretch in stretches], 0.25))
+    return [stretch for stretch in stretches if stretch.spread <= CALM_TIMES * usual + 1e-9]
+
+
+def _made_whole(calm: Sequence[Stretch]) -> list[Stretch]:
+    """Return calm stretches whose errors are as large as they were before a line was laid through them.
+
+    A line takes two of the independent errors to itself, and errors that last are fewer than the frames.
+    """
+    errors = [stretch.errors for stretch in calm]
+    correlation = max(0.0, _correlation(errors, max(_spread(np.concatenate(errors)), 1e-3)))
+    frames = float(np.mean([len(each) for each in errors]))
+    independent = max(4.0, frames * (1 - correlation) / (1 + correlation))
+    grown = 1 / math.sqrt(1 - 2 / independent)
+    return [replace(each, errors=each.errors * grown, spread=each.spread * grown) for each in calm]
+
+
+def _correlation(errors: Sequence[Floats], ratio: float) -> float:
+    """Return the correlation from one frame to the next, of errors that are not gross."""
+    before = np.concatenate([each[:-1] for each in errors])
+    after = np.concatenate([each[1:] for each in errors])
+    usable = (np.abs(before) < GROSS_SIGMAS * ratio) & (np.abs(after) < GROSS_SIGMAS * ratio)
+    if usable.sum() < 10 or not before[usable].std() or not after[usable].std():
+        return 0.0
+    return float(np.corrcoef(before[usable], after[usable])[0, 1])

@@ -1,0 +1,163 @@
+"""How often something rare happens: counts, how sure they are, and what they say of where nothing was counted.
+
+An alarm is raised for nothing more seldom the further away from its threshold the target stands. It is counted at
+several clearances where it happens often enough to be counted, and where it gets seldom a straight line is laid through
+the logarithms: its slope is that of all settings together, its height that of each. What is normally distributed falls
+off faster than a line, so the line errs on the safe side. Gross errors do not fall off at all; where the target stood
+is therefore tried too, and what is counted there counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadimeter.workbench.tuning.noise import Floats
+
+DAY_S = 86400.0
+SURE = 0.95
+DRAWS = 400
+"""So many times the counts are drawn anew, to see how sure the line is."""
+
+_SIGMAS_OF_SURE = 1.645
+_HALF = 0.5
+"""Where nothing was counted, half a count stands for it: the logarithm of zero is not a number."""
+OFTEN_SHARE = 0.5
+"""An alarm gets seldom where it is raised less than this share as often as anywhere."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Count:
+    """How often an alarm was raised while the target stood somewhere.
+
+    Attributes:
+        clearance: How far from the threshold, in standard deviations of the noise.
+        raises: How often.
+        duration_s: In how much time.
+    """
+
+    clearance: float
+    raises: int
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slope:
+    """How much more seldom an alarm is raised, for each standard deviation further away.
+
+    Attributes:
+        per_sigma: The change of the logarithm, zero or less.
+        sigma: Its standard deviation.
+    """
+
+    per_sigma: float
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rate:
+    """How often a day an alarm is raised for nothing.
+
+    Attributes:
+        a_day: The likeliest figure.
+        at_most_a_day: It is at most this, with 95 % confidence, as far as the counts go.
+    """
+
+    a_day: float
+    at_most_a_day: float
+
+
+def at_most(count: int) -> float:
+    """Return the most events that are expected, with 95 % confidence, where so many were counted.
+
+    Args:
+        count: How many were counted.
+
+    Returns:
+        The upper limit of a Poisson variable's mean; 3.0 for none, the "rule of three". The formula is that of Wilson
+        and Hilferty, "The distribution of chi-square", PNAS 17 (12), 1931.
+    """
+    more = count + 1
+    return float(more * (1 - 1 / (9 * more) + _SIGMAS_OF_SURE / (3 * math.sqrt(more))) ** 3)
+
+
+def slope_of(all_counts: Iterable[Sequence[Count]]) -> Slope:
+    """Return the slope that all settings have together.
+
+    Args:
+        all_counts: What was counted for each of them, by growing clearance.
+
+    Returns:
+        The slope.
+    """
+    tails = [_tail(counts) for counts in all_counts]
+    rise = spread = 0.0
+    for at, raises, duration_s in tails:
+        logs = np.log(raises / duration_s)
+        off = at - np.average(at, weights=raises)
+        rise += float(np.sum(raises * off * logs))
+        spread += float(np.sum(raises * off * off))
+    # All settings were tried on the same noise: together they tell no more than one of them.
+    return Slope(per_sigma=min(rise / spread, 0.0), sigma=math.sqrt(len(tails) / spread))
+
+
+def rate_at(
+    counts: Sequence[Count], slope: Slope, clearances: Floats, far: Count | None, random: np.random.Generator
+) -> Rate:
+    """Return how often a day an alarm is raised, of a target that stands in some places for as long in each.
+
+    Args:
+        counts: What was counted, by growing clearance.
+        slope: How much more seldom it is raised further away.
+        clearances: How far from the threshold it stands, in standard deviations of the noise.
+        far: What was counted where it mostly stands, if that is further away than all else; else None.
+        random: Where chance comes from.
+
+    Returns:
+        The rate.
+    """
+    at, raises, duration_s = _tail(counts)
+    nearer = np.array(
+        [count.raises / count.duration_s for count in counts if count.clearance < at[0]], dtype=np.float64
+    )
+    most_often = max(float(nearer.max(initial=0.0)), raises[0] / duration_s[0])
+    likeliest = _a_day((at, raises, duration_s), slope.per_sigma, clearances, most_often)
+    slopes = np.minimum(random.normal(slope.per_sigma, slope.sigma, DRAWS), 0.0)
+    again = np.maximum(random.poisson(raises, (DRAWS, len(raises))), _HALF)
+    drawn = [
+        _a_day((at, each, duration_s), float(by), clearances, most_often)
+        for each, by in zip(again, slopes, strict=True)
+    ]
+    most = float(np.quantile(drawn, SURE))
+    if far is not None and far.raises:
+        likeliest = max(likeliest, far.raises / far.duration_s * DAY_S)
+        most = max(most, at_most(far.raises) / far.duration_s * DAY_S)
+    return Rate(a_day=likeliest, at_most_a_day=max(likeliest, most))
+
+
+def _tail(counts: Sequence[Count]) -> tuple[Floats, Floats, Floats]:
+    """Return clearances, raises and durations, from where it gets seldom to where it is not raised any more.
+
+    Nearer than that it is raised about as often wherever the target stands, or more seldom because it hardly ever ends.
+    """
+    raises = [count.raises for count in counts]
+    often = max(index for index, each in enumerate(raises) if each >= OFTEN_SHARE * max(raises))
+    first = min(often, len(raises) - 2)
+    empty = next((index for index in range(first, len(raises)) if not raises[index]), len(raises) - 1)
+    used = counts[first : max(empty + 1, first + 2)]
+    return (
+        np.array([count.clearance for count in used]),
+        np.array([max(count.raises, _HALF) for count in used]),
+        np.array([count.duration_s for count in used]),
+    )
+
+
+def _a_day(tail: tuple[Floats, Floats, Floats], per_sigma: float, clearances: Floats, most_often: float) -> float:
+    """Return the rate, by the line, and nowhere more than where it is raised most often."""
+    at, raises, duration_s = tail
+    height = math.log(raises.sum() / np.sum(duration_s * np.exp(per_sigma * at)))
+    rates = np.minimum(np.exp(height + per_sigma * clearances), most_often)
+    return float(DAY_S * np.mean(rates))

@@ -1,0 +1,1 @@
+"""The project's own rigs: scenes with exact truth, a broker, a tunnel, listeners, journals."""

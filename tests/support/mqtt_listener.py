@@ -1,0 +1,145 @@
+"""A subscriber for tests: remembers everything that a broker passes on."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Self
+
+from paho.mqtt.client import Client, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+
+from support.broker import HOST
+
+WAIT_S = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Heard:
+    """A message as a subscriber gets it.
+
+    Attributes:
+        topic: The whole topic.
+        payload: The text.
+        qos: The quality of service that it came with.
+        is_retained: Whether the broker had kept it from before the subscription.
+        expires_s: What is left of its life; None for ever, or where MQTT 5 is not spoken.
+    """
+
+    topic: str
+    payload: str
+    qos: int
+    is_retained: bool
+    expires_s: int | None
+
+
+class MqttListener:
+    """Subscribes to everything, at QoS 1. Use it in a ``with`` statement.
+
+    Args:
+        port: The broker's port on the loopback interface.
+        login: Name and password; None for none.
+        is_v5: Whether to speak MQTT 5, which shows expiries; else 3.1.1, which every broker speaks.
+    """
+
+    def __init__(self, port: int, login: tuple[str, str] | None = None, *, is_v5: bool = False) -> None:
+        self._port = port
+        self._changed = threading.Condition()
+        self._heard: list[Heard] = []
+        self._is_subscribed = False
+        version = MQTTProtocolVersion.MQTTv5 if is_v5 else MQTTProtocolVersion.MQTTv311
+        self._client = Client(CallbackAPIVersion.VERSION2, protocol=version)
+        if login is not None:
+            self._client.username_pw_set(*login)
+        self._client.on_message = self._on_message
+        self._client.on_subscribe = self._on_subscribe
+
+    def __enter__(self) -> Self:
+        """Subscribe; return when the broker has confirmed it."""
+        self._client.connect(HOST, self._port)
+        self._client.loop_start()
+        self._client.subscribe("#", qos=1)
+        with self._changed:
+            assert self._changed.wait_for(lambda: self._is_subscribed, WAIT_S), "the broker does not answer"
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Disconnect."""
+        self._client.disconnect()
+        self._client.loop_stop()
+        self._client.on_message = self._client.on_subscribe = None
+
+    @property
+    def heard(self) -> list[Heard]:
+        """Everything so far, in order."""
+        with self._changed:
+            return list(self._heard)
+
+    def payloads(self, topic: str) -> list[str]:
+        """Return what came on one topic, in order.
+
+        Args:
+            topic: The whole topic.
+
+        Returns:
+            The payloads.
+        """
+        return [heard.payload for heard in self.heard if heard.topic == topic]
+
+    def wait_for(self, topic: str, payload: str | None = None) -> Heard:
+        """Wait for a message, which may have come already.
+
+        Args:
+            topic: The whole topic.
+            payload: The payload; None for any.
+
+        Returns:
+            The first such message.
+
+        Raises:
+            AssertionError: None came in time.
+        """
+
+        def is_it(heard: Heard) -> bool:
+            return heard.topic == topic and payload in {None, heard.payload}
+
+        self._wait(lambda: any(is_it(heard) for heard in self._heard), f"{topic} {payload or ''}")
+        return next(heard for heard in self.heard if is_it(heard))
+
+    def wait_for_payloads(self, topic: str, payloads: list[str]) -> None:
+        """Wait until exactly these payloads have come on a topic, in this order.
+
+        Args:
+            topic: The whole topic.
+            payloads: The payloads.
+
+        Raises:
+            AssertionError: They did not come in time.
+        """
+        self._wait(
+            lambda: [heard.payload for heard in self._heard if heard.topic == topic] == payloads,
+            f"{topic} {payloads}",
+        )
+
+    def _wait(self, condition: Callable[[], bool], wanted: str) -> None:
+        with self._changed:
+            assert self._changed.wait_for(condition, WAIT_S), f"{wanted} did not come; heard: {self._heard}"
+
+    def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
+        expires_s = getattr(message.properties, "MessageExpiryInterval", None)
+        heard = Heard(
+            topic=message.topic,
+            payload=message.payload.decode(),
+            qos=message.qos,
+            is_retained=message.retain,
+            expires_s=expires_s,
+        )
+        with self._changed:
+            self._heard.append(heard)
+            self._changed.notify_all()
+
+    def _on_subscribe(self, *_: Any) -> None:
+        with self._changed:
+            self._is_subscribed = True
+            self._changed.notify_all()

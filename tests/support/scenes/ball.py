@@ -1,0 +1,110 @@
+"""A ball, by casting rays.
+
+A ray d hits the sphere of radius r about c if ``(d·c)² >= |d|² (|c|² - r²)``, see `stadimeter.simulation.silhouette`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points
+from stadimeter.simulation.silhouette import Vector, silhouette
+from support.scenes.lens import Floats, Rays
+from support.scenes.target import Colour, Layer, inside
+from support.scenes.tone import decode_srgb
+
+Plane = NDArray[np.float32]
+
+TENNIS_BGR: Colour = (52, 232, 190)
+"""The yellowish green of a tennis ball."""
+
+LIMB_POINTS = 360
+SHININESS = 24.0
+"""Phong's exponent: the highlight is about a quarter of the ball wide."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BallTarget:
+    """A matte sphere in the light of a far lamp and of its surroundings.
+
+    Attributes:
+        position_m: Its centre in the camera frame.
+        diameter_m: Its diameter.
+        bgr: Its colour.
+        light: Where the lamp is, any length.
+        ambient: The share of the light that comes from all sides: how bright the dark side is.
+        specular: How bright the lamp's reflection is, 1 for white; 0 for none.
+    """
+
+    position_m: Vector
+    diameter_m: float
+    bgr: Colour = TENNIS_BGR
+    light: Vector = (-0.37, -0.83, -0.42)
+    ambient: float = 0.4
+    specular: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.diameter_m / 2 < self.position_m[2]:
+            raise ValueError(f"a ball of {self.diameter_m} m at {self.position_m} m is not in front of the camera")
+        if not (0 <= self.ambient <= 1 and self.specular >= 0 and any(self.light)):
+            raise ValueError(f"light {self.light}, ambient {self.ambient}, specular {self.specular} is no lighting")
+
+    @property
+    def tilt_rad(self) -> float:
+        """A ball has no tilt."""
+        return 0.0
+
+    def outline_m(self) -> Points:
+        """Return where rays touch the ball: a circle, nearer than the centre."""
+        centre = np.array(self.position_m)
+        distance, radius = float(np.linalg.norm(centre)), self.diameter_m / 2
+        first = np.cross(centre, (0.0, 1.0, 0.0) if abs(centre[0]) + abs(centre[2]) > 0 else (1.0, 0.0, 0.0))
+        first /= np.linalg.norm(first)
+        second = np.cross(centre / distance, first)
+        angles = np.linspace(0, 2 * math.pi, LIMB_POINTS, endpoint=False)[:, None]
+        around = np.cos(angles) * first + np.sin(angles) * second
+        sine = radius / distance
+        return np.asarray(centre * (1 - sine**2) + around * radius * math.sqrt(1 - sine**2))
+
+    def extent_m(self) -> Points:
+        """Return the limb."""
+        return self.outline_m()
+
+    def apparent_px(self, camera: CameraModel) -> float:
+        """Return the smaller diameter of its outline, which does not depend on where in the picture it is."""
+        seen = silhouette(camera, self.position_m, self.diameter_m / 2)
+        return 2 * seen.half_across_px[0] if seen else math.inf
+
+    def layer(self, rays: Rays) -> Layer:
+        """Return what it covers, and its light by Lambert's cosine law with Phong's reflection."""
+        (u, v), (x, y, z), radius = rays, self.position_m, self.diameter_m / 2
+        squared = u * u + v * v + 1
+        ahead = u * x + v * y + z
+        power = x * x + y * y + z * z - radius * radius
+        hit = ahead * ahead - squared * power
+        cover = inside(hit) * (ahead > 0).astype(np.float32)
+        depth = (ahead - np.sqrt(np.maximum(hit, 0))) / squared
+        normal = tuple(
+            ((depth * part - centre) / radius).astype(np.float32)
+            for part, centre in ((u, x), (v, y), (np.float64(1.0), z))
+        )
+        return Layer(cover, self._light(normal, u, v, squared))
+
+    def _light(self, normal: tuple[Plane, ...], u: Floats, v: Floats, squared: Floats) -> Plane:
+        lamp = tuple(part / math.hypot(*self.light) for part in self.light)
+        facing = sum(
+            (n * np.float32(part) for n, part in zip(normal, lamp, strict=True)), np.zeros(u.shape, np.float32)
+        )
+        shade = np.float32(self.ambient) + np.float32(1 - self.ambient) * np.clip(facing, 0, 1)
+        light = shade[:, :, None] * decode_srgb(self.bgr)
+        if self.specular > 0:
+            away = (u * lamp[0] + v * lamp[1] + lamp[2]).astype(np.float32)
+            looking = (u * normal[0] + v * normal[1] + normal[2]).astype(np.float32)
+            mirrored = (away - 2 * facing * looking) / np.sqrt(squared).astype(np.float32)
+            light = light + np.float32(self.specular) * (np.clip(mirrored, 0, 1) ** np.float32(SHININESS))[:, :, None]
+        return np.asarray(light, np.float32)

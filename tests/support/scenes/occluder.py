@@ -1,0 +1,99 @@
+"""Something in front of the target that hides an exact share of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadimeter.core.detection import Points
+from support.scenes.lens import Floats
+from support.scenes.patch import Patch
+from support.scenes.target import Colour, Layer
+from support.scenes.tone import decode_srgb
+
+BISECTIONS = 24
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Occluder:
+    """A board with a straight edge, pushed before the target from one side until it hides its share.
+
+    Attributes:
+        share: The share of the target's area in the picture that is hidden, from 0 to 1.
+        from_rad: The side that it comes from, as an angle in the picture from right towards down.
+        bgr: Its colour.
+    """
+
+    share: float
+    from_rad: float = 0.0
+    bgr: Colour = (70, 74, 82)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.share < 1:
+            raise ValueError(f"a board that hides {self.share} of the target is none; give a share between 0 and 1")
+
+    def corners_px(self, outline_px: Points) -> Points:
+        """Return its corners: its edge goes through the target, the rest reaches past it on the other three sides.
+
+        Args:
+            outline_px: The target's outline, shape ``(n, 2)``, convex and in order around it.
+
+        Returns:
+            Shape ``(4, 2)``; the first two are the ends of the edge that hides.
+        """
+        outwards = np.array((math.cos(self.from_rad), math.sin(self.from_rad)))
+        sideways = np.array((-outwards[1], outwards[0]))
+        out, side = outline_px @ outwards, outline_px @ sideways
+        edge = self._edge(outline_px, outwards)
+        reach = 0.3 * max(float(np.ptp(out)), float(np.ptp(side)))
+        far, low, high = float(out.max()) + reach, float(side.min()) - reach, float(side.max()) + reach
+        places = ((edge, low), (edge, high), (far, high), (far, low))
+        return np.array([outwards * along + sideways * across for along, across in places])
+
+    def layer(self, patch: Patch, outline_px: Points) -> Layer:
+        """Return what it covers of a patch."""
+        corners = self.corners_px(outline_px)
+        columns = patch.left + (np.arange((patch.right - patch.left) * patch.finer) + 0.5) / patch.finer - 0.5
+        rows = patch.top + (np.arange((patch.bottom - patch.top) * patch.finer) + 0.5) / patch.finer - 0.5
+        cover = np.ones((len(rows), len(columns)))
+        for side in range(4):
+            start, end = corners[side], corners[(side + 1) % 4]
+            inwards = np.array((start[1] - end[1], end[0] - start[0])) / np.linalg.norm(end - start)
+            if float(inwards @ (corners.mean(axis=0) - start)) < 0:
+                inwards = -inwards
+            deep = (columns[None, :] - start[0]) * inwards[0] + (rows[:, None] - start[1]) * inwards[1]
+            cover *= np.clip(deep * patch.finer + 0.5, 0, 1)
+        shape = (*cover.shape, 3)
+        return Layer(cover.astype(np.float32), np.broadcast_to(decode_srgb(self.bgr), shape))
+
+    def _edge(self, outline_px: Points, outwards: Floats) -> float:
+        """Return how far along ``outwards`` the edge must be so that the share beyond it is hidden."""
+        out = outline_px @ outwards
+        low, high = float(out.min()), float(out.max())
+        whole = _area(outline_px)
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            beyond = _area(_beyond(outline_px, outwards, middle))
+            low, high = (middle, high) if beyond > self.share * whole else (low, middle)
+        return (low + high) / 2
+
+
+def _beyond(polygon: Points, outwards: Floats, edge: float) -> Points:
+    """Cut off the part of a polygon beyond a line (I. Sutherland and G. Hodgman, 1974)."""
+    kept: list[Floats] = []
+    depth = polygon @ outwards - edge
+    for start, end, first, second in zip(polygon, np.roll(polygon, -1, 0), depth, np.roll(depth, -1), strict=True):
+        if first >= 0:
+            kept.append(start)
+        if (first >= 0) != (second >= 0):
+            kept.append(start + (end - start) * first / (first - second))
+    return np.array(kept).reshape(-1, 2)
+
+
+def _area(polygon: Points) -> float:
+    if len(polygon) < 3:
+        return 0.0
+    x, y = polygon[:, 0], polygon[:, 1]
+    return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2

@@ -1,0 +1,82 @@
+"""A scene: all that a picture follows from; and what is known about the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.simulation.silhouette import Vector
+from support.scenes.backdrop import Backdrop, ClutterBackdrop
+from support.scenes.blur import Blur
+from support.scenes.occluder import Occluder
+from support.scenes.sensor import Sensor
+from support.scenes.target import Target
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """All that a picture follows from.
+
+    Attributes:
+        camera: Resolution, focal lengths, centre and distortion.
+        target: What is to be measured; None for an empty scene.
+        seed: Clutter and noise follow from it.
+        backdrop: What is behind the target.
+        occluder: What hides a part of it.
+        blur: The lens' point spread, and motion.
+        sensor: Exposure, tone curve, sharpening, noise, JPEG.
+        rolling_shutter_px: By how much the picture moves, right and down, while its rows are read. The target's
+            centre shows where it is at the time of the truth.
+        finer: How many samples there are along a pixel, where the target is.
+    """
+
+    camera: CameraModel
+    target: Target | None
+    seed: int
+    backdrop: Backdrop = field(default_factory=ClutterBackdrop)
+    occluder: Occluder | None = None
+    blur: Blur = field(default_factory=Blur)
+    sensor: Sensor = field(default_factory=Sensor)
+    rolling_shutter_px: tuple[float, float] = (0.0, 0.0)
+    finer: int = 4
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.finer <= 16:
+            raise ValueError(f"{self.finer} samples along a pixel are not between 1 and 16")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Truth:
+    """What is known about the target of a picture.
+
+    Attributes:
+        distance_m: Length of the straight line from the camera to the target's centre.
+        depth_m: The part of that line along the optical axis.
+        position_m: The centre in the camera frame: x right, y down, z forward.
+        apparent_px: How large its diameter or longer side appears; of a flat target, as if it were not tilted.
+        tilt_rad: Angle between its normal and the optical axis; 0 for a ball.
+        outline_px: Its corners in order, or points on its limb or rim, shape ``(n, 2)``, with distortion and rolling
+            shutter.
+    """
+
+    distance_m: float
+    depth_m: float
+    position_m: Vector
+    apparent_px: float
+    tilt_rad: float
+    outline_px: Points
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RenderedScene:
+    """A picture and its truth.
+
+    Attributes:
+        image: The picture, shape ``(height, width, 3)``, 8 bits a channel, blue first.
+        truth: What is known about its target; None for an empty scene.
+    """
+
+    image: Image
+    truth: Truth | None

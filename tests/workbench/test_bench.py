@@ -1,0 +1,64 @@
+"""A computer's own figures."""
+
+import os
+import platform
+
+import cv2
+import pytest
+
+from stadimeter.workbench.bench import measure, this_computer
+from stadimeter.workbench.bench_pictures import exercises, lens_for, room_frames, with_patch
+
+
+@pytest.fixture(scope="module")
+def figures():
+    return measure(0.5, sizes_px=((320, 240), (640, 480)))
+
+
+def test_every_detector_of_ours_is_measured_at_every_size(figures):
+    assert [(speed.width_px, speed.detector) for speed in figures.detectors] == [
+        (width, name) for width in (320, 640) for name in exercises()
+    ]
+
+
+def test_every_detector_finds_what_it_is_measured_on(figures):
+    assert {speed.detector: speed.found for speed in figures.detectors if speed.width_px == 640} == dict.fromkeys(
+        exercises(), 1.0
+    )
+
+
+def test_speeds_are_positive_and_tracking_was_measured(figures):
+    assert all(speed.search_fps > 0 for speed in figures.detectors)
+    assert all(speed.track_fps is not None and speed.track_fps > 0 for speed in figures.detectors if speed.found)
+
+
+def test_the_latency_is_that_of_a_run(figures):
+    latency = figures.latency
+    assert latency.frames > 0
+    assert 0 < latency.p50_ms <= latency.p95_ms <= latency.p99_ms
+
+
+def test_the_memory_is_that_of_a_program_with_opencv(figures):
+    assert 20 < figures.peak_memory_mb < 4000
+
+
+def test_what_was_measured_on_is_named():
+    computer = this_computer()
+    assert computer.board
+    assert computer.cores == len(os.sched_getaffinity(0))
+    assert computer.python == platform.python_version()
+    assert computer.opencv == cv2.__version__
+
+
+def test_the_pictures_differ_and_have_the_size_that_was_asked_for():
+    frames = room_frames(lens_for(320, 240))
+    assert {frame.image.shape for frame in frames} == {(240, 320, 3)}
+    assert len({frame.image.tobytes() for frame in frames}) == len(frames)
+
+
+def test_a_patch_changes_a_copy():
+    frames = room_frames(lens_for(320, 240), count=2)
+    before = [frame.image.copy() for frame in frames]
+    changed = with_patch(frames, exercises()["sheet"].patch)
+    assert all((frame.image == image).all() for frame, image in zip(frames, before, strict=True))
+    assert all((new.image != image).any() for new, image in zip(changed, before, strict=True))

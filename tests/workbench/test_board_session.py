@@ -1,0 +1,156 @@
+"""Collecting views of a board from a camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.config.driver_choice import DriverChoice
+from stadimeter.config.plugins import CAMERAS, load_plugin
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Frame
+from stadimeter.errors import CalibrationError
+from stadimeter.ranging.board_calibration import BoardView
+from stadimeter.workbench.calibration.board_session import VIEWS_ENOUGH, VIEWS_MAX, BoardSession, open_source
+
+LENS = replace(CameraModel.with_focal_length(610.0, 640, 480), distortion=(-0.2, 0.06, 0.001, -0.0005, 0.0))
+CORNERS = np.column_stack([axis.ravel() for axis in np.meshgrid(np.arange(9), np.arange(6))]) * 0.025
+TILTS = [(0.6, 0.0), (-0.6, 0.0), (0.0, 0.6), (0.0, -0.6), (0.45, 0.45), (-0.45, -0.45), (0.45, -0.45), (-0.45, 0.45)]
+PLACES = [(x, y) for y in (-0.11, 0.0, 0.11) for x in (-0.16, 0.0, 0.16)]
+
+
+class KnownBoard:
+    """Stands in for a board: says where its corners are in frames that hold no picture of it."""
+
+    def __init__(self) -> None:
+        self.corners_px: np.ndarray | None = None
+
+    def find(self, picture: str, image: np.ndarray) -> BoardView | str:
+        if self.corners_px is None:
+            return "no chessboard of 9x6 inner corners"
+        return BoardView(picture=picture, board_m=CORNERS, corners_px=self.corners_px)
+
+
+def corners_at(turn: tuple[float, float], place: tuple[float, float], depth_m: float = 0.55) -> np.ndarray:
+    rotation, _ = cv2.Rodrigues(np.array([*turn, 0.05]))
+    flat = np.column_stack((CORNERS - CORNERS.mean(axis=0), np.zeros(len(CORNERS))))
+    points = flat @ rotation.T + (*place, depth_m)
+    noise_px = np.random.default_rng(abs(hash((turn, place)))).normal(0, 0.05, (len(CORNERS), 2))
+    return LENS.project(points[:, :2] / points[:, 2:]) + noise_px
+
+
+class Rig:
+    """A session with a board that is put where a test wants it."""
+
+    def __init__(self, *, must_be_steady: bool = False) -> None:
+        self.board = KnownBoard()
+        self.session = BoardSession(self.board, date="2026-01-31", must_be_steady=must_be_steady)  # type: ignore[arg-type]
+        self.frames = 0
+
+    def show(self, corners_px: np.ndarray | None, size: tuple[int, int] = (640, 480)) -> str:
+        self.board.corners_px = corners_px
+        self.frames += 1
+        image = np.zeros((size[1], size[0], 3), np.uint8)
+        return self.session.look(Frame(image, self.frames / 30, self.frames))
+
+
+def test_a_good_session_ends_by_itself_with_the_lens() -> None:
+    rig = Rig()
+    for index in range(60):
+        if rig.session.is_done:
+            break
+        rig.show(corners_at(TILTS[index % len(TILTS)], PLACES[(index * 2) % len(PLACES)]))
+    assert rig.session.is_done
+    assert rig.session.missing() == ()
+    assert VIEWS_ENOUGH <= len(rig.session.views) < 30
+    made = rig.session.calibration
+    assert made is not None
+    assert made.camera_model.fx_px == pytest.approx(610, rel=0.01)
+    assert made.camera_model.focal_relative_sigma < 0.01
+
+
+def test_a_frame_without_the_board_says_so_and_takes_nothing() -> None:
+    rig = Rig()
+    assert rig.show(None) == "no chessboard of 9x6 inner corners"
+    assert rig.session.views == []
+    assert rig.session.missing() == ("views of the board",)
+
+
+def test_a_view_that_is_much_like_another_is_not_taken_again() -> None:
+    rig = Rig()
+    assert rig.show(corners_at(TILTS[0], PLACES[4])) == ""
+    why_not = rig.show(corners_at(TILTS[0], PLACES[4]) + 20)
+    assert why_not == "much like view 1; move it further, or tilt it more"
+    assert rig.show(corners_at(TILTS[0], PLACES[4]) + 60) == "", "elsewhere"
+    assert rig.show(corners_at(TILTS[1], PLACES[4])) == "", "tilted"
+    assert rig.show(corners_at(TILTS[0], PLACES[4], 0.45)) == "", "nearer"
+
+
+def test_a_board_in_motion_is_taken_once_it_is_held_still() -> None:
+    rig = Rig(must_be_steady=True)
+    here = corners_at(TILTS[0], PLACES[4])
+    assert rig.show(here) == "hold it still"
+    assert rig.show(here + 4).startswith("hold it still: it moves by 5.7 px from frame to frame, limit 1.3 px")
+    assert rig.show(here + 4.1) == ""
+    assert len(rig.session.views) == 1
+
+
+def test_a_board_that_was_out_of_sight_between_two_frames_was_not_still() -> None:
+    rig = Rig(must_be_steady=True)
+    here = corners_at(TILTS[0], PLACES[4])
+    rig.show(here)
+    rig.show(None)
+    assert rig.show(here) == "hold it still"
+
+
+def test_boards_that_all_face_the_camera_are_never_enough() -> None:
+    rig = Rig()
+    for step in range(3):
+        for x, y in PLACES:
+            rig.show(corners_at((0.02 * step, 0.01), (x, y), 0.5 + 0.08 * step))
+    assert len(rig.session.views) > VIEWS_ENOUGH
+    assert not rig.session.is_done
+    assert "a tilt with the left, right, upper, lower edge away" in rig.session.missing()
+    assert rig.session.calibration is None
+
+
+def test_it_is_said_where_the_board_was_never_seen_and_which_edge_was_never_away() -> None:
+    rig = Rig()
+    for turn in TILTS:
+        if turn[1] >= 0:
+            rig.show(corners_at(turn, (-0.12, 0.0), 0.6))
+    missing = "; ".join(rig.session.missing())
+    assert missing.startswith("the board in the ")
+    assert "upper right, right, lower left" in missing
+    assert " left, right" not in missing, "there it was seen"
+    assert "a tilt with the right edge away" in missing
+    assert f"{VIEWS_ENOUGH - len(rig.session.views)} more views" in missing
+
+
+def test_it_ends_after_so_many_views_however_poor_they_are() -> None:
+    rig = Rig()
+    rig.session.views = [
+        BoardView(picture=str(number), board_m=CORNERS, corners_px=corners_at((0.0, 0.0), PLACES[4]))
+        for number in range(VIEWS_MAX)
+    ]
+    rig.session.width_px, rig.session.height_px = 640, 480
+    assert rig.session.missing()
+    assert rig.session.is_done
+
+
+def test_a_camera_that_changes_its_resolution_is_refused() -> None:
+    rig = Rig()
+    rig.show(corners_at(TILTS[0], PLACES[4]))
+    with pytest.raises(CalibrationError, match="gave 640x480 px, then 320x240"):
+        rig.show(corners_at(TILTS[1], PLACES[4]), (320, 240))
+
+
+def test_pictures_count_each_for_itself_and_a_live_camera_does_not(tmp_path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((48, 64, 3), np.uint8))
+    for driver, table, is_live in (("images", {"paths": str(tmp_path)}, False), ("opencv", {"device": 0}, True)):
+        plugin = load_plugin(CAMERAS, driver)
+        choice = DriverChoice(name="camera", driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
+        assert open_source(choice).is_live is is_live

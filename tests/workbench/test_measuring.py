@@ -1,0 +1,109 @@
+"""Measuring picture files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.app.detectors import NamedDetector, build_detectors
+from stadimeter.config.loader import DriverChoice
+from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.measurement import MeasurementStatus
+from stadimeter.errors import PictureError
+from stadimeter.workbench.measuring import measure_picture, open_picture
+
+CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
+
+
+@pytest.fixture
+def targets() -> tuple[NamedDetector, ...]:
+    plugin = load_plugin(DETECTORS, "ball")
+    options = plugin.options.model_validate({"diameter": "10 cm", "hsv": "170,100,60:10,255,255"})
+    choices = [DriverChoice(name=name, driver="ball", plugin=plugin, options=options) for name in ("left", "right")]
+    return build_detectors(choices, CAMERA)
+
+
+@pytest.fixture
+def ball_picture(tmp_path: Path) -> Path:
+    image = np.full((480, 640, 3), (120, 110, 100), np.uint8)
+    cv2.circle(image, (320, 240), 30, (40, 30, 200), -1, cv2.LINE_AA)
+    cv2.imwrite(str(tmp_path / "ball.png"), image)
+    return tmp_path / "ball.png"
+
+
+def test_each_target_has_a_result_for_each_picture(ball_picture: Path, targets) -> None:
+    result = measure_picture(ball_picture, targets, CAMERA)
+    assert [each.measurement.target for each in result.targets] == ["left", "right"]
+    assert result.file == str(ball_picture)
+    assert result.frame is not None
+    for each in result.targets:
+        assert each.measurement.status is MeasurementStatus.MEASURED
+        assert each.measurement.distance_m == pytest.approx(0.1 * 600 / 60, rel=0.03)
+        assert each.detection is not None
+
+
+def test_a_record_has_exactly_the_keys_that_programs_read(ball_picture: Path, targets) -> None:
+    record = measure_picture(ball_picture, targets, CAMERA).targets[0].record()
+    assert list(record) == [
+        "file",
+        "target",
+        "status",
+        "distance_m",
+        "depth_m",
+        "sigma_m",
+        "bearing_rad",
+        "elevation_rad",
+        "tilt_rad",
+        "ambiguity",
+        "reason",
+    ]
+    assert record["status"] == "measured"
+    assert record["reason"] == ""
+
+
+def test_a_picture_of_another_size_is_measured_through_the_scaled_camera(ball_picture: Path, targets) -> None:
+    large = ball_picture.with_name("large.png")
+    cv2.imwrite(str(large), cv2.resize(cv2.imread(str(ball_picture)), (1280, 960), interpolation=cv2.INTER_CUBIC))
+    small_m = measure_picture(ball_picture, targets, CAMERA).targets[0].measurement.distance_m
+    assert measure_picture(large, targets, CAMERA).targets[0].measurement.distance_m == pytest.approx(small_m, rel=0.01)
+
+
+def test_a_picture_of_another_aspect_is_an_error_with_a_reason(ball_picture: Path, targets) -> None:
+    cut = ball_picture.with_name("cut.png")
+    cv2.imwrite(str(cut), cv2.imread(str(ball_picture))[:360])
+    for each in measure_picture(cut, targets, CAMERA).targets:
+        assert each.measurement.status is MeasurementStatus.ERROR
+        assert "another aspect" in each.measurement.reason
+        assert each.measurement.distance_m is None
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("missing.png", "there is no such file"),
+        ("missing*.png", "there is no such file"),
+        ("empty.png", "empty"),
+        ("text.png", "not a picture"),
+        ("cut.png", "cut short"),
+        ("folder", "it is a folder"),
+    ],
+)
+def test_a_bad_picture_is_an_error_in_one_line(ball_picture: Path, targets, name: str, said: str) -> None:
+    folder = ball_picture.parent
+    (folder / "empty.png").touch()
+    (folder / "text.png").write_text("no picture", encoding="utf-8")
+    (folder / "cut.png").write_bytes(ball_picture.read_bytes()[:500])
+    (folder / "folder").mkdir()
+    with pytest.raises(PictureError, match=said):
+        open_picture(folder / name)
+    result = measure_picture(folder / name, targets, CAMERA)
+    assert result.frame is None
+    for each in result.targets:
+        assert each.measurement.status is MeasurementStatus.ERROR
+        assert said in each.measurement.reason
+        assert "\n" not in each.measurement.reason
+        assert each.detection is None

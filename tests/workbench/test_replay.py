@@ -1,0 +1,174 @@
+"""Replays: read no further than need be, and never wrong for it."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.keeping.resumption import Resumption
+from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
+from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.plan import LevelOutput, Plan
+from stadimeter.core.rule import AlarmRule
+from stadimeter.core.rules.keeping import kept
+from stadimeter.errors import JournalError
+from stadimeter.workbench.replay.replay import decisions, replay
+from support.observing import Rehearsal
+
+
+def plan(below_m=1.0):
+    alarm = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=below_m))
+    return Plan(targets=("ball",), rules=(alarm,), outputs=(LevelOutput(name="buzzer"),))
+
+
+def journal_of(path, *sights, rules=None, change=lambda line: line):
+    rehearsal = Rehearsal(rules or plan())
+    records = []
+    rehearsal.cycle = lambda observation: records.append(observation) or Rehearsal.cycle(rehearsal, observation)
+    rehearsal.see(*sights)
+    writer = JournalWriter(path, "# configuration")
+    for observation, (_, decision) in zip(records, rehearsal.decisions, strict=True):
+        writer.write(CycleRecord(observation=observation, decision=decision, applied=(), timings_s={}))
+    writer.close()
+    header, *lines = path.read_text().splitlines()
+    path.write_text("\n".join([header, *map(change, lines)]) + "\n")
+    return read_journal(path)
+
+
+SIGHTS = (3, 2, 1, 0.8, 0.8, 0.8, None, 2, 2)
+
+
+def without_what_is_new(line):
+    """Return a cycle as a version wrote it that knew less: without what has a default value."""
+    cycle = json.loads(line)
+    for name in ("wall", "operator_commands"):
+        cycle["observation"].pop(name, None)
+    for name in ("notices", "answers"):
+        cycle["decision"].pop(name, None)
+    for event in cycle["decision"]["events"]:
+        for name in ("notify", "first_out", "by"):
+            event.pop(name, None)
+    return json.dumps(cycle, separators=(",", ":"))
+
+
+def test_a_journal_of_an_older_version_replays_to_the_same_decisions(tmp_path):
+    journal = journal_of(tmp_path / "run.jsonl", *SIGHTS, change=without_what_is_new)
+    result = replay(journal, plan())
+    assert (result.cycles, result.identical) == (9, 9)
+    assert result.events == result.recorded_events
+
+
+@pytest.mark.parametrize("part", ["commands", "events", "tracks", "safety", "outputs", "rules"])
+def test_a_damaged_decision_is_an_error_that_names_its_line(tmp_path, part):
+    def damaged(line):
+        return line.replace(f'"{part}":', f'"{part}?":') if '"now_s":0.4,' in line else line
+
+    journal = journal_of(tmp_path / "run.jsonl", *SIGHTS, change=damaged)
+    with pytest.raises(JournalError, match=r"run\.jsonl:5: not a cycle of a recording: decision\."):
+        replay(journal, plan())
+
+
+def test_what_comes_before_a_damaged_line_is_decided(tmp_path):
+    sights = [2.0] * 50
+
+    def damaged(line):
+        return line.replace('"now_s"', '"never_s"') if '"sequence":40,' in line else line
+
+    decided = decisions(journal_of(tmp_path / "run.jsonl", *sights, change=damaged), plan())
+    assert len([next(decided) for _ in range(40)]) == 40
+    with pytest.raises(JournalError, match=r"run\.jsonl:42: not a cycle of a recording: observation\.now_s"):
+        next(decided)
+
+
+def test_of_thousands_of_other_decisions_each_counts(tmp_path):
+    sights = [2.0, 2.0, *[0.8, 3.0] * 1200]
+    result = replay(journal_of(tmp_path / "run.jsonl", *sights), plan(below_m=5.0))
+    assert result.cycles == len(sights)
+    assert 0 < result.identical < 10
+    assert len(result.differences) == 10
+    assert result.differences[0].what
+
+
+def test_what_was_taken_over_while_running_is_handed_over_before_its_first_cycle(tmp_path):
+    path = tmp_path / "run.jsonl"
+    journal_of(path, *SIGHTS)
+    header, *lines = path.read_text().splitlines()
+    reload = json.dumps({"reloaded": {"at_s": 0.4, "configuration": {"text": "# another", "files": {}}}})
+    path.write_text("\n".join([header, *lines[:4], reload, *lines[4:]]) + "\n")
+    handed = []
+
+    def take_over(state, configuration):
+        handed.append((state.now_s, configuration))
+        return replace(state, plan=state.plan)
+
+    assert len(list(decisions(read_journal(path), plan(), take_over))) == 9
+    assert handed == [(0.4, RecordedConfiguration(text="# another"))]
+    assert replay(read_journal(path), plan()).cycles == 9
+
+
+def test_the_journal_writes_what_was_taken_over(tmp_path):
+    path = tmp_path / "run.jsonl"
+    rehearsal = Rehearsal(plan())
+    record = CycleRecord(observation=None, decision=rehearsal.see(2.0), applied=(), timings_s={})
+    journal = journal_of(path, 2.0)
+    (first,) = journal.records()
+    writer = JournalWriter(path, "# configuration")
+    writer.write(first)
+    writer.reloaded(1.0, RecordedConfiguration(text="# another", files={"camera.toml": "# lens"}))
+    writer.write(replace(record, observation=first.observation))
+    writer.close()
+    assert [cycle.reloaded for cycle in read_journal(path).cycles()] == [
+        None,
+        RecordedConfiguration(text="# another", files={"camera.toml": "# lens"}),
+    ]
+
+
+def test_a_damaged_configuration_that_was_taken_over_is_an_error_that_names_its_line(tmp_path):
+    path = tmp_path / "run.jsonl"
+    journal_of(path, 2.0)
+    path.write_text(path.read_text() + '{"reloaded":{"at_s":1.0}}\n')
+    with pytest.raises(JournalError, match=r"run\.jsonl:3: not a configuration: reloaded\.configuration"):
+        list(read_journal(path).cycles())
+
+
+def test_a_cycle_that_repeats_its_rules_can_be_read_alone():
+    rehearsal = Rehearsal(plan())
+    decision = rehearsal.see(2.0, 2.0, 2.0)
+    (at_s, _), *_ = rehearsal.decisions
+    record = CycleRecord(observation=None, decision=decision, applied=(), timings_s={"decide": at_s})
+    encoder = CycleEncoder(repeats_rules=True)
+    assert encoder.encode(record) == encoder.encode(record)
+    cycle = RecordedCycle(encoder.encode(record), b"[]", "here")
+    assert cycle.decision_json() == encoder.decision_json(decision)
+    assert cycle.rules_json == encoder.rules_json(decision.rules)
+
+
+def test_what_a_run_took_over_from_an_earlier_one_is_taken_over_by_its_replay(tmp_path):
+    earlier = Rehearsal(plan())
+    earlier.see(*[0.8] * 5)
+    resumption = Resumption(alarms=kept(earlier.state), shift_s=-0.5, from_s=0.0, now_s=0.0)
+    later = Rehearsal(plan())
+    later.state = resumption.of(later.state)
+    observations = []
+    later.cycle = lambda observation: observations.append(observation) or Rehearsal.cycle(later, observation)
+    later.see(0.8, 0.8, 3.0, 3.0, 3.0)
+    writer = JournalWriter(tmp_path / "run.jsonl", "")
+    writer.resumed(resumption.text())
+    for observation, (_, decision) in zip(observations, later.decisions, strict=True):
+        writer.write(CycleRecord(observation=observation, decision=decision, applied=(), timings_s={}))
+    writer.close()
+    result = replay(read_journal(tmp_path / "run.jsonl"), plan())
+    assert result.identical == result.cycles == 5
+    assert "raised" not in {event.kind.value for event in result.events}
+
+
+def test_what_was_taken_over_and_is_damaged_is_one_clear_error(tmp_path):
+    writer = JournalWriter(tmp_path / "run.jsonl", "")
+    writer.resumed("[]")
+    writer.write(next(journal_of(tmp_path / "other.jsonl", 2.0).records()))
+    writer.close()
+    with pytest.raises(JournalError, match=r"run\.jsonl: not what a run takes over from another"):
+        replay(read_journal(tmp_path / "run.jsonl"), plan())

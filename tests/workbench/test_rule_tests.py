@@ -1,0 +1,392 @@
+"""Tests of rules: what passes, what fails, and what a failure says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.recordings.recorder import Recorder
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
+from stadimeter.workbench.rule_tests.watching import Failure
+from support.simulated_run import SIMULATED_BALL
+
+RULES = """
+[actuators.buzzer]
+driver = "simulated"
+
+[base]
+driver = "simulated"
+
+[rules.far]
+actuator = "motor"
+ramp = { from = "1 m", to = "2 m" }
+
+[rules.near]
+actuator = "buzzer"
+when = { below = "50 cm" }
+
+[rules.follow]
+actuator = "base"
+follow = { distance = "1 m", max_speed = "0.3 m/s" }
+
+[world]
+"""
+
+Load = Callable[[str], Configuration]
+Run = Callable[[str], RuleTestResult]
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Load:
+    """Return a function that loads rules with tests."""
+
+    def of(tests: str, rules: str = RULES) -> Configuration:
+        file = tmp_path / "tested.toml"
+        file.write_text(SIMULATED_BALL + rules + tests, encoding="utf-8")
+        return load_configuration(file)
+
+    return of
+
+
+@pytest.fixture
+def run(load: Load) -> Run:
+    """Return a function that runs one test, given what stands below its ``[[tests]]``."""
+
+    def of(text: str) -> RuleTestResult:
+        configuration = load(f"[[tests]]\n{text}\n")
+        return RuleTests(configuration).run(configuration.tests[0])
+
+    return of
+
+
+def hovering(distance: str, seconds: str, expect: str, more: str = "") -> str:
+    return f'input = {{ hover = {{ at = "{distance}", for = "{seconds}" }}{more} }}\nexpect.{expect}'
+
+
+def approaching(expect: str, more: str = "") -> str:
+    return f'input = {{ approach = {{ from = "3 m", to = "30 cm", speed = "2 m/s" }}{more} }}\nexpect.{expect}'
+
+
+def failure_of(result: RuleTestResult) -> Failure:
+    (failure,) = result.failures
+    return failure
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        hovering("50 cm", "60 s", "near = { transitions_max = 2, transitions_per_min_max = 2 }", ", dropouts = 0.05"),
+        hovering(
+            "1 m", "5 s", 'near = { raised = 0, cleared = 0, inactive_at = "5 s", status = "idle", notified = 0 }'
+        ),
+        hovering(
+            "30 cm", "5 s", 'near = { raised = 1, raised_by = "0.3 s", active_at = { from = "1 s", for = "4 s" } }'
+        ),
+        approaching('near = { raised = 1, raised_after = "2 s", raised_within = "0.2 s", status = "active" }'),
+        approaching('buzzer = { stopped_at = "1 s", acts_at = "3 s", level_at = { at = "3 s", level = 1 } }'),
+        approaching('motor = { level_reaches = 1.0, stopped_at = { from = "2.2 s", for = "1 s" } }'),
+        hovering("1.5 m", "3 s", 'motor = { level_at = [{ at = "2 s", level = 0.5 }], level_max = 0.6 }'),
+        hovering("3 m", "3 s", 'base = { speed_reaches = "0.3 m/s", speed_max = "0.3 m/s", acts_at = "3 s" }'),
+        hovering("1 m", "3 s", 'base = { stopped_at = { from = "0 s", for = "3 s" } }'),
+        (
+            'input = { recede = { from = "30 cm", to = "3 m", speed = "1 m/s" } }\n'
+            'expect.near = { raised = 1, cleared = 1, cleared_within = "1.5 s", cleared_after = "1.2 s" }'
+        ),
+        'input = { skip = { from = "3 m", to = "40 cm" } }\nexpect.near = { raised = 1, raised_within = "0.5 s" }',
+    ],
+)
+def test_what_is_as_expected_passes(run: Run, text: str) -> None:
+    result = run(text)
+    assert result.failures == ()
+    assert result.trouble == ""
+    assert result.passed
+
+
+def test_a_rule_that_is_late_fails_with_the_moment_and_the_reason_of_that_moment(run: Run) -> None:
+    failure = failure_of(run(approaching('near = { raised_by = "1 s" }')))
+    assert (failure.subject, failure.key, failure.expected) == ("near", "raised_by", "raised by 1.00 s")
+    assert failure.got.startswith("raised at 2.")
+    assert failure.got.endswith(" late")
+    assert failure.at_s == pytest.approx(1.0)
+    assert failure.why.startswith("not raised: ")
+    assert "below 0.50 m" in failure.why
+
+
+def test_a_rule_that_is_never_raised_fails_with_its_reason_at_the_limit(run: Run) -> None:
+    failure = failure_of(run(hovering("60 cm", "5 s", 'near = { raised_by = "3 s" }')))
+    assert failure.got == "never raised"
+    assert failure.at_s == pytest.approx(3.0)
+    assert "0.60" in failure.why
+
+
+def test_a_rule_that_is_early_fails(run: Run) -> None:
+    failure = failure_of(run(hovering("30 cm", "5 s", 'near = { raised_after = "3 s" }')))
+    assert failure.expected == "raised not before 3.00 s"
+    assert "so from the start" not in failure.got
+    assert failure.at_s is not None
+    assert failure.at_s < 0.3
+
+
+def test_too_few_and_too_many_are_told_with_their_times(run: Run) -> None:
+    few = failure_of(run(hovering("30 cm", "5 s", "near = { raised = 2 }")))
+    assert few.expected == "2 raises"
+    assert few.got.startswith("1 raise (at 0.")
+    many = failure_of(run(hovering("30 cm", "5 s", "near = { raised = 0 }")))
+    assert many.expected == "0 raises"
+    assert many.why.startswith("raised: so from the start: 0.3")
+
+
+def test_a_limit_that_is_never_crossed_is_a_mistake_of_the_test_and_told_as_such(run: Run) -> None:
+    failure = failure_of(run(hovering("60 cm", "5 s", 'near = { raised_within = "0.1 s" }')))
+    assert failure.expected.startswith("'ball' enters its limits of 0.50 m")
+    assert failure.got == "it never does"
+
+
+def test_a_stretch_fails_at_the_first_moment_that_is_otherwise(run: Run) -> None:
+    failure = failure_of(run(approaching('near = { inactive_at = { from = "1 s", for = "2.3 s" } }')))
+    assert failure.expected == "not active from 1.00 s to 3.30 s"
+    assert failure.at_s == pytest.approx(2.4, abs=0.2)
+    assert failure.why.startswith("raised ")
+
+
+def test_an_output_fails_with_who_commands_it_and_why(run: Run) -> None:
+    failure = failure_of(run(hovering("30 cm", "2 s", "buzzer = { level_max = 0.5 }")))
+    assert failure.got.startswith("level 1.00 at 0.")
+    assert failure.why.startswith("level 1.00, commanded by near: 0.3")
+    failure = failure_of(run(hovering("1 m", "2 s", "buzzer = { level_reaches = 0.5 }")))
+    assert failure.expected == "0.50 reached"
+    assert failure.got.startswith("0.00 at most")
+    failure = failure_of(run(hovering("3 m", "3 s", 'base = { stopped_at = "3 s" }')))
+    assert failure.why.startswith("0.30 m/s, 0 deg/s, commanded by follow: ")
+    failure = failure_of(run(hovering("3 m", "3 s", 'base = { speed_max = "0.1 m/s" }')))
+    assert failure.expected == "never faster than 0.10 m/s"
+
+
+def test_a_status_at_the_end_that_differs_is_told(run: Run) -> None:
+    failure = failure_of(run(hovering("1 m", "2 s", 'near = { status = "active" }')))
+    assert (failure.expected, failure.got) == ("active at the end", "idle")
+
+
+def test_a_target_that_is_lost_stops_what_nothing_confirms(run: Run) -> None:
+    lost = ', lost = [{ from = "2 s", for = "8 s" }]'
+    result = run(
+        hovering("2 m", "10 s", 'motor = { acts_at = "1.9 s", stopped_at = { from = "2.5 s", for = "7 s" } }', lost)
+    )
+    assert result.passed
+    assert ("target_lost", "ball") in [(event.kind.value, event.source) for _, event in result.events]
+
+
+def test_a_frozen_camera_gives_no_frames_and_cycles_all_the_same(run: Run) -> None:
+    frozen = ', frozen = [{ from = "2 s", for = "4 s" }]'
+    result = run(
+        hovering("2 m", "8 s", 'motor = { stopped_at = { from = "2.5 s", for = "3 s" }, acts_at = "8 s" }', frozen)
+    )
+    assert result.passed
+    assert result.cycles == pytest.approx(4 * 30 + 40, abs=3)
+    faults = [(event.kind.value, round(at_s)) for at_s, event in result.events if event.source == "camera"]
+    assert faults == [("fault", 2), ("fault_cleared", 6)]
+
+
+def test_the_frame_rate_is_the_tests_own_or_that_of_the_camera(run: Run) -> None:
+    assert run(hovering("1 m", "2 s", "near = { raised = 0 }")).cycles == 61
+    assert run(hovering("1 m", "2 s", "near = { raised = 0 }", ', rate = "15 Hz"')).cycles == 31
+    slow = run(hovering("1 m", "2 s", "near = { raised = 0 }", ', rate = "2 Hz"'))
+    assert slow.cycles == 21, "without a frame there is a cycle ten times a second, as in a run"
+
+
+@pytest.mark.parametrize("seconds", ["3.75 s", "3.74 s", "10 ms"])
+def test_a_test_ends_when_it_says_though_no_frame_comes_at_its_end(run: Run, seconds: str) -> None:
+    result = run(
+        hovering("1 m", seconds, f'near = {{ inactive_at = ["{seconds}", {{ from = "0 s", for = "{seconds}" }}] }}')
+    )
+    assert result.failures == ()
+    assert f"{result.took_s:.4g} s" in {seconds, "0.01 s"}
+
+
+def test_the_same_test_gives_the_same_result_and_another_seed_another(run: Run) -> None:
+    def once(seed: int) -> RuleTestResult:
+        text = hovering("50 cm", "30 s", "near = { raised = 5 }", f", dropouts = 0.1, outliers = 0.02, seed = {seed}")
+        return run(text)
+
+    assert once(3).events == once(3).events
+    assert once(3).failures == once(3).failures
+    assert once(3).events != once(4).events
+
+
+def test_several_targets_move_each_for_itself(load: Load) -> None:
+    rules = RULES.replace("[actuators.buzzer]", '[targets.other]\ndetector = "ideal"\n\n[actuators.buzzer]')
+    for rule in ("far", "near", "follow"):
+        target = "other" if rule == "near" else "ball"
+        rules = rules.replace(f"[rules.{rule}]", f'[rules.{rule}]\ntarget = "{target}"')
+    tests = (
+        "[[tests]]\n"
+        'input.targets.ball = { hover = { at = "3 m", for = "3 s" } }\n'
+        'input.targets.other = { hover = { at = "30 cm", for = "3 s" } }\n'
+        'expect.near = { raised = 1 }\nexpect.motor = { acts_at = "3 s" }\n'
+        "[[tests]]\n"
+        'input = { target = "ball", hover = { at = "30 cm", for = "3 s" } }\n'
+        'expect.near = { raised = 0, status = "unknown" }\n'
+    )
+    configuration = load(tests, rules)
+    runner = RuleTests(configuration)
+    assert [runner.run(test).passed for test in configuration.tests] == [True, True]
+
+
+def test_a_schedule_goes_by_the_time_of_day_that_the_test_names(load: Load) -> None:
+    rules = RULES.replace(
+        'when = { below = "50 cm" }',
+        'when = { all = [{ below = "50 cm" }, { time = { between = ["22:00", "06:00"] } }] }',
+    )
+    hover = 'hover = { at = "30 cm", for = "4 s" }'
+    tests = (
+        f'[[tests]]\ninput = {{ {hover}, clock = "21:59:58" }}\nexpect.near = {{ raised = 1, raised_after = "2 s" }}\n'
+        f'[[tests]]\ninput = {{ {hover}, clock = "12:00" }}\nexpect.near = {{ raised = 0, status = "idle" }}\n'
+        f'[[tests]]\ninput = {{ {hover} }}\nexpect.near = {{ raised = 0, status = "unknown" }}\n'
+    )
+    configuration = load(tests, rules)
+    runner = RuleTests(configuration)
+    assert [runner.run(test).failures for test in configuration.tests] == [(), (), ()]
+
+
+def test_what_people_do_at_certain_times_is_done(load: Load) -> None:
+    rules = RULES.replace('when = { below = "50 cm" }', 'when = { below = "50 cm" }\nlatch = true\nack = "required"')
+    far = '{ at = "2 s", distance = "2 m" }, { at = "9 s", distance = "2 m" }'
+    leaving = f'points = [{{ at = "0 s", distance = "30 cm" }}, {far}]'
+    orders = '{ at = "5 s", acknowledge = "near", by = "anna" }, { at = "6 s", reset = "near" }'
+    tests = (
+        f"[[tests]]\ninput = {{ {leaving} }}\n"
+        'expect.near = { cleared = 0, status = "latched", acknowledged = false }\nexpect.buzzer = { acts_at = "9 s" }\n'
+        f"[[tests]]\ninput = {{ {leaving}, operator = [{orders}] }}\n"
+        'expect.near = { raised = 1, active_at = "5.9 s", status = "idle", acknowledged = true }\n'
+        'expect.buzzer = { acts_at = "5.9 s", stopped_at = "6.2 s" }\n'
+    )
+    configuration = load(tests, rules)
+    runner = RuleTests(configuration)
+    assert [runner.run(test).failures for test in configuration.tests] == [(), ()]
+
+
+def test_a_rule_that_is_shelved_is_raised_and_tells_nobody(load: Load) -> None:
+    shelved = 'operator = [{ at = "0.5 s", shelve = "near", for = "1 h" }]'
+    tests = (
+        f'[[tests]]\ninput = {{ approach = {{ from = "2 m", to = "30 cm", speed = "1 m/s" }}, {shelved} }}\n'
+        "expect.near = { raised = 1, notified = 0 }\nexpect.buzzer = { level_max = 0 }\n"
+    )
+    configuration = load(tests)
+    assert RuleTests(configuration).run(configuration.tests[0]).failures == ()
+
+
+def test_what_an_alarm_sends_is_counted_and_nothing_is_sent(load: Load) -> None:
+    rules = (
+        RULES.replace("[rules.far]", '[messenger]\ndriver = "simulated"\n\n[rules.far]')
+        .replace(
+            "[rules.follow]",
+            '[[rules.near.then]]\ntopic = "door"\ntext = "{rule}"\n'
+            '[[rules.near.then]]\nafter = "2 s"\nonly_unacknowledged = true\ntopic = "again"\ntext = "{rule}"\n\n'
+            "[rules.follow]",
+        )
+        .replace('when = { below = "50 cm" }', 'when = { below = "50 cm" }\nack = "required"')
+    )
+    seen = 'operator = [{ at = "1.5 s", acknowledge = "near" }]'
+    tests = (
+        f"[[tests]]\n{hovering('30 cm', '4 s', 'near = { sent = 2 }')}\n"
+        f"[[tests]]\n{hovering('30 cm', '4 s', 'near = { sent = 1 }', f', {seen}')}\n"
+        f"[[tests]]\n{hovering('30 cm', '4 s', 'near = { sent = 0 }')}\n"
+    )
+    configuration = load(tests, rules)
+    runner = RuleTests(configuration)
+    both, one, wrong = (runner.run(test) for test in configuration.tests)
+    assert (both.failures, one.failures) == ((), ())
+    failure = failure_of(wrong)
+    assert (failure.expected, failure.got.partition(" (")[0]) == ("0 messages", "2 messages")
+
+
+@pytest.fixture
+def recorded(load: Load, tmp_path: Path) -> Path:
+    """Return the journal of a run in which the ball came near once."""
+    path = tmp_path / "run.jsonl"
+    world = """
+camera_height = "12 cm"
+path = [
+  { at = "0 s", x = "1.5 m", y = "0 m" },
+  { at = "3 s", x = "0.4 m", y = "0 m" },
+  { at = "6 s", x = "1.5 m", y = "0 m" },
+]
+loop = false
+"""
+    loop = Loop(build(load(world), speed=None))
+    recorder = Recorder(JournalWriter(path, loop.parts.configuration.text), is_live=False)
+    loop.listeners.append(recorder)
+    loop.run(Limits(seconds=8))
+    recorder.close()
+    return path
+
+
+def test_a_recording_is_judged_by_the_rules_of_the_configuration(run: Run, recorded: Path) -> None:
+    result = run(f'input = {{ journal = "{recorded.name}" }}\nexpect.near = {{ raised = 1, cleared = 1 }}')
+    assert result.failures == ()
+    assert result.took_s == pytest.approx(8, abs=0.1)
+
+
+def test_a_recording_with_pictures_will_do_too(run: Run, recorded: Path) -> None:
+    from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.app.recordings.recording import Recorded, RecordingWriter
+
+    writer = RecordingWriter(recorded.with_suffix(".mcap"), Recorded(configuration=RecordedConfiguration(text="")))
+    for record in read_journal(recorded).records():
+        writer.write(record, None)
+    writer.close()
+    result = run('input = { journal = "run.mcap" }\nexpect.near = { raised = 1, cleared = 1 }')
+    assert result.failures == ()
+    assert result.events == run('input = { journal = "run.jsonl" }\nexpect.near = { raised = 1 }').events
+
+
+def test_an_alarm_about_several_targets_is_expected_by_the_name_of_each(load: Load) -> None:
+    rules = RULES.replace("[actuators.buzzer]", '[targets.other]\ndetector = "ideal"\n\n[actuators.buzzer]')
+    rules = rules.replace("[rules.near]", '[rules.near]\ntargets = ["ball", "other"]')
+    for rule in ("far", "follow"):
+        rules = rules.replace(f"[rules.{rule}]", f'[rules.{rule}]\ntarget = "ball"')
+    tests = (
+        '[[tests]]\ninput = { target = "other", approach = { from = "2 m", to = "30 cm", speed = "1 m/s" } }\n'
+        'expect."near:other" = { raised = 1, raised_within = "0.2 s" }\nexpect."near:ball" = { raised = 0 }\n'
+    )
+    configuration = load(tests, rules)
+    assert RuleTests(configuration).run(configuration.tests[0]).failures == ()
+
+
+def test_a_recording_that_is_no_recording_is_trouble_and_the_other_tests_go_on(load: Load, tmp_path: Path) -> None:
+    (tmp_path / "broken.jsonl").write_text("no journal\n", encoding="utf-8")
+    tests = (
+        '[[tests]]\ninput = { journal = "broken.jsonl" }\nexpect.near = { raised = 1 }\n'
+        '[[tests]]\ninput = { journal = "missing.jsonl" }\nexpect.near = { raised = 1 }\n'
+        f"[[tests]]\n{hovering('30 cm', '2 s', 'near = { raised = 1 }')}\n"
+    )
+    configuration = load(tests)
+    runner = RuleTests(configuration)
+    broken, missing, sound = (runner.run(test) for test in configuration.tests)
+    assert "not a journal" in broken.trouble
+    assert "missing.jsonl" in missing.trouble
+    assert not broken.passed
+    assert sound.passed
+
+
+def test_a_recording_of_another_target_is_trouble(load: Load, recorded: Path) -> None:
+    tests = f'[[tests]]\ninput = {{ journal = "{recorded.name}" }}\nexpect.near = {{ raised = 0 }}\n'
+    text = load(tests).text.replace("[targets.ball]", "[targets.tag]")
+    recorded.with_name("other.toml").write_text(text, encoding="utf-8")
+    configuration = load_configuration(recorded.with_name("other.toml"))
+    result = RuleTests(configuration).run(configuration.tests[0])
+    assert "holds only ball, and the rules are about tag" in result.trouble
+
+
+def test_a_test_decides_as_a_run_would_to_the_last_bit(load: Load, recorded: Path) -> None:
+    """The journal's own events are those of the test on it."""
+    configuration = load(f'[[tests]]\ninput = {{ journal = "{recorded.name}" }}\nexpect.near = {{ raised = 1 }}\n')
+    result = RuleTests(configuration).run(configuration.tests[0])
+    recorded_events = [event for record in read_journal(recorded).records() for event in record.decision.events]
+    assert [event for _, event in result.events] == recorded_events

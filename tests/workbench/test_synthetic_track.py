@@ -1,0 +1,197 @@
+"""Made-up distances: where a target truly is, and what noise, dropouts and gross errors make of it."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from statistics import fmean, pstdev
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.config.rule_tests.motions import MotionTable, PathPoint, SpanTable
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.target import BallSize
+from stadimeter.ranging.feasibility import expect
+from stadimeter.workbench.rule_tests.sensor_model import SensorModel
+from stadimeter.workbench.rule_tests.synthetic_track import (
+    OUTLIER_FACTOR,
+    Nuisances,
+    SyntheticTrack,
+    enters_s,
+    leaves_s,
+    where,
+)
+
+CAMERA = CameraModel(
+    width_px=640, height_px=480, fx_px=600.0, fy_px=600.0, cx_px=319.5, cy_px=239.5, focal_relative_sigma=0.02
+)
+SENSOR = SensorModel(size=BallSize(diameter_m=0.2, relative_sigma=0.01), camera=CAMERA)
+_, NOISE_M = SENSOR.sigmas_m(2.0)
+
+distances_m = st.floats(0.1, 10)
+steps_s = st.floats(0, 5)
+
+
+def path_of(**motion: object) -> tuple[PathPoint, ...]:
+    return MotionTable.model_validate(motion).path()
+
+
+def measured(path: tuple[PathPoint, ...], frames: int = 2000, seed: int = 1, **nuisances: object) -> list[Measurement]:
+    track = SyntheticTrack("ball", path, SENSOR, Nuisances(**nuisances), seed)
+    return [track.measure(frame / 30) for frame in range(frames)]
+
+
+def standing(distance_m: float = 2.0) -> tuple[PathPoint, ...]:
+    return (PathPoint(at_s=0.0, distance_m=distance_m),)
+
+
+def distances(measurements: list[Measurement]) -> list[float]:
+    return [each.distance_m for each in measurements if each.distance_m is not None]
+
+
+@st.composite
+def paths(draw: st.DrawFn) -> tuple[PathPoint, ...]:
+    at_s, points = 0.0, []
+    for distance_m, step_s in draw(st.lists(st.tuples(distances_m, steps_s), min_size=2, max_size=6)):
+        points.append(PathPoint(at_s=at_s, distance_m=distance_m))
+        at_s += step_s
+    return tuple(points)
+
+
+def test_a_target_that_is_too_small_in_the_picture_is_not_found() -> None:
+    assert not distances(measured(standing(41.0), frames=20))
+    assert distances(measured(standing(30.0), frames=20))
+
+
+def test_noise_never_makes_a_distance_near_and_sure() -> None:
+    drowned = measured(standing(), noise=1000.0)
+    assert min(distances(drowned)) > 0.2 * 2.0
+    assert any(each.reason == "lost in the noise" for each in drowned)
+
+
+def test_a_target_that_approaches_waits_then_goes_evenly_then_stays() -> None:
+    path = path_of(approach={"from": "4 m", "to": "1 m", "speed": "2 m/s", "stay": "2 s"})
+    assert [where(path, at_s).distance_m for at_s in (0, 1, 1.5, 2.5, 3, 9)] == [4, 4, 3, 1, 1, 1]
+    assert path[-1].at_s == 4.5
+
+
+def test_a_target_that_skips_is_there_from_one_moment_to_the_next() -> None:
+    path = path_of(skip={"from": "3 m", "to": "40 cm"})
+    assert where(path, 0.9999).distance_m == 3
+    assert where(path, 1.0).distance_m == 0.4
+
+
+def test_points_have_directions_and_those_of_the_motion_where_they_have_none() -> None:
+    points = [
+        {"at": "0 s", "distance": "3 m"},
+        {"at": "2 s", "distance": "1 m", "bearing": "-10 deg"},
+    ]
+    middle = where(path_of(points=points, bearing="20 deg", elevation="5 deg"), 1.0)
+    assert middle.distance_m == 2
+    assert math.degrees(middle.bearing_rad) == pytest.approx(5)
+    assert math.degrees(middle.elevation_rad) == pytest.approx(5)
+
+
+def test_a_limit_is_crossed_between_two_frames_at_the_moment_the_true_distance_says() -> None:
+    path = path_of(approach={"from": "4 m", "to": "0.5 m", "speed": "2 m/s"})
+    assert enters_s(path, -math.inf, 1.0) == pytest.approx(2.5)
+    assert leaves_s(path, -math.inf, 1.0) is None
+    assert enters_s(path, 0.9, 1.0) == pytest.approx(2.5)
+    assert leaves_s(path, 0.9, 1.0) == pytest.approx(2.55)
+    assert enters_s(path, 5.0, math.inf) is None
+
+
+def test_a_target_that_is_inside_at_the_start_crosses_at_the_start() -> None:
+    path = path_of(recede={"from": "0.8 m", "to": "2 m", "speed": "1 m/s"})
+    assert enters_s(path, -math.inf, 1.0) == 0
+    assert leaves_s(path, -math.inf, 1.0) == pytest.approx(1.2)
+
+
+def test_a_jump_over_a_band_enters_and_leaves_it_at_once() -> None:
+    path = path_of(skip={"from": "3 m", "to": "40 cm"})
+    assert enters_s(path, 0.9, 1.0) == leaves_s(path, 0.9, 1.0) == 1.0
+
+
+@given(paths(), distances_m, distances_m)
+def test_before_it_enters_a_target_is_outside_and_from_then_on_inside_until_it_leaves(
+    path: tuple[PathPoint, ...], one_m: float, other_m: float
+) -> None:
+    low_m, high_m = sorted((one_m, other_m))
+    entered_s, left_s = enters_s(path, low_m, high_m), leaves_s(path, low_m, high_m)
+    end_s = path[-1].at_s
+    for share in range(101):
+        at_s = end_s * share / 100
+        distance_m = where(path, at_s).distance_m
+        is_inside = low_m + 1e-6 < distance_m < high_m - 1e-6
+        if entered_s is None or at_s < entered_s - 1e-6:
+            assert not is_inside
+        elif entered_s + 1e-6 < at_s < (math.inf if left_s is None else left_s - 1e-6):
+            assert low_m - 1e-6 <= distance_m <= high_m + 1e-6
+
+
+def test_the_noise_is_what_camera_and_target_are_expected_to_have() -> None:
+    found = distances(measured(standing(), 20_000, correlation=0.6))
+    assert fmean(found) == pytest.approx(2.0, abs=0.1 * NOISE_M)
+    assert pstdev(found) == pytest.approx(NOISE_M, rel=0.05)
+    errors = [each - 2.0 for each in found]
+    correlation = sum(a * b for a, b in pairwise(errors)) / sum(a * a for a in errors)
+    assert correlation == pytest.approx(0.6, abs=0.03)
+
+
+def test_the_stated_sigma_holds_what_is_the_same_in_every_frame_too() -> None:
+    (seen,) = measured(standing(), 1, noise=0.0)
+    assert seen.distance_m == 2.0
+    assert seen.noise_m == NOISE_M
+    assert seen.sigma_m == pytest.approx(math.hypot(NOISE_M, 2.0 * 0.02, 2.0 * 0.01))
+    without_size_error = SensorModel(size=BallSize(diameter_m=0.2), camera=CAMERA)
+    assert without_size_error.sigmas_m(2.0)[0] == pytest.approx(expect(BallSize(diameter_m=0.2), CAMERA, 2.0).sigma_m)
+
+
+def test_a_factor_makes_the_noise_larger_than_the_camera_says_it_is() -> None:
+    once, thrice = (distances(measured(standing(), noise=factor)) for factor in (1.0, 3.0))
+    assert [each - 2 for each in thrice] == pytest.approx([3 * (each - 2) for each in once])
+
+
+def test_dropouts_and_gross_errors_come_as_often_as_asked() -> None:
+    found = measured(standing(), 10_000, dropouts=0.05, outliers=0.02)
+    missing = sum(each.status is MeasurementStatus.NOT_FOUND for each in found)
+    assert missing == pytest.approx(500, abs=80)
+    gross = [each for each in distances(found) if abs(each - 2.0) > 6 * NOISE_M]
+    assert len(gross) == pytest.approx(190, abs=50)
+    assert all(2.0 / OUTLIER_FACTOR <= each <= 2.0 * OUTLIER_FACTOR for each in gross)
+
+
+def test_what_goes_wrong_more_often_leaves_every_other_frame_as_it_was() -> None:
+    plain, worse = measured(standing()), measured(standing(), dropouts=0.1, outliers=0.1)
+    same = sum(one == other for one, other in zip(plain, worse, strict=True))
+    assert 0.75 * len(plain) < same < 0.87 * len(plain)
+
+
+def test_the_same_seed_gives_the_same_distances_and_another_others() -> None:
+    assert measured(standing(), seed=3, dropouts=0.1) == measured(standing(), seed=3, dropouts=0.1)
+    assert measured(standing(), seed=3) != measured(standing(), seed=4)
+
+
+def test_out_of_sight_there_is_nothing_to_measure_and_the_reason_says_so() -> None:
+    span = SpanTable.model_validate({"from": "1 s", "for": "0.5 s"})
+    found = measured(standing(), 60, lost=[span])
+    missing = [index for index, each in enumerate(found) if each.status is MeasurementStatus.NOT_FOUND]
+    assert missing == list(range(30, 45))
+    assert {found[index].reason for index in missing} == {"out of sight"}
+    assert all(each.status is MeasurementStatus.NOT_FOUND for each in measured((), 10))
+
+
+def test_depth_and_direction_fit_together() -> None:
+    (seen,) = measured(path_of(hover={"at": "2 m", "for": "1 s"}, bearing="30 deg", elevation="10 deg"), 1)
+    assert seen.position_m is not None
+    assert math.hypot(*seen.position_m) == pytest.approx(seen.distance_m)
+
+
+@given(distances_m, st.integers(0, 50), st.floats(0, 100))
+def test_a_distance_is_always_a_number_above_zero(distance_m: float, seed: int, noise: float) -> None:
+    for each in distances(measured(standing(distance_m), 20, seed, noise=noise, outliers=0.3)):
+        assert math.isfinite(each)
+        assert each > 0
