@@ -24,17 +24,14 @@ def _one_or_many(value: object) -> object:
 
 
 class ImageFilesOptions(Options):
-    """The options of the ``images`` camera.
-
-    Attributes:
-        paths: Picture files, patterns such as ``shots/*.jpg``, or folders, in the order in which they are shown. The
-            files of a pattern and the pictures of a folder come in the order of their names. In a folder, only files
-            whose names end like a picture's (`PICTURE_SUFFIXES`) are taken.
-        rate: How many pictures are shown in a second of the run's clock, in hertz.
-    """
+    """The options of the ``images`` camera."""
 
     paths: Annotated[tuple[FilePath, ...], BeforeValidator(_one_or_many), Field(min_length=1)]
+    """Picture files, patterns such as ``shots/*.jpg``, or folders, in the order in which they are shown. The files of a
+    pattern and the pictures of a folder come in the order of their names. In a folder, only files whose names end like
+    a picture's (`PICTURE_SUFFIXES`) are taken."""
     rate: Annotated[Frequency, Field(gt=0)] = 1.0
+    """How many pictures are shown in a second of the run's clock, in hertz."""
 
 
 class ImageFilesCamera(RecordedCamera):

@@ -29,15 +29,12 @@ ENOUGH_OF_THE_FRAMES = 0.9
 
 
 class VideoFileOptions(Options):
-    """The options of the ``video`` camera.
-
-    Attributes:
-        path: The video file.
-        rate: Its frame rate in hertz; None takes the one that the file names.
-    """
+    """The options of the ``video`` camera."""
 
     path: FilePath
+    """The video file."""
     rate: Annotated[Frequency, Field(gt=0)] | None = None
+    """Its frame rate in hertz; None takes the one that the file names."""
 
 
 class VideoFileCamera(RecordedCamera):

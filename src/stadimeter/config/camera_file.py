@@ -41,39 +41,36 @@ Coefficient = Annotated[float, Field(strict=True)]
 
 
 class CameraTable(BaseModel):
-    """What a camera file, or a ``model`` table in a configuration, may hold.
-
-    Attributes:
-        width_px: Width of the pictures that it is for.
-        height_px: Height of the pictures that it is for.
-        fx_px: Focal length in pixels, horizontally.
-        fy_px: Focal length in pixels, vertically; None for square pixels.
-        cx_px: Where the optical axis meets the picture, horizontally; None for the middle.
-        cy_px: The same, vertically.
-        distortion: k1, k2, p1, p2 and perhaps k3 as OpenCV has them; none for a lens that does not bend lines.
-        tone_curve: How code values follow from light: as in sRGB, or in proportion to it.
-        edge_bias_px: How far outwards each edge of a bright target is measured.
-        focal_relative_sigma: Standard deviation of the focal length, as a share of it.
-        method: How it was made.
-        date: When, as an ISO 8601 date.
-        notes: The figures that it came from, one a line.
-    """
+    """What a camera file, or a ``model`` table in a configuration, may hold."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     width_px: Pixels
+    """Width of the pictures that it is for."""
     height_px: Pixels
+    """Height of the pictures that it is for."""
     fx_px: FocalPixels
+    """Focal length in pixels, horizontally."""
     fy_px: FocalPixels | None = None
+    """Focal length in pixels, vertically; None for square pixels."""
     cx_px: CentrePixels | None = None
+    """Where the optical axis meets the picture, horizontally; None for the middle."""
     cy_px: CentrePixels | None = None
+    """The same, vertically."""
     distortion: tuple[Coefficient, ...] = ()
+    """k1, k2, p1, p2 and perhaps k3 as OpenCV has them; none for a lens that does not bend lines."""
     tone_curve: ToneCurve = "srgb"
+    """How code values follow from light: as in sRGB, or in proportion to it."""
     edge_bias_px: Annotated[float, Field(ge=-MOST_EDGE_BIAS_PX, le=MOST_EDGE_BIAS_PX, strict=True)] = 0.0
+    """How far outwards each edge of a bright target is measured."""
     focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
+    """Standard deviation of the focal length, as a share of it."""
     method: str = ""
+    """How it was made."""
     date: Annotated[str, BeforeValidator(_date_text)] = ""
+    """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()
+    """The figures that it came from, one a line."""
 
     def to_model(self) -> CameraModel:
         """Return the camera model; raises CalibrationError if there is none with these values."""

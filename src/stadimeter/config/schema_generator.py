@@ -1,10 +1,13 @@
-"""How the models of a configuration become JSON Schemas: what may be written, in words taken from their docstrings."""
+"""JSON Schemas of the models of a configuration: what may be written, described by the docstrings of their fields."""
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 from pydantic import BaseModel
@@ -15,7 +18,6 @@ JsonSchema = dict[str, Any]
 
 _IN_UNITS = re.compile(r"^In (?:metres|seconds|radians|hertz|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)")
 """What a figure is in once it was read; it is written with a unit of its own."""
-_ATTRIBUTE = re.compile(r"^(\w+): (.*)$")
 _FOR_NUMBERS = ("exclusiveMinimum", "exclusiveMaximum", "minimum", "maximum", "multipleOf")
 
 
@@ -77,17 +79,22 @@ class _Generator(GenerateJsonSchema):
 
 
 def _attributes(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
-    """Go through what the docstrings of a model and of its bases say of attributes; what comes later replaces."""
+    """Go through the texts below the fields of a model and of its bases; what comes later replaces.
+
+    Pydantic's `use_attribute_docstrings` reads the same texts, but whenever a model is declared: that costs each start
+    of the program as much as the models themselves.
+    """
     for each in reversed(model.__mro__):
-        _, _, section = (inspect.cleandoc(each.__doc__ or "")).partition("Attributes:\n")
-        name, words = "", ""
-        for line in inspect.cleandoc(section.partition("\n\n")[0]).splitlines():
-            attribute = _ATTRIBUTE.match(line)
-            if attribute:
-                name, words = attribute[1], attribute[2]
-            else:
-                words = f"{words} {line.strip()}"
-            yield name, _plain(words)
+        if not issubclass(each, BaseModel) or each is BaseModel:
+            continue
+        try:
+            (declared,) = ast.parse(textwrap.dedent(inspect.getsource(each))).body
+        except OSError:  # a driver that is installed without its source
+            continue
+        for field, text in pairwise(declared.body if isinstance(declared, ast.ClassDef) else ()):
+            match field, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
+                    yield name, _plain(" ".join(words.split()))
 
 
 def _plain(words: str) -> str:

@@ -40,15 +40,12 @@ class PathPoint:
 
 
 class SpanTable(Section):
-    """A stretch of time.
-
-    Attributes:
-        start: When it begins, written ``from``; in seconds from the start of the test.
-        duration: How long it is, written ``for``; in seconds.
-    """
+    """A stretch of time."""
 
     start: Annotated[Duration, Field(alias="from")]
+    """When it begins, written ``from``; in seconds from the start of the test."""
     duration: Annotated[DurationAboveZero, Field(alias="for")]
+    """How long it is, written ``for``; in seconds."""
 
     @property
     def end_s(self) -> float:
@@ -68,15 +65,12 @@ class SpanTable(Section):
 
 
 class HoverTable(Section):
-    """Stand at a distance.
-
-    Attributes:
-        at: In metres.
-        duration: How long, written ``for``; in seconds.
-    """
+    """Stand at a distance."""
 
     at: Length
+    """In metres."""
     duration: Annotated[DurationAboveZero, Field(alias="for")]
+    """How long, written ``for``; in seconds."""
 
     def legs(self) -> list[tuple[float, float]]:
         """Return times in seconds and distances in metres."""
@@ -84,21 +78,18 @@ class HoverTable(Section):
 
 
 class TravelTable(Section):
-    """Stand, go from one distance to another at a steady speed, and stand again.
-
-    Attributes:
-        start: In metres, written ``from``.
-        end: In metres, written ``to``.
-        speed: In m/s.
-        wait: How long to stand at first, in seconds.
-        stay: How long to stand at the end, in seconds.
-    """
+    """Stand, go from one distance to another at a steady speed, and stand again."""
 
     start: Annotated[Length, Field(alias="from")]
+    """In metres, written ``from``."""
     end: Annotated[Length, Field(alias="to")]
+    """In metres, written ``to``."""
     speed: Annotated[Speed, Field(gt=0)]
+    """In m/s."""
     wait: Duration = STAND_S
+    """How long to stand at first, in seconds."""
     stay: Duration = STAND_S
+    """How long to stand at the end, in seconds."""
 
     def legs(self) -> list[tuple[float, float]]:
         """Return times in seconds and distances in metres."""
@@ -107,19 +98,16 @@ class TravelTable(Section):
 
 
 class SkipTable(Section):
-    """Stand at one distance, and from one frame to the next at another.
-
-    Attributes:
-        start: In metres, written ``from``.
-        end: In metres, written ``to``.
-        wait: How long to stand at first, in seconds.
-        stay: How long to stand at the end, in seconds.
-    """
+    """Stand at one distance, and from one frame to the next at another."""
 
     start: Annotated[Length, Field(alias="from")]
+    """In metres, written ``from``."""
     end: Annotated[Length, Field(alias="to")]
+    """In metres, written ``to``."""
     wait: Duration = STAND_S
+    """How long to stand at first, in seconds."""
     stay: Duration = STAND_S
+    """How long to stand at the end, in seconds."""
 
     def legs(self) -> list[tuple[float, float]]:
         """Return times in seconds and distances in metres."""
@@ -127,43 +115,37 @@ class SkipTable(Section):
 
 
 class PointTable(Section):
-    """Where the target is at some time.
-
-    Attributes:
-        at: In seconds from the start of the test.
-        distance: In metres.
-        bearing: In radians, positive to the right; None for that of the motion.
-        elevation: In radians, positive upwards; None for that of the motion.
-    """
+    """Where the target is at some time."""
 
     at: Duration
+    """In seconds from the start of the test."""
     distance: Length
+    """In metres."""
     bearing: Angle | None = None
+    """In radians, positive to the right; None for that of the motion."""
     elevation: Angle | None = None
+    """In radians, positive upwards; None for that of the motion."""
 
 
 class MotionTable(Section):
-    """How one target moves; exactly one of the first five keys says it.
-
-    Attributes:
-        hover: Stand at a distance.
-        approach: Come nearer at a steady speed.
-        recede: Go away at a steady speed.
-        skip: Jump from one distance to another.
-        points: Be at certain distances at certain times, and move evenly between them.
-        bearing: In radians, positive to the right.
-        elevation: In radians, positive upwards.
-        lost: When the target is out of sight.
-    """
+    """How one target moves; exactly one of the first five keys says it."""
 
     hover: HoverTable | None = None
+    """Stand at a distance."""
     approach: TravelTable | None = None
+    """Come nearer at a steady speed."""
     recede: TravelTable | None = None
+    """Go away at a steady speed."""
     skip: SkipTable | None = None
+    """Jump from one distance to another."""
     points: Annotated[list[PointTable], Field(min_length=1)] | None = None
+    """Be at certain distances at certain times, and move evenly between them."""
     bearing: Angle = 0.0
+    """In radians, positive to the right."""
     elevation: Angle = 0.0
+    """In radians, positive upwards."""
     lost: list[SpanTable] = Field(default_factory=list)
+    """When the target is out of sight."""
 
     def path(self) -> tuple[PathPoint, ...]:
         """Return where the target is when.

@@ -33,33 +33,30 @@ Rare = Annotated[float, Field(ge=0, lt=1)]
 
 
 class OperatorTable(Section):
-    """What somebody tells a rule at some time; exactly one of the keys that name an action holds the rule's name.
-
-    Attributes:
-        at: In seconds from the start of the test.
-        acknowledge: Acknowledge this rule.
-        reset: Reset it.
-        shelve: Keep it quiet.
-        unshelve: Let it speak again.
-        take_out: Take it out of service.
-        put_back: Put it back into service.
-        duration: How long to shelve it, written ``for``, in seconds; None for as long as the rule allows.
-        one_shot: Shelve it until it has returned to normal, or the time is over.
-        by: Who does it.
-        why: Why.
-    """
+    """What somebody tells a rule at some time; exactly one of the keys that name an action holds the rule's name."""
 
     at: Duration
+    """In seconds from the start of the test."""
     acknowledge: str | None = None
+    """Acknowledge this rule."""
     reset: str | None = None
+    """Reset it."""
     shelve: str | None = None
+    """Keep it quiet."""
     unshelve: str | None = None
+    """Let it speak again."""
     take_out: str | None = None
+    """Take it out of service."""
     put_back: str | None = None
+    """Put it back into service."""
     duration: Annotated[DurationAboveZero | None, Field(alias="for")] = None
+    """How long to shelve it, written ``for``, in seconds; None for as long as the rule allows."""
     one_shot: bool = False
+    """Shelve it until it has returned to normal, or the time is over."""
     by: str = "test"
+    """Who does it."""
     why: str = ""
+    """Why."""
 
     def orders(self) -> tuple[tuple[OperatorAction, str], ...]:
         """Return what is to be done to which rule; more or fewer than one is wrong."""
@@ -68,35 +65,32 @@ class OperatorTable(Section):
 
 
 class InputTable(MotionTable):
-    """What the camera sees in a test, and what people do. Without a journal it is made up.
-
-    Attributes:
-        target: The target that moves, where there are several; the others are out of sight.
-        targets: How each of several targets moves, by its name.
-        journal: A recording that takes the place of all this, relative to the configuration.
-        noise: How noisy measured distances are, as a factor of what camera and target are expected to give.
-        dropouts: The share of frames in which a target is not found.
-        outliers: The share of frames in which a distance is grossly wrong.
-        rate: Frames in a second, in hertz; None for the camera's, or 30.
-        seed: Everything random follows from it.
-        frozen: When the camera gives no frames.
-        clock: The time of day at the start, in seconds after midnight; None for a clock that is not synchronised.
-        day: The day of the week at the start.
-        operator: What people tell rules.
-    """
+    """What the camera sees in a test, and what people do. Without a journal it is made up."""
 
     target: str | None = None
+    """The target that moves, where there are several; the others are out of sight."""
     targets: dict[str, MotionTable] | None = None
+    """How each of several targets moves, by its name."""
     journal: FilePath | None = None
+    """A recording that takes the place of all this, relative to the configuration."""
     noise: Noise = 1.0
+    """How noisy measured distances are, as a factor of what camera and target are expected to give."""
     dropouts: Rare = 0.0
+    """The share of frames in which a target is not found."""
     outliers: Rare = 0.0
+    """The share of frames in which a distance is grossly wrong."""
     rate: Rate | None = None
+    """Frames in a second, in hertz; None for the camera's, or 30."""
     seed: Annotated[int, Field(ge=0)] = 1
+    """Everything random follows from it."""
     frozen: list[SpanTable] = Field(default_factory=list)
+    """When the camera gives no frames."""
     clock: TimeOfDay | None = None
+    """The time of day at the start, in seconds after midnight; None for a clock that is not synchronised."""
     day: Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"] = "mon"
+    """The day of the week at the start."""
     operator: list[OperatorTable] = Field(default_factory=list)
+    """What people tell rules."""
 
     def motions(self, targets: Sequence[str]) -> Mapping[str, MotionTable]:
         """Return how each target moves.
@@ -119,17 +113,14 @@ class InputTable(MotionTable):
 
 
 class RuleTestTable(Section):
-    """One test.
-
-    Attributes:
-        name: What it shows; None for one by its number.
-        input: What happens.
-        expect: What is expected, by the name of a rule or an output.
-    """
+    """One test."""
 
     name: Annotated[str, Field(min_length=1)] | None = None
+    """What it shows; None for one by its number."""
     input: InputTable
+    """What happens."""
     expect: dict[str, ExpectTable]
+    """What is expected, by the name of a rule or an output."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

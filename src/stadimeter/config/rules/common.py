@@ -29,17 +29,14 @@ class RuleCommon(TypedDict):
 
 
 class LostTable(Section):
-    """What a rule does without its target; see `stadimeter.core.rule.Lost`.
-
-    Attributes:
-        grace: In seconds.
-        policy: What happens after it.
-        fault_after: In seconds.
-    """
+    """What a rule does without its target; see `stadimeter.core.rule.Lost`."""
 
     grace: Duration = _LOST.grace_s
+    """In seconds."""
     policy: Annotated[rule.LostPolicy, Field(strict=False)] = _LOST.policy
+    """What happens after it."""
     fault_after: Duration = _LOST.fault_after_s
+    """In seconds."""
 
     def to_plan(self) -> rule.Lost:
         """Return the table as the core sees it.
@@ -51,15 +48,12 @@ class LostTable(Section):
 
 
 class FramesTable(Section):
-    """A delay counted in frames.
-
-    Attributes:
-        frames: In this many frames the condition must hold.
-        of: Of this many newest frames.
-    """
+    """A delay counted in frames."""
 
     frames: Annotated[int, Field(ge=1)]
+    """In this many frames the condition must hold."""
     of: Annotated[int, Field(ge=1)]
+    """Of this many newest frames."""
 
 
 OnDelay = Annotated[

@@ -11,27 +11,24 @@ _FOLLOW = rule.FollowRule(name="", target="", distance_m=1.0)
 
 
 class FollowTable(Section):
-    """A base that keeps its distance; see `stadimeter.core.rule.FollowRule`.
-
-    Attributes:
-        distance: In metres.
-        gain: Forward speed for each metre of distance error, in 1/s.
-        turn_gain: Rate of turn for each radian of bearing, in 1/s.
-        max_speed: In m/s, forwards.
-        max_reverse_speed: In m/s, backwards; 0 never reverses.
-        max_turn_rate: In rad/s.
-        deadband: In metres.
-        turn_deadband: In radians.
-    """
+    """A base that keeps its distance; see `stadimeter.core.rule.FollowRule`."""
 
     distance: Length
+    """In metres."""
     gain: Factor = _FOLLOW.gain_per_s
+    """Forward speed for each metre of distance error, in 1/s."""
     turn_gain: Factor = _FOLLOW.turn_gain_per_s
+    """Rate of turn for each radian of bearing, in 1/s."""
     max_speed: Speed = _FOLLOW.linear_max_mps
+    """In m/s, forwards."""
     max_reverse_speed: Speed = _FOLLOW.reverse_max_mps
+    """In m/s, backwards; 0 never reverses."""
     max_turn_rate: TurnRate = _FOLLOW.angular_max_radps
+    """In rad/s."""
     deadband: LengthOrZero = _FOLLOW.deadband_m
+    """In metres."""
     turn_deadband: Angle = _FOLLOW.deadband_rad
+    """In radians."""
 
     def to_plan(self, common: RuleCommon) -> rule.FollowRule:
         """Return the rule as the core sees it.

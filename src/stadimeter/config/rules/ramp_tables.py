@@ -19,15 +19,12 @@ _OF_A_CURVE = {"start": "from", "full": "to", "min": "min", "max": "max", "gamma
 
 
 class PointTable(Section):
-    """One line of a table of levels.
-
-    Attributes:
-        at: The distance, in metres.
-        level: The level there.
-    """
+    """One line of a table of levels."""
 
     at: LengthOrZero
+    """The distance, in metres."""
     level: Share
+    """The level there."""
 
 
 def _in_order(points: list[PointTable]) -> list[PointTable]:
@@ -42,29 +39,26 @@ Points = Annotated[list[PointTable], Field(min_length=2, max_length=100), AfterV
 
 
 class RampTable(Section):
-    """An output that grows with distance or with nearness; see `stadimeter.core.rule.RampRule`.
-
-    Attributes:
-        start: In metres, written ``from``; where the output begins.
-        full: In metres, written ``to``; where it is full.
-        points: A table of distances and levels instead of a curve from start to full.
-        of: Whether these are distances or depths along the optical axis.
-        min: The level right after the start.
-        max: The level at the full end and beyond.
-        gamma: Exponent of the curve.
-        bias: Which way to err within the standard deviation.
-        dead_zone: Levels below this are 0.
-    """
+    """An output that grows with distance or with nearness; see `stadimeter.core.rule.RampRule`."""
 
     start: Annotated[LengthOrZero | None, Field(alias="from")] = None
+    """In metres, written ``from``; where the output begins."""
     full: Annotated[LengthOrZero | None, Field(alias="to")] = None
+    """In metres, written ``to``; where it is full."""
     points: Points | None = None
+    """A table of distances and levels instead of a curve from start to full."""
     of: condition.Quantity = _RAMP.quantity
+    """Whether these are distances or depths along the optical axis."""
     min: Share = _RAMP.level_min
+    """The level right after the start."""
     max: Share = _RAMP.level_max
+    """The level at the full end and beyond."""
     gamma: Factor = _RAMP.gamma
+    """Exponent of the curve."""
     bias: rule.Bias = _RAMP.bias
+    """Which way to err within the standard deviation."""
     dead_zone: Share = _RAMP.dead_zone
+    """Levels below this are 0."""
 
     @model_validator(mode="after")
     def _one_way_only(self) -> Self:

@@ -32,57 +32,54 @@ KINDS = ("when", "ramp", "follow")
 
 
 class RuleTable(Section):
-    """One rule.
-
-    Attributes:
-        target: The target that it watches; may be left out where there is only one.
-        targets: Several targets instead: one alarm for each, named after the rule and the target.
-        actuator: The actuator that it drives, or ``base``; None for an alert only.
-        priority: Of several rules that ask something of one output, the highest wins.
-        severity: How much its events matter.
-        lost: What it does without its target.
-        observe: It is judged, recorded and explained like any other, but drives nothing and sends nothing.
-        when: A condition to act on.
-        ramp: An output that follows the distance.
-        follow: A distance that a base keeps.
-        on_delay: How long a condition must hold first; in seconds or in frames. None for the default.
-        off_delay: How long it must no longer hold; in seconds.
-        level: The level of an actuator while the condition holds.
-        pattern: How that level changes while the condition holds.
-        at_start: Whether an alarm that is raised by the very first sight of the target moves its output.
-        latch: Whether it stays active until somebody resets it.
-        ack: Whether somebody must acknowledge it.
-        realarm: After being active for this long, in seconds, it is reported again; None for never.
-        cooldown: The least time between two notifications, in seconds. None for the default.
-        shelve_max: The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default.
-        group: Of the alarms of one group, the first one is marked; empty for none.
-        suppress_when: While this holds, it drives nothing and notifies nobody.
-        then: What else it does, and when.
-    """
+    """One rule."""
 
     target: str | None = None
+    """The target that it watches; may be left out where there is only one."""
     targets: Annotated[list[str], Field(min_length=1)] | None = None
+    """Several targets instead: one alarm for each, named after the rule and the target."""
     actuator: str | None = None
+    """The actuator that it drives, or ``base``; None for an alert only."""
     priority: int = _RULE.priority
+    """Of several rules that ask something of one output, the highest wins."""
     severity: Annotated[Severity, Field(strict=False)] = _RULE.severity
+    """How much its events matter."""
     lost: LostTable = LostTable()
+    """What it does without its target."""
     observe: bool = _RULE.observe
+    """It is judged, recorded and explained like any other, but drives nothing and sends nothing."""
     when: WhenTable | None = None
+    """A condition to act on."""
     ramp: RampTable | None = None
+    """An output that follows the distance."""
     follow: FollowTable | None = None
+    """A distance that a base keeps."""
     on_delay: OnDelay | None = None
+    """How long a condition must hold first; in seconds or in frames. None for the default."""
     off_delay: Duration = _ALARM.off_delay_s
+    """How long it must no longer hold; in seconds."""
     level: Share = _ALARM.level
+    """The level of an actuator while the condition holds."""
     pattern: PatternTable | None = None
+    """How that level changes while the condition holds."""
     at_start: Literal["act", "announce"] = "act" if _ALARM.act_at_start else "announce"
+    """Whether an alarm that is raised by the very first sight of the target moves its output."""
     latch: bool = _ALARM.latch
+    """Whether it stays active until somebody resets it."""
     ack: Literal["required", "none"] = "required" if _ALARM.needs_ack else "none"
+    """Whether somebody must acknowledge it."""
     realarm: DurationAboveZero | None = None
+    """After being active for this long, in seconds, it is reported again; None for never."""
     cooldown: Duration | None = None
+    """The least time between two notifications, in seconds. None for the default."""
     shelve_max: Duration | None = None
+    """The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default."""
     group: str = _ALARM.group
+    """Of the alarms of one group, the first one is marked; empty for none."""
     suppress_when: WhenTable | None = None
+    """While this holds, it drives nothing and notifies nobody."""
     then: list[StepTable] = Field(default_factory=list)
+    """What else it does, and when."""
 
     def names(self, name: str) -> tuple[str, ...]:
         """Return the names of the rules that the table stands for.
