@@ -63,13 +63,14 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
 
 def _targets_exist(draft: Draft) -> Iterator[Finding]:
     names = draft.names("targets")
+    need_none = {each.section for each in draft.compiled if not each.needs_target}
     for rule_name, rule in draft.rules.items():
         for watched in rule.targets or ():
             if watched not in names:
                 hint = did_you_mean_or_list(watched, names)
                 yield Finding(("rules", rule_name, "targets"), f"there is no target '{watched}'", hint, "unknown-name")
         if rule.target is None:
-            if len(names) > 1 and not rule.targets and not rule.names_every_target():
+            if len(names) > 1 and not rule.targets and rule_name not in need_none:
                 message = f"which of the targets {', '.join(names)} does the rule '{rule_name}' watch?"
                 yield Finding(("rules", rule_name, "target"), message, f'add target = "{names[0]}"', "target-missing")
         elif rule.target not in names:

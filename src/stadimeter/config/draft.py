@@ -16,6 +16,7 @@ from stadimeter.config.findings import MOST_EXPLAINED, Finding, did_you_mean_or_
 from stadimeter.config.paths import path_from, validation_context
 from stadimeter.config.plain_words import shown
 from stadimeter.config.rule_tests.tables import RuleTestTable
+from stadimeter.config.rules.compiled import CompiledRule, compile_rules
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import UNREADABLE
@@ -57,6 +58,7 @@ class Draft:
         safety: When outputs may act.
         rules: The rules that could be read, by name.
         tests: The tests that could be read, by their position in the file.
+        compiled: The same rules as the core runs them, each beside its table.
     """
 
     table: Mapping[str, Any]
@@ -76,6 +78,7 @@ class Draft:
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
     rules: dict[str, RuleTable] = field(default_factory=dict)
     tests: dict[int, RuleTestTable] = field(default_factory=dict)
+    compiled: tuple[CompiledRule, ...] = ()
 
     def names(self, section: str) -> tuple[str, ...]:
         """Return the names that a section declares, whether or not what they stand for could be read.
@@ -234,6 +237,8 @@ class _Reader:
             rule = self._validated(RuleTable, ("rules", name), table)
             if rule is not None:
                 self.draft.rules[name] = rule
+        draft = self.draft
+        draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.names("targets"))
 
     def _tests(self) -> None:
         tables = self.draft.table.get("tests", [])

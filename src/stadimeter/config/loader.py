@@ -16,14 +16,13 @@ from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.paths import validation_context
 from stadimeter.config.rule_tests.checks import rule_test_findings, rule_test_warnings
 from stadimeter.config.rule_tests.tables import RuleTest, name_of
-from stadimeter.config.rules.families import naming_members
+from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.secrets import secret_warnings, without_secrets
 from stadimeter.config.toml_lines import KeyPath, Place
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.plan import Output, Plan
-from stadimeter.core.rule import AnyRule
 from stadimeter.errors import ConfigError, Problem
 
 __all__ = ["Configuration", "DriverChoice", "load_camera_choice", "load_configuration"]
@@ -37,6 +36,8 @@ class Configuration:
         path: The file.
         text: What stood in it, without secrets: it is recorded.
         plan: What it declares, as the core sees it.
+        rules: The rules of the plan, in its order, each beside its table in the file.
+        spans: Where each key stands in the file.
         camera: The camera's driver.
         camera_model: The lens, or None if it names none; then it has no rules.
         targets: The detector of each target, in the order of the file.
@@ -54,6 +55,8 @@ class Configuration:
     path: Path
     text: str
     plan: Plan
+    rules: tuple[CompiledRule, ...]
+    spans: Mapping[KeyPath, Place]
     camera: DriverChoice
     camera_model: CameraModel | None
     targets: tuple[DriverChoice, ...]
@@ -91,6 +94,8 @@ def load_configuration(path: Path) -> Configuration:
         path=path,
         text=text_to_show,
         plan=_plan(draft),
+        rules=draft.compiled,
+        spans=places,
         camera=draft.camera,
         camera_model=draft.camera_model,
         targets=tuple(draft.targets),
@@ -134,13 +139,12 @@ def load_camera_choice(path: Path) -> DriverChoice:
 
 
 def _plan(draft: Draft) -> Plan:
-    targets = draft.names("targets")
     outputs: list[Output] = [table.to_plan(name) for name, table in draft.actuator_tables.items()]
     if draft.base_table is not None:
         outputs.append(draft.base_table.to_plan(BASE_NAME))
     return Plan(
-        targets=targets,
-        rules=_rules(draft, targets),
+        targets=draft.names("targets"),
+        rules=tuple(each.rule for each in draft.compiled),
         outputs=tuple(outputs),
         tracking=draft.tracking.to_plan(),
         safety=draft.safety.to_plan(),
@@ -152,12 +156,6 @@ def _warnings_elsewhere(draft: Draft, errors: Iterable[Finding]) -> Iterator[Fin
     wrong = {finding.path[:2] for finding in errors}
     if ("rules",) not in wrong:
         yield from (each for each in warning_findings(draft) if each.path[0] == "rules" and each.path[:2] not in wrong)
-
-
-def _rules(draft: Draft, targets: tuple[str, ...]) -> tuple[AnyRule, ...]:
-    tables = draft.rules.items()
-    rules = (rule for name, table in tables for rule in table.to_plans(name, table.default_target(targets)))
-    return naming_members(rules, {name: table.names(name) for name, table in draft.rules.items()})
 
 
 def _tests(draft: Draft, places: Mapping[KeyPath, Place]) -> tuple[RuleTest, ...]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from stadimeter.config.analysis.subject import Subject
-from stadimeter.config.analysis.written import WrittenCondition
 from stadimeter.config.findings import Finding
+from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.core import condition as core
 
 _DEG = 180 / math.pi

@@ -9,8 +9,8 @@ from stadimeter.config.analysis.bands import empty_leaves
 from stadimeter.config.analysis.logic import Logic, Wanted
 from stadimeter.config.analysis.regions import beginning_of
 from stadimeter.config.analysis.subject import Subject
-from stadimeter.config.analysis.written import WrittenCondition
 from stadimeter.config.findings import Finding
+from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.core.condition import AllOf, Condition, PresenceCondition
 
 _MOST_PAIRS = 2000

@@ -10,9 +10,10 @@ from stadimeter.config.analysis.delays import ASSUMED_RATE_HZ, delay_s
 from stadimeter.config.analysis.intervals import interval
 from stadimeter.config.analysis.logic import Goal, Wanted
 from stadimeter.config.analysis.regions import region_of, widened, widened_region_of
-from stadimeter.config.analysis.subject import DeclaredRule, Subject
+from stadimeter.config.analysis.subject import Subject
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding
+from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.condition import Condition, DistanceCondition
 from stadimeter.core.decision import Severity
@@ -35,7 +36,7 @@ class _Writer:
         path: Where that stands.
     """
 
-    declared: DeclaredRule
+    declared: CompiledRule
     output: str
     path: KeyPath
 
@@ -137,7 +138,7 @@ def _swallows(winner: DistanceCondition, loser: DistanceCondition) -> bool:
     return (here & there).is_empty and (here & ~interval(outer.above_m, outer.below_m)).is_empty
 
 
-def _swallowed(loser: DeclaredRule, winner: DeclaredRule, condition: DistanceCondition) -> Finding:
+def _swallowed(loser: CompiledRule, winner: CompiledRule, condition: DistanceCondition) -> Finding:
     message = (
         f"with its deadband of {condition.deadband_m:g} m '{winner.rule.name}' goes on wherever '{loser.rule.name}' "
         f"holds, and wins '{loser.rule.output}': coming from there, '{loser.rule.name}' never drives it"
@@ -145,16 +146,16 @@ def _swallowed(loser: DeclaredRule, winner: DeclaredRule, condition: DistanceCon
     return Finding(loser.path, message, f"make the deadband of '{winner.rule.name}' smaller", "band-overlap")
 
 
-def _rivals(subject: Subject) -> Iterator[list[DeclaredRule]]:
+def _rivals(subject: Subject) -> Iterator[list[CompiledRule]]:
     """Go through the outputs, each with the rules that drive it; without those that very many rules drive."""
-    by_output: dict[str, list[DeclaredRule]] = defaultdict(list)
+    by_output: dict[str, list[CompiledRule]] = defaultdict(list)
     for declared in subject.every_rule:
         if declared.rule.output is not None and not declared.rule.observe:
             by_output[declared.rule.output].append(declared)
     return (rivals for rivals in by_output.values() if len(rivals) <= MOST_RIVALS)
 
 
-def _shadowed(subject: Subject) -> Iterator[tuple[DeclaredRule, Finding]]:
+def _shadowed(subject: Subject) -> Iterator[tuple[CompiledRule, Finding]]:
     told: set[str] = set()
     for rivals in _rivals(subject):
         for loser in rivals:
@@ -164,7 +165,7 @@ def _shadowed(subject: Subject) -> Iterator[tuple[DeclaredRule, Finding]]:
                 yield loser, _loses(loser, winners)
 
 
-def _winners_over(loser: AnyRule, rivals: list[DeclaredRule], subject: Subject) -> list[DeclaredRule]:
+def _winners_over(loser: AnyRule, rivals: list[CompiledRule], subject: Subject) -> list[CompiledRule]:
     """Return the rules of which one at least goes before a rule wherever it holds; none if there are no such."""
     winners = [each for each in rivals if _goes_before(each.rule, loser)]
     if not winners or not subject.logic.can_be(*_drives(loser, region_of(loser))):  # or it never holds, which is said
@@ -178,7 +179,7 @@ def _winners_over(loser: AnyRule, rivals: list[DeclaredRule], subject: Subject) 
     return winners
 
 
-def _covered(loser: AnyRule, winners: list[DeclaredRule], subject: Subject) -> bool:
+def _covered(loser: AnyRule, winners: list[CompiledRule], subject: Subject) -> bool:
     """Return whether one of the winners holds wherever the loser does: where they begin, and where they end."""
     for region in (region_of, widened_region_of):
         goals = _drives(loser, region(loser))
@@ -210,7 +211,7 @@ def _goes_before(winner: AnyRule, loser: AnyRule) -> bool:
     return delay_s(winner, ASSUMED_RATE_HZ) <= waits_s + MOMENT_S and stays_s <= winner.off_delay_s + MOMENT_S
 
 
-def _loses(loser: DeclaredRule, winners: list[DeclaredRule]) -> Finding:
+def _loses(loser: CompiledRule, winners: list[CompiledRule]) -> Finding:
     output = loser.rule.output
     names = " or ".join(f"'{each.rule.name}'" for each in winners)
     message = (

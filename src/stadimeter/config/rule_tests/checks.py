@@ -13,6 +13,7 @@ from stadimeter.config.rule_tests.motions import MOTIONS, MotionTable
 from stadimeter.config.rule_tests.tables import FRAMES_MAX, InputTable, name_of
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.rule import AlarmRule
 
 _MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
 _MADE_UP_TOO = ("seed", "frozen", "clock", "day", "operator")
@@ -208,10 +209,10 @@ def _within(draft: Draft, at: tuple[str | int, ...], subject: str, given: InputT
 
 
 def _is_on_distance(draft: Draft, rule_name: str) -> bool:
-    rule = draft.rules.get(rule_name) or draft.rules.get(rule_name.partition(":")[0])
-    if rule is None or rule.when is None:
-        return rule is None  # what could not be read has findings of its own
-    condition = rule.when.to_plan(rule.severity)
+    compiled = next((each for each in draft.compiled if rule_name in (each.rule.name, each.section)), None)
+    if compiled is None:
+        return True  # what could not be read has findings of its own
+    condition = compiled.rule.condition if isinstance(compiled.rule, AlarmRule) else None
     return isinstance(condition, DistanceCondition) and condition.quantity == "distance"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -16,6 +16,7 @@ from stadimeter.config.rules.ramp_tables import RampTable
 from stadimeter.config.rules.sequence_tables import StepTable
 from stadimeter.config.units import Duration
 from stadimeter.core import condition, rule
+from stadimeter.core.condition import targets_of
 from stadimeter.core.decision import Severity
 
 __all__ = ["KINDS", "FramesTable", "RuleTable", "WhenTable"]
@@ -29,6 +30,13 @@ FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
 
 KINDS = ("when", "ramp", "follow")
 """What a rule can be: exactly one of these keys is in its table."""
+
+
+class Conditions(NamedTuple):
+    """The conditions of one rule table as the core sees them."""
+
+    when: condition.Condition | None
+    suppress_when: condition.Condition | None
 
 
 class RuleTable(Section):
@@ -82,66 +90,39 @@ class RuleTable(Section):
     """What else it does, and when."""
 
     def names(self, name: str) -> tuple[str, ...]:
-        """Return the names of the rules that the table stands for.
-
-        Args:
-            name: The table's name.
-
-        Returns:
-            The name itself; with several targets one for each, such as ``near:ball``.
-        """
+        """Return the names of the rules that it stands for: with several targets one for each, ``near:ball``."""
         return (name,) if self.targets is None else tuple(f"{name}:{target}" for target in self.targets)
 
-    def names_every_target(self) -> bool:
-        """Return whether every part of its conditions says what it is about, so that the rule itself need not.
+    def conditions(self) -> Conditions:
+        """Return the conditions as the core sees them; parts that name no target are left without one."""
+        return Conditions(
+            when=self.when.to_plan(self.severity) if self.when else None,
+            suppress_when=self.suppress_when.to_plan(self.severity) if self.suppress_when else None,
+        )
 
-        Returns:
-            Whether they do; never for a ramp or a follow rule.
-        """
-        whens = [when.to_plan(self.severity) for when in (self.when, self.suppress_when) if when is not None]
-        return self.when is not None and not any("" in condition.targets_of(part) for part in whens)
-
-    def default_target(self, targets: Sequence[str]) -> str:
-        """Return the target of a rule that names none: one that its condition is about, or else the first.
-
-        Args:
-            targets: Every target, in the order of the file.
-
-        Returns:
-            Its name.
-        """
-        about = condition.targets_of(self.when.to_plan(self.severity)) if self.when is not None else frozenset()
-        return next((target for target in targets if target in about), targets[0])
-
-    def to_plans(self, name: str, target: str) -> tuple[rule.AnyRule, ...]:
+    def to_plans(self, name: str, targets: Sequence[str], conditions: Conditions) -> tuple[rule.AnyRule, ...]:
         """Return every rule that the table stands for, as the core sees them.
 
         Args:
             name: The table's name.
-            target: The target where the table names none.
+            targets: Every target, in the order of the file.
+            conditions: What `conditions` gives.
 
         Returns:
-            One rule; with several targets one for each.
+            One rule; with several targets one for each. One that names no target watches the first of those that its
+            condition is about, or else the first of all.
 
         Raises:
-            ValueError: It is of no kind; the cross-checks find that first.
+            ValueError: The table has none of `KINDS`.
         """
-        targets = self.targets or (self.target or target,)
-        return tuple(self.to_plan(each, watched) for each, watched in zip(self.names(name), targets, strict=True))
+        about = targets_of(conditions.when) if conditions.when is not None else frozenset[str]()
+        default = next((target for target in targets if target in about), next(iter(targets), ""))
+        watched = self.targets or (self.target or default,)
+        return tuple(
+            self._to_plan(each, target, conditions) for each, target in zip(self.names(name), watched, strict=True)
+        )
 
-    def to_plan(self, name: str, target: str) -> rule.AnyRule:
-        """Return the rule as the core sees it.
-
-        Args:
-            name: The rule's name.
-            target: The target that it watches, also where the table does not name it.
-
-        Returns:
-            The rule.
-
-        Raises:
-            ValueError: It is of no kind; the cross-checks find that first.
-        """
+    def _to_plan(self, name: str, target: str, conditions: Conditions) -> rule.AnyRule:
         common = RuleCommon(
             name=name,
             target=target,
@@ -151,8 +132,8 @@ class RuleTable(Section):
             lost=self.lost.to_plan(),
             observe=self.observe,
         )
-        if self.when is not None:
-            return self._alarm(common, self.when)
+        if conditions.when is not None:
+            return self._alarm(common, conditions.when, conditions.suppress_when)
         if self.ramp is not None:
             return self.ramp.to_plan(common)
         if self.follow is not None:
@@ -191,12 +172,13 @@ class RuleTable(Section):
             return written_s
         return 0.0 if self.severity is Severity.SAFETY else default_s
 
-    def _alarm(self, common: RuleCommon, when: WhenTable) -> rule.AlarmRule:
-        judged = when.to_plan(self.severity)
+    def _alarm(
+        self, common: RuleCommon, when: condition.Condition, suppress_when: condition.Condition | None
+    ) -> rule.AlarmRule:
         return rule.AlarmRule(
             **common,
-            condition=judged,
-            on_delay=self.delay(judged),
+            condition=when,
+            on_delay=self.delay(when),
             off_delay_s=self.off_delay,
             level=self.level,
             act_at_start=self.at_start == "act",
@@ -207,7 +189,7 @@ class RuleTable(Section):
             cooldown_s=self.cooldown_s,
             shelve_max_s=self.shelve_max_s,
             group=self.group,
-            suppress_when=self.suppress_when.to_plan(self.severity) if self.suppress_when else None,
+            suppress_when=suppress_when,
             sequence=tuple(step.to_plan() for step in self.then),
         )
 
