@@ -138,4 +138,4 @@ class GpiozeroVibrationMotor:
         self._pin.write(FULL_PERCENT if kicks else self._percent)
 
 
-PLUGIN = Plugin(options=VibrationMotorOptions, build=GpiozeroVibrationMotor)
+PLUGIN = Plugin(options=VibrationMotorOptions, build=GpiozeroVibrationMotor, verb="vibrates")

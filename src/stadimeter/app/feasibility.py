@@ -19,9 +19,6 @@ from stadimeter.core.target import TargetSize
 from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.feasibility import RELIABLE_PX, expect, farthest_m
 
-_IDEAL = "ideal"
-"""The simulated detector that needs no pixels."""
-
 
 def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
     """Say which rules ask for what the camera cannot see, or not well enough, of the target.
@@ -47,7 +44,7 @@ def _target_sizes(configuration: Configuration) -> dict[str, TargetSize]:
     """Return the sizes of those targets that are looked for in pictures."""
     sizes: dict[str, TargetSize] = {}
     for choice in configuration.targets:
-        if choice.driver == _IDEAL:
+        if not choice.plugin.needs_pixels:
             continue
         try:
             (target,) = build_detectors((choice,), configuration.camera_model)

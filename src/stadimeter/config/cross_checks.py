@@ -19,9 +19,6 @@ from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
 
-_IN_A_WORLD = {"camera": ("simulated",), "targets": ("ideal",), "base": ("simulated",)}
-"""Drivers that show, know or move what is in the simulated world, by section."""
-
 LONGEST_BLIND_S = 1.0
 """Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then."""
 
@@ -148,7 +145,7 @@ def _bears(metadata: list[Any], annotation: Any, mark: type) -> bool:
 
 def _world_around(draft: Draft) -> Iterator[Finding]:
     for table, part in draft.parts():
-        if "world" not in draft.table and part.driver in _IN_A_WORLD.get(str(table[0]), ()):
+        if "world" not in draft.table and part.plugin.needs_world:
             key = "detector" if table[0] == "targets" else "driver"
             message = f"'{part.driver}' needs a simulated world to be in, and there is no section [world]"
             yield Finding((*table, key), message, "add one; it may be empty", "world-missing")

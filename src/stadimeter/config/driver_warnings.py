@@ -10,13 +10,11 @@ from stadimeter.config.rules.pattern_tables import PatternTable
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 
-_RELAY = "relay"
-
 LEFT_FOR_FRAMES_S = 0.1
 """Three frames at 30 a second: with less, every hiccup of a network stops the outputs."""
 
-RELAY_SLOWEST_S = 5.0
-"""A relay of a hundred thousand switchings that switches more often than this lasts for less than two weeks."""
+SHORTEST_PERIOD_OF_WEAR_S = 5.0
+"""A contact of a hundred thousand switchings that switches more often than this lasts for less than two weeks."""
 
 
 def driver_warnings(draft: Draft) -> Iterator[Finding]:
@@ -36,7 +34,7 @@ def driver_warnings(draft: Draft) -> Iterator[Finding]:
     yield from _no_motion(draft)
     yield from _late_frames(draft)
     yield from _unused_notifiers(draft)
-    yield from _worn_relays(draft)
+    yield from _worn_contacts(draft)
 
 
 def _no_motion(draft: Draft) -> Iterator[Finding]:
@@ -74,15 +72,16 @@ def _unused_notifiers(draft: Draft) -> Iterator[Finding]:
             yield Finding(("notifiers", name), f"no rule notifies '{name}'", hint, "output-unused")
 
 
-def _worn_relays(draft: Draft) -> Iterator[Finding]:
-    relays = {choice.name for choice in draft.actuators if choice.driver == _RELAY}
+def _worn_contacts(draft: Draft) -> Iterator[Finding]:
+    worn = {choice.name: choice.driver for choice in draft.actuators if choice.plugin.is_worn_by_switching}
     for name, rule in draft.rules.items():
         for path, actuator, pattern in _patterns(rule):
-            if actuator in relays and pattern.period_s < RELAY_SLOWEST_S and not pattern.times:
+            if actuator in worn and pattern.period_s < SHORTEST_PERIOD_OF_WEAR_S and not pattern.times:
                 message = (
-                    f"'{actuator}' is a relay, and would click every {pattern.period_s:g} s while the alarm stands"
+                    f"'{actuator}' wears out by switching, as a {worn[actuator]} does, and would switch every "
+                    f"{pattern.period_s:g} s while the alarm stands"
                 )
-                hint = "relays wear out: drive a buzzer or a lamp, or add times to the pattern"
+                hint = "drive a buzzer or a lamp, or add times to the pattern"
                 yield Finding(("rules", name, *path, "pattern"), message, hint, "relay-pattern")
 
 

@@ -130,6 +130,11 @@ class Plugin(Generic[OptionsT]):
         not_for_motion: Of a camera, why nothing may move on its frames: for each option that would have to be written,
             a sentence that `check` warns of. See `stadimeter.cameras.protocol.Camera.not_for_motion`.
         latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
+        verb: Of an actuator, what it does when it acts, for descriptions: such as ``buzzes``.
+        is_worn_by_switching: Of an actuator, whether each change of its level wears it out: `check` warns of patterns
+            that never end.
+        needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
+        needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
     """
 
     options: type[OptionsT]
@@ -138,6 +143,10 @@ class Plugin(Generic[OptionsT]):
     lacks: Callable[[OptionsT], tuple[str, ...]] = field(default=lambda _options: ())
     not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
     latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
+    verb: str = field(default="drives", kw_only=True)
+    is_worn_by_switching: bool = field(default=False, kw_only=True)
+    needs_world: bool = field(default=False, kw_only=True)
+    needs_pixels: bool = field(default=True, kw_only=True)
 
 
 @cache

@@ -131,4 +131,4 @@ class SimulatedBase:
             raise LinkLostError(f"the simulated base '{self._name}' no longer answers: it was unplugged")
 
 
-PLUGIN = Plugin(SimulatedBaseOptions, SimulatedBase, is_simulated=lambda _: True)
+PLUGIN = Plugin(SimulatedBaseOptions, SimulatedBase, is_simulated=lambda _: True, needs_world=True)

@@ -148,4 +148,4 @@ def lens(context: DriverContext) -> CameraModel:
     return context.camera_model
 
 
-PLUGIN = Plugin(SimulatedCameraOptions, SimulatedCamera)
+PLUGIN = Plugin(SimulatedCameraOptions, SimulatedCamera, needs_world=True)

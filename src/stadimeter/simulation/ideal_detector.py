@@ -156,4 +156,4 @@ def _check_diameter(stated_m: float | None, true_m: float, target: str) -> None:
         )
 
 
-PLUGIN = Plugin(IdealDetectorOptions, IdealDetector)
+PLUGIN = Plugin(IdealDetectorOptions, IdealDetector, needs_world=True, needs_pixels=False)

@@ -15,9 +15,6 @@ from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnD
 
 __all__ = ["describe", "length"]
 
-_VERBS = {"vibration-motor": "vibrates", "buzzer": "buzzes", "led": "lights", "relay": "switches on"}
-"""What an actuator does when it acts, by its driver."""
-
 NAMED_MAX = 10
 """Of more rules than these, the rest are counted: nobody reads a list of hundreds."""
 
@@ -83,8 +80,7 @@ def _verb_of(output: str, configuration: Configuration) -> str:
 
 
 def _verb(output: str, configuration: Configuration) -> str:
-    driver = next((each.driver for each in configuration.actuators if each.name == output), "")
-    return _VERBS.get(driver, "drives")
+    return next((each.plugin.verb for each in configuration.actuators if each.name == output), "drives")
 
 
 def _delay(delay: OnDelay) -> str:
