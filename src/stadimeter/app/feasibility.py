@@ -25,9 +25,6 @@ def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
 
     Nothing is opened. The camera is taken at the resolution that its model was made for.
 
-    Args:
-        configuration: The configuration.
-
     Returns:
         One warning for each limit that cannot be relied on, in the order of the file.
     """

@@ -23,11 +23,7 @@ WARNED = 1
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the command line.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command to the command line."""
     app.command()(check)
 
 

@@ -40,9 +40,6 @@ def print_problems(
     """Print each problem with its line, underlined, and what to do about it.
 
     Args:
-        console: Where to.
-        problems: The problems.
-        kind: How bad they are.
         sources: The files that were read for this before; those that are read now are added.
     """
     sources = {} if sources is None else sources

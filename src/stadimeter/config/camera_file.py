@@ -92,12 +92,6 @@ class CameraTable(BaseModel):
 def camera_model_from_table(table: Mapping[str, Any]) -> CameraModel:
     """Make a camera model from a table of a configuration, which holds the same keys as a camera file.
 
-    Args:
-        table: The table.
-
-    Returns:
-        The model.
-
     Raises:
         ConfigError: It lists every key that is wrong, without file and line.
     """
@@ -106,12 +100,6 @@ def camera_model_from_table(table: Mapping[str, Any]) -> CameraModel:
 
 def load_camera_model(path: Path) -> CameraModel:
     """Read a camera file.
-
-    Args:
-        path: The file.
-
-    Returns:
-        The model.
 
     Raises:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
@@ -125,7 +113,6 @@ def save_camera_model(path: Path, model: CameraModel) -> None:
 
     Args:
         path: The file; one that exists is replaced.
-        model: The model.
 
     Raises:
         ConfigError: It cannot be written there.

@@ -26,14 +26,7 @@ Check = Callable[[Draft], Iterator[Finding]]
 
 
 def error_findings(draft: Draft) -> Iterator[Finding]:
-    """Find what makes a configuration unusable.
-
-    Args:
-        draft: What could be read of it.
-
-    Yields:
-        What is wrong.
-    """
+    """Find what makes a configuration unusable."""
     for check in (*_ERRORS, analysis_errors):
         yield from check(draft)
 
@@ -43,9 +36,6 @@ def warning_findings(draft: Draft) -> Iterator[Finding]:
 
     Args:
         draft: A configuration; of one with errors, what can be said of the rules that have none.
-
-    Yields:
-        What to look at again.
     """
     for check in (*_WARNINGS, analysis_warnings):
         yield from check(draft)

@@ -42,20 +42,12 @@ class Draft:
 
     Attributes:
         table: The whole file as the TOML parser read it.
-        findings: What is wrong.
         file_problems: What is wrong in a camera file that it names.
-        camera: The camera.
-        camera_model: The lens.
         targets: The targets that could be read.
         actuators: The actuators whose driver could be read.
         base: The base, if its driver could be read.
-        messenger: The messenger.
         notifiers: The notifiers whose driver could be read.
-        world: The simulated world.
         actuator_tables: What every actuator has, by name.
-        base_table: What every base has.
-        tracking: How targets are tracked.
-        safety: When outputs may act.
         rules: The rules that could be read, by name.
         tests: The tests that could be read, by their position in the file.
         compiled: The same rules as the core runs them, each beside its table.
@@ -124,9 +116,6 @@ def read_draft(table: Mapping[str, Any], file: Path) -> Draft:
     Args:
         table: The file as the TOML parser read it.
         file: The file; paths are relative to its folder.
-
-    Returns:
-        What could be read, and every finding.
     """
     return _Reader(table, file).read()
 
@@ -135,8 +124,6 @@ class _Reader:
     """Fills a draft, part by part.
 
     Attributes:
-        draft: What was read so far.
-        context: The validation context.
         folder: What paths are relative to.
     """
 

@@ -15,8 +15,6 @@ class DriverChoice:
     Attributes:
         name: The part's name in the configuration, such as ``motor``.
         driver: The driver's name, such as ``vibration-motor``.
-        plugin: The driver.
-        options: Its options, checked.
     """
 
     name: str

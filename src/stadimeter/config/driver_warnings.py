@@ -21,12 +21,6 @@ def driver_warnings(draft: Draft) -> Iterator[Finding]:
     """Find what keeps drivers from working here, or from working for long, and what nobody uses.
 
     Elsewhere, where a recording came from, a driver may work.
-
-    Args:
-        draft: What could be read of a configuration.
-
-    Yields:
-        A warning for each.
     """
     for at, part in draft.parts():
         for lack in part.plugin.lacks(part.options):

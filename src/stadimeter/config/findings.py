@@ -28,7 +28,6 @@ class Finding:
     """One thing that is wrong, or worth a warning, at a path of the configuration.
 
     Attributes:
-        path: The key.
         message: What is wrong, with the value, in one sentence.
         hint: What to do about it, or an empty string.
         code: The kind of problem, for programs.
@@ -43,10 +42,6 @@ class Finding:
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return a question that offers the likeliest of the known words.
 
-    Args:
-        word: What was written.
-        known: What could have been written.
-
     Returns:
         Such as ``did you mean 'below'?``, or an empty string if none is close.
     """
@@ -57,10 +52,6 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 def did_you_mean_or_list(word: str, known: Iterable[str]) -> str:
     """Return a question that offers the likeliest of the known words, or else all of them.
 
-    Args:
-        word: What was written.
-        known: What could have been written.
-
     Returns:
         Such as ``did you mean 'below'?`` or ``known are: above, below``.
     """
@@ -70,11 +61,6 @@ def did_you_mean_or_list(word: str, known: Iterable[str]) -> str:
 
 def problems(findings: Iterable[Finding], file: str, places: Mapping[KeyPath, Place]) -> tuple[Problem, ...]:
     """Give findings their lines, in the order of the file.
-
-    Args:
-        findings: What was found.
-        file: The file's name.
-        places: Where each key of it stands.
 
     Returns:
         One problem for each finding, without passwords in the addresses that it repeats.

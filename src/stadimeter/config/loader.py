@@ -33,12 +33,10 @@ class Configuration:
     """A configuration without errors.
 
     Attributes:
-        path: The file.
         text: What stood in it, without secrets: it is recorded.
         plan: What it declares, as the core sees it.
         rules: The rules of the plan, in its order, each beside its table in the file.
         spans: Where each key stands in the file.
-        camera: The camera's driver.
         camera_model: The lens, or None if it names none; then it has no rules.
         targets: The detector of each target, in the order of the file.
         actuators: The driver of each actuator, in the order of the file.
@@ -73,12 +71,6 @@ class Configuration:
 
 def load_configuration(path: Path) -> Configuration:
     """Load a configuration and the camera file that it names.
-
-    Args:
-        path: The TOML file.
-
-    Returns:
-        The configuration.
 
     Raises:
         ConfigError: It lists every problem, in the order of the file.
@@ -117,12 +109,6 @@ def load_configuration(path: Path) -> Configuration:
 
 def load_camera_choice(path: Path) -> DriverChoice:
     """Load the camera of a configuration, and nothing else: not its camera file, which may not be there yet.
-
-    Args:
-        path: The TOML file.
-
-    Returns:
-        The camera's driver.
 
     Raises:
         ConfigError: It lists every problem of the section ``[camera]``.

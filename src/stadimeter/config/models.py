@@ -82,14 +82,7 @@ class ActuatorTable(Section):
     """What becomes of it when its driver failed: opened again, or off for the rest of the run."""
 
     def to_plan(self, name: str) -> plan.LevelOutput:
-        """Return the actuator as the core sees it.
-
-        Args:
-            name: Its name.
-
-        Returns:
-            The output.
-        """
+        """Return the actuator as the core sees it."""
         return plan.LevelOutput(
             name=name,
             safe_level=self.safe,
@@ -119,14 +112,7 @@ class BaseTable(Section):
     """What becomes of it when its driver failed: opened again, or off for the rest of the run."""
 
     def to_plan(self, name: str) -> plan.BaseOutput:
-        """Return the base as the core sees it.
-
-        Args:
-            name: Its name.
-
-        Returns:
-            The output.
-        """
+        """Return the base as the core sees it."""
         return plan.BaseOutput(
             name=name,
             linear_max_mps=self.max_speed,
@@ -166,11 +152,7 @@ class TrackingTable(Section):
     """In seconds."""
 
     def to_plan(self) -> plan.Tracking:
-        """Return the section as the core sees it.
-
-        Returns:
-            How targets are tracked.
-        """
+        """Return the section as the core sees it."""
         return plan.Tracking(
             acceleration_mps2=self.acceleration,
             correlation=self.correlation,
@@ -190,9 +172,5 @@ class SafetyTable(Section):
     """How many fresh frames in a row are needed."""
 
     def to_plan(self) -> plan.Safety:
-        """Return the section as the core sees it.
-
-        Returns:
-            When outputs may act.
-        """
+        """Return the section as the core sees it."""
         return plan.Safety(max_frame_age_s=self.max_frame_age, good_frames=self.good_frames)

@@ -14,9 +14,6 @@ FOLDER = "folder"
 def validation_context(file: Path) -> dict[str, Any]:
     """Return the context with which options are validated, so that their paths are relative to a file.
 
-    Args:
-        file: The configuration file.
-
     Returns:
         What to give to ``model_validate`` as ``context``.
     """
@@ -27,11 +24,7 @@ def path_from(folder: Path, written: str | Path) -> Path:
     """Return the path that stands in a file.
 
     Args:
-        folder: The folder of the file.
         written: What stands there: relative to the folder, absolute, or below a home folder such as ``~``.
-
-    Returns:
-        The path.
 
     Raises:
         ValueError: It cannot be a path.

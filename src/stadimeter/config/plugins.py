@@ -49,7 +49,6 @@ class Shared:
     """What the drivers of one run share, such as the simulated world or one pin factory.
 
     Attributes:
-        parts: The shared objects by name.
         closers: What to call at the end of the run, last first.
     """
 
@@ -63,7 +62,6 @@ class DriverContext:
 
     Attributes:
         name: The part's name in the configuration, such as ``motor``; for error messages.
-        clock: The run's clock.
         camera_model: The lens that the configuration names; a simulated camera draws its pictures through it.
         shared: What the drivers of this run share.
     """
@@ -78,10 +76,6 @@ class DriverContext:
 
         Args:
             key: A name that the drivers agree on, such as ``pin factory``.
-            make: Makes the object.
-
-        Returns:
-            The one object.
         """
         if key not in self.shared.parts:
             self.shared.parts[key] = make()
@@ -155,9 +149,6 @@ def installed(group: str) -> tuple[EntryPoint, ...]:
 
     Args:
         group: One of `GROUPS`.
-
-    Returns:
-        The entry points.
     """
     return tuple(entry_points(group=group))
 
@@ -167,9 +158,6 @@ def driver_names(group: str) -> tuple[str, ...]:
 
     Args:
         group: One of `GROUPS`.
-
-    Returns:
-        The names.
     """
     return tuple(sorted({entry.name for entry in installed(group)}))
 
@@ -179,10 +167,6 @@ def load_plugin(group: str, name: str) -> Plugin[Any]:
 
     Args:
         group: One of `GROUPS`.
-        name: The driver's name.
-
-    Returns:
-        What its entry point names.
 
     Raises:
         DriverNotFoundError: No driver has that name; the message lists those that exist and the likely one.

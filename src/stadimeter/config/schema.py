@@ -56,8 +56,6 @@ class _Driver:
     """An installed driver.
 
     Attributes:
-        kind: The kind of part.
-        name: Its name.
         options: The model of its own options; None if a library that it needs is missing.
     """
 

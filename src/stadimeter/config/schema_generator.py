@@ -24,9 +24,6 @@ _FOR_NUMBERS = ("exclusiveMinimum", "exclusiveMaximum", "minimum", "maximum", "m
 def schemas_of(models: Sequence[type[BaseModel]]) -> tuple[dict[type[BaseModel], JsonSchema], dict[str, JsonSchema]]:
     """Return the JSON Schemas of models.
 
-    Args:
-        models: The models.
-
     Returns:
         The schema of each, and the definitions that they refer to as ``#/$defs/NAME``.
     """
@@ -39,9 +36,6 @@ def schemas_of(models: Sequence[type[BaseModel]]) -> tuple[dict[type[BaseModel],
 
 def described(model: type[BaseModel]) -> str:
     """Return what a model is, in one sentence.
-
-    Args:
-        model: The model.
 
     Returns:
         The first sentence of its docstring, without what is meant for those who read the code.

@@ -32,14 +32,7 @@ _TEXT_FOR_PEOPLE = frozenset({"rules", "tests"})
 
 
 def secret_warnings(draft: Draft) -> Iterator[Finding]:
-    """Find secrets that stand in a configuration.
-
-    Args:
-        draft: What could be read of it.
-
-    Yields:
-        A warning for each.
-    """
+    """Find secrets that stand in a configuration."""
     for path in _secrets(draft):
         if _value(draft.table, path) != HIDDEN:
             message = "this may hold a secret, and configurations are shown and shared"
@@ -53,11 +46,6 @@ def secret_warnings(draft: Draft) -> Iterator[Finding]:
 
 def without_secrets(draft: Draft, text: str, places: Mapping[KeyPath, Place]) -> tuple[str, tuple[Finding, ...]]:
     """Return the text of a configuration as it may be recorded.
-
-    Args:
-        draft: What was read from the text.
-        text: The text.
-        places: Where each key of it stands.
 
     Returns:
         The text with something else for each secret; and what is wrong with a secret that cannot be taken out.

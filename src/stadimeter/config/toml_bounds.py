@@ -34,9 +34,6 @@ def why_out_of_bounds(text: str) -> tuple[str, int] | None:
     Tables and lists that stand inside each other are counted together with the keys of dotted names, one by one; what
     stands below a header is counted without it.
 
-    Args:
-        text: A TOML text, valid or not.
-
     Returns:
         What is wrong, and the line where it first is, counted from 1; None if nothing is.
     """

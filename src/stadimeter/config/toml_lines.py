@@ -72,7 +72,6 @@ def syntax_error(error: tomllib.TOMLDecodeError, text: str) -> tuple[str, int]:
     """Take a syntax error apart.
 
     Args:
-        error: What the standard library's parser said.
         text: The text that it parsed.
 
     Returns:
@@ -90,11 +89,7 @@ class _Scanner:
     """Goes through the text once, from the first character to the last.
 
     Attributes:
-        text: The text.
-        at: The next character.
-        places: What was found so far.
         array_sizes: How many entries each array of tables has so far.
-        line_starts: Where each line begins.
     """
 
     def __init__(self, text: str) -> None:

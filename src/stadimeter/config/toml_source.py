@@ -23,13 +23,7 @@ _INTEGERS = range(-(2**63), 2**63)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TomlSource:
-    """A TOML text that was parsed.
-
-    Attributes:
-        text: The text.
-        table: What it holds.
-        places: Where each key stands.
-    """
+    """A TOML text that was parsed."""
 
     text: str
     table: dict[str, Any]
@@ -40,12 +34,8 @@ def read_toml(path: Path, most_bytes: int, missing_hint: str = "") -> TomlSource
     """Read a TOML file.
 
     Args:
-        path: The file.
         most_bytes: How large it may be.
         missing_hint: What to do if there is no such file.
-
-    Returns:
-        What is in it.
 
     Raises:
         ConfigError: It cannot be read, or as for `parse_toml`.
@@ -62,13 +52,6 @@ def read_toml(path: Path, most_bytes: int, missing_hint: str = "") -> TomlSource
 
 def parse_toml(text: str, file: str) -> TomlSource:
     """Parse a TOML text, unless it is one that nobody can have meant.
-
-    Args:
-        text: The text.
-        file: Where it comes from, for error messages.
-
-    Returns:
-        What is in it.
 
     Raises:
         ConfigError: It is not TOML, nests too deep, or holds a number beyond 64 bits; with the line.

@@ -44,12 +44,8 @@ def parse_quantity(text: object, units: dict[str, float], example: str) -> float
     """Read a number with its unit.
 
     Args:
-        text: What was written.
         units: The units that are meant, each with its size in the SI unit.
         example: How such a quantity may look, for error messages.
-
-    Returns:
-        The quantity in the SI unit, finite.
 
     Raises:
         ValueError: It is not a number with one of the units.
@@ -181,7 +177,6 @@ def as_written(units: dict[str, float], example: str, *, is_signed: bool = False
 
     Args:
         units: The units that are meant, each with its size in the SI unit.
-        example: How such a quantity may look.
         is_signed: Whether it may be below zero.
 
     Returns:

@@ -25,9 +25,6 @@ def analysis_errors(draft: Draft) -> Iterator[Finding]:
 
     Args:
         draft: The configuration as far as it could be read.
-
-    Yields:
-        What is wrong.
     """
     yield from reference_errors(draft)
     subject = subject_of(draft)
@@ -40,9 +37,6 @@ def analysis_warnings(draft: Draft) -> Iterator[Finding]:
 
     Args:
         draft: The configuration as far as it could be read.
-
-    Yields:
-        What to look at again.
     """
     subject = subject_of(draft)
     for check in _WARNINGS:

@@ -24,7 +24,6 @@ class _Quantity:
         low: The limit that it must be above; None for none.
         high: The limit that it must be below; None for none.
         unit: The unit of these figures, as it is written.
-        deadband: In the same unit.
         is_positive: Whether it cannot be below zero.
     """
 
@@ -59,14 +58,7 @@ def _lengths(noun: str, low_m: float | None, high_m: float | None, deadband_m: f
 
 
 def band_errors(subject: Subject) -> Iterator[Finding]:
-    """Find limits that are not in order, bands that never end, and probabilities that make an alarm chatter.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find limits that are not in order, bands that never end, and probabilities that make an alarm chatter."""
     for declared, _ in subject.alarms:
         for written in declared.conditions():
             yield from empty_leaves(written)
@@ -76,14 +68,7 @@ def band_errors(subject: Subject) -> Iterator[Finding]:
 
 
 def empty_leaves(written: WrittenCondition) -> Iterator[Finding]:
-    """Find simple conditions between two limits that are not in order.
-
-    Args:
-        written: A condition.
-
-    Yields:
-        What is wrong.
-    """
+    """Find simple conditions between two limits that are not in order."""
     for leaf in written.leaves():
         quantity = _quantity(leaf.leaf)
         if quantity is None or quantity.low is None or quantity.high is None or quantity.low < quantity.high:

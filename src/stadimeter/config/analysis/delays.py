@@ -12,10 +12,6 @@ ASSUMED_RATE_HZ = 15.0
 def delay_s(alarm: AlarmRule, rate_hz: float) -> float:
     """Return how long a condition must hold before an alarm is raised.
 
-    Args:
-        alarm: The alarm.
-        rate_hz: Frames in a second.
-
     Returns:
         Seconds, at the longest if every frame agrees.
     """
@@ -24,9 +20,6 @@ def delay_s(alarm: AlarmRule, rate_hz: float) -> float:
 
 def frame_rate_hz(draft: Draft) -> float:
     """Return how many frames the camera gives in a second.
-
-    Args:
-        draft: The configuration.
 
     Returns:
         The rate that the camera was asked for, or else `ASSUMED_RATE_HZ`.

@@ -18,14 +18,7 @@ _MOST_PAIRS = 2000
 
 
 def holding_errors(subject: Subject) -> Iterator[Finding]:
-    """Find conditions that can never hold.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find conditions that can never hold."""
     for declared, _ in subject.alarms:
         for written in declared.conditions():
             if not any(empty_leaves(written)):  # which is said by itself
@@ -33,14 +26,7 @@ def holding_errors(subject: Subject) -> Iterator[Finding]:
 
 
 def holding_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find conditions that never cease to hold, and suppressions that meet their rule always.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What to look at again.
-    """
+    """Find conditions that never cease to hold, and suppressions that meet their rule always."""
     for declared, alarm in subject.alarms:
         for written in declared.conditions():
             yield from _always(written, subject.logic)

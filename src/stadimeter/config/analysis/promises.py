@@ -15,28 +15,14 @@ from stadimeter.core.rule import AlarmRule, FollowRule, LostPolicy
 
 
 def promise_errors(subject: Subject) -> Iterator[Finding]:
-    """Find safety rules that could be late, silent or switched off.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find safety rules that could be late, silent or switched off."""
     for declared, alarm in subject.alarms:
         if alarm.severity is Severity.SAFETY:
             yield from _safety(declared, alarm)
 
 
 def promise_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find alarms that wait for people who do not know, and bases that move though a rule against it is blind.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What to look at again.
-    """
+    """Find alarms that wait for people who do not know, and bases that move though a rule against it is blind."""
     latched = {each.rule.name: each.section for each in subject.every_rule if getattr(each.rule, "latch", False)}
     follows = [each.rule for each in subject.rules if isinstance(each.rule, FollowRule) and not each.rule.observe]
     yield from _groups_of_one(subject)

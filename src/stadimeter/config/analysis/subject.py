@@ -19,7 +19,6 @@ class Subject:
         draft: The configuration as far as it could be read.
         rules: Its rules, in the order of the file; one of each table that names several targets.
         every_rule: The same with every rule of such tables.
-        logic: Which conditions can hold together.
     """
 
     draft: Draft
@@ -34,9 +33,6 @@ class Subject:
 
     def combination(self, output: str) -> str | None:
         """Return how an output combines what several rules of one priority ask of it.
-
-        Args:
-            output: Its name.
 
         Returns:
             Such as ``max``, or None if it does not.

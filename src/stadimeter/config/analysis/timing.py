@@ -25,8 +25,6 @@ class _Approach:
     """How fast a target comes at most, and how often it is looked at.
 
     Attributes:
-        speed_mps: Its closing speed.
-        is_stated: Whether the configuration says so.
         frame_s: From one frame to the next.
     """
 
@@ -41,14 +39,7 @@ class _Approach:
 
 
 def timing_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find rules that act too late, and times of one alarm that do not fit together.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What to look at again.
-    """
+    """Find rules that act too late, and times of one alarm that do not fit together."""
     limits_m = _limits_m(subject)
     targets = subject.draft.tables("targets")
     frame_s = 1 / frame_rate_hz(subject.draft)

@@ -31,8 +31,6 @@ class _Writer:
     """One place that says that an output is driven.
 
     Attributes:
-        declared: The rule.
-        output: The output.
         path: Where that stands.
     """
 
@@ -60,14 +58,7 @@ def _written(subject: Subject) -> Iterator[_Writer]:
 
 
 def priority_errors(subject: Subject) -> Iterator[Finding]:
-    """Find rules that drive one output with one priority, where the output does not say how to combine them.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find rules that drive one output with one priority, where the output does not say how to combine them."""
     first: dict[tuple[str, int], str] = {}
     for writer in _writers(subject):
         section, priority = writer.declared.section, writer.declared.rule.priority
@@ -86,38 +77,17 @@ def _way_out(writer: _Writer) -> str:
 
 
 def shadow_errors(subject: Subject) -> Iterator[Finding]:
-    """Find safety rules that never win their output.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find safety rules that never win their output."""
     return (finding for loser, finding in _shadowed(subject) if loser.rule.severity is Severity.SAFETY)
 
 
 def shadow_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find other rules that never win their output.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What to look at again.
-    """
+    """Find other rules that never win their output."""
     return (finding for loser, finding in _shadowed(subject) if loser.rule.severity is not Severity.SAFETY)
 
 
 def overlap_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find alarms meant to take turns, one of which goes on through all of the other's because of its deadband.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What to look at again.
-    """
+    """Find alarms meant to take turns, one of which goes on through all of the other's because of its deadband."""
     for rivals in _rivals(subject):
         for loser, winner in ((loser, winner) for loser in rivals for winner in rivals):
             mine, other = _distance_alarm(loser.rule), _distance_alarm(winner.rule)

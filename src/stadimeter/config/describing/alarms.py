@@ -30,10 +30,6 @@ def rhythm(pattern: Pattern | None) -> str:
 def consequences(rule: AlarmRule, verb: Verb) -> str:
     """Say what an alarm does besides, and what becomes of it.
 
-    Args:
-        rule: The alarm.
-        verb: Names what an output does.
-
     Returns:
         Sentences, each with a space before it; empty for a plain alarm.
     """
@@ -42,9 +38,6 @@ def consequences(rule: AlarmRule, verb: Verb) -> str:
 
 def duration(seconds: float) -> str:
     """Write a duration in the largest unit that leaves it a short number.
-
-    Args:
-        seconds: The duration.
 
     Returns:
         Such as ``0.2 s``, ``5 min`` or ``8 h``.

@@ -22,9 +22,6 @@ NAMED_MAX = 10
 def describe(configuration: Configuration) -> tuple[str, ...]:
     """Say what a configuration does.
 
-    Args:
-        configuration: The configuration.
-
     Returns:
         One sentence or two for what it looks through and for each rule, in the order of the file. Names of parts
         stand between backticks.

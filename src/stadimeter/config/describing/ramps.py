@@ -9,9 +9,6 @@ from stadimeter.core.rule import RampRule
 def strength(rule: RampRule) -> str:
     """Say how strongly a ramp acts where.
 
-    Args:
-        rule: The ramp.
-
     Returns:
         Such as ``when `ball` is further than 3.05 m (10.0 ft), full at 6.10 m (20.0 ft)``.
     """

@@ -23,14 +23,7 @@ _EXAMPLE = "expect.RULE = { raised = 1 }"
 
 
 def rule_test_findings(draft: Draft) -> Iterator[Finding]:
-    """Find what makes tests unusable.
-
-    Args:
-        draft: What could be read of the configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find what makes tests unusable."""
     names: dict[str, int] = {}
     for position, test in draft.tests.items():
         name = name_of(test, position)
@@ -49,14 +42,7 @@ def rule_test_findings(draft: Draft) -> Iterator[Finding]:
 
 
 def rule_test_warnings(draft: Draft) -> Iterator[Finding]:
-    """Find tests that cannot be run here, though the configuration can.
-
-    Args:
-        draft: A configuration without errors.
-
-    Yields:
-        What to look at again.
-    """
+    """Find tests that cannot be run here, though the configuration can."""
     for position, test in draft.tests.items():
         journal = test.input.journal
         if journal is not None and not is_file(journal):

@@ -95,9 +95,6 @@ class InputTable(MotionTable):
     def motions(self, targets: Sequence[str]) -> Mapping[str, MotionTable]:
         """Return how each target moves.
 
-        Args:
-            targets: The names of all targets.
-
         Returns:
             The motions by target; without those that are never in sight.
         """
@@ -128,9 +125,7 @@ class RuleTest:
     """One test of a configuration.
 
     Attributes:
-        name: What it shows.
         line: Where it stands in the file, counted from 1.
-        input: What happens.
         expect: What is expected, by the name of a rule or an output.
     """
 
@@ -144,7 +139,6 @@ def name_of(table: RuleTestTable, position: int) -> str:
     """Return the name of a test.
 
     Args:
-        table: Its table.
         position: Its position among the tests, counted from 0.
 
     Returns:

@@ -39,11 +39,7 @@ class LostTable(Section):
     """In seconds."""
 
     def to_plan(self) -> rule.Lost:
-        """Return the table as the core sees it.
-
-        Returns:
-            What the rule does.
-        """
+        """Return the table as the core sees it."""
         return rule.Lost(grace_s=self.grace, policy=self.policy, fault_after_s=self.fault_after)
 
 

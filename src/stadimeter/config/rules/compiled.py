@@ -120,8 +120,6 @@ def compile_rules(
 
     Args:
         tables: The rules that could be read, by name. Those of no kind are left out: they have a finding of their own.
-        written: Their tables in the file.
-        targets: The name of every target.
     """
     several = {name: table.names(name) for name, table in tables.items() if table.targets is not None}
     return tuple(

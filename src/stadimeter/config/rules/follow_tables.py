@@ -31,14 +31,7 @@ class FollowTable(Section):
     """In radians."""
 
     def to_plan(self, common: RuleCommon) -> rule.FollowRule:
-        """Return the rule as the core sees it.
-
-        Args:
-            common: What every rule has.
-
-        Returns:
-            The rule.
-        """
+        """Return the rule as the core sees it."""
         return rule.FollowRule(
             **common,
             distance_m=self.distance,

@@ -83,9 +83,6 @@ class RampTable(Section):
     def to_plan(self, common: RuleCommon) -> rule.RampRule:
         """Return the rule as the core sees it.
 
-        Args:
-            common: What every rule has.
-
         Returns:
             The rule; its points with the nearest first.
         """

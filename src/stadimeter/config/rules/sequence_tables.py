@@ -124,11 +124,7 @@ class StepTable(Section):
         return self
 
     def to_plan(self) -> rule.SequenceStep:
-        """Return the step as the core sees it.
-
-        Returns:
-            The step.
-        """
+        """Return the step as the core sees it."""
         return rule.SequenceStep(
             on=self.on,
             after_s=self.after,

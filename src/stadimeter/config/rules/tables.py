@@ -104,7 +104,6 @@ class RuleTable(Section):
         """Return every rule that the table stands for, as the core sees them.
 
         Args:
-            name: The table's name.
             targets: Every target, in the order of the file.
             conditions: What `conditions` gives.
 
@@ -142,9 +141,6 @@ class RuleTable(Section):
 
     def delay(self, judged: condition.Condition) -> rule.OnDelay:
         """Return how long a condition must hold before the alarm is raised.
-
-        Args:
-            judged: The condition.
 
         Returns:
             The delay. Without a word about it there is none for safety, nor for what is judged with a probability: that
