@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from stadimeter.config import plain_words
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.toml_lines import KeyPath, Place
+from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel, Provenance, ToneCurve
@@ -105,7 +105,7 @@ def load_camera_model(path: Path) -> CameraModel:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
     """
     source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=HOW_TO_MAKE_ONE)
-    return _model(source.table, str(path), source.places)
+    return _model(source.table, str(path), source.spans)
 
 
 def save_camera_model(path: Path, model: CameraModel) -> None:
@@ -171,11 +171,11 @@ def _one_line(text: str) -> str:
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 
-def _model(table: Mapping[str, Any], file: str, places: Mapping[KeyPath, Place]) -> CameraModel:
+def _model(table: Mapping[str, Any], file: str, spans: Mapping[KeyPath, SourceSpan]) -> CameraModel:
     try:
         return CameraTable.model_validate(dict(table)).to_model()
     except ValidationError as error:
         found = plain_words.findings(error, CameraTable, table, ())
-        raise ConfigError(problems(found, file, places)) from error
+        raise ConfigError(problems(found, file, spans)) from error
     except CalibrationError as error:
-        raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, places)) from error
+        raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, spans)) from error

@@ -18,7 +18,7 @@ from stadimeter.config.rule_tests.checks import rule_test_findings, rule_test_wa
 from stadimeter.config.rule_tests.tables import RuleTest, name_of
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.secrets import secret_warnings, without_secrets
-from stadimeter.config.toml_lines import KeyPath, Place
+from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
@@ -54,7 +54,7 @@ class Configuration:
     text: str
     plan: Plan
     rules: tuple[CompiledRule, ...]
-    spans: Mapping[KeyPath, Place]
+    spans: Mapping[KeyPath, SourceSpan]
     camera: DriverChoice
     camera_model: CameraModel | None
     targets: tuple[DriverChoice, ...]
@@ -76,18 +76,18 @@ def load_configuration(path: Path) -> Configuration:
         ConfigError: It lists every problem, in the order of the file.
     """
     source = read_toml(path, CONFIGURATION_MAX_BYTES)
-    draft, places = read_draft(source.table, path), source.places
-    text_to_show, not_hidden = without_secrets(draft, source.text, places)
+    draft, spans = read_draft(source.table, path), source.spans
+    text_to_show, not_hidden = without_secrets(draft, source.text, spans)
     findings = [*draft.findings, *error_findings(draft), *rule_test_findings(draft), *not_hidden]
-    found = [*problems(findings, str(path), places), *draft.file_problems]
+    found = [*problems(findings, str(path), spans), *draft.file_problems]
     if found or draft.camera is None:
-        raise ConfigError(found, problems(_warnings_elsewhere(draft, findings), str(path), places))
+        raise ConfigError(found, problems(_warnings_elsewhere(draft, findings), str(path), spans))
     return Configuration(
         path=path,
         text=text_to_show,
         plan=_plan(draft),
         rules=draft.compiled,
-        spans=places,
+        spans=spans,
         camera=draft.camera,
         camera_model=draft.camera_model,
         targets=tuple(draft.targets),
@@ -101,9 +101,9 @@ def load_configuration(path: Path) -> Configuration:
         warnings=problems(
             (*warning_findings(draft), *rule_test_warnings(draft), *secret_warnings(draft), *driver_warnings(draft)),
             str(path),
-            places,
+            spans,
         ),
-        tests=_tests(draft, places),
+        tests=_tests(draft, spans),
     )
 
 
@@ -117,10 +117,10 @@ def load_camera_choice(path: Path) -> DriverChoice:
     table = source.table.get("camera")
     if not isinstance(table, Mapping):
         finding = Finding(("camera",), "the section [camera] is missing", 'add one: driver = "opencv"', "missing-key")
-        raise ConfigError(problems([finding], str(path), source.places))
+        raise ConfigError(problems([finding], str(path), source.spans))
     read = read_driver_table(CAMERA, ("camera",), table, validation_context(path))
     if read.choice is None or read.findings:
-        raise ConfigError(problems(read.findings, str(path), source.places))
+        raise ConfigError(problems(read.findings, str(path), source.spans))
     return read.choice
 
 
@@ -144,11 +144,11 @@ def _warnings_elsewhere(draft: Draft, errors: Iterable[Finding]) -> Iterator[Fin
         yield from (each for each in warning_findings(draft) if each.path[0] == "rules" and each.path[:2] not in wrong)
 
 
-def _tests(draft: Draft, places: Mapping[KeyPath, Place]) -> tuple[RuleTest, ...]:
+def _tests(draft: Draft, spans: Mapping[KeyPath, SourceSpan]) -> tuple[RuleTest, ...]:
     return tuple(
         RuleTest(
             name=name_of(table, position),
-            line=places["tests", position].line,
+            line=spans["tests", position].line,
             input=table.input,
             expect=table.expect,
         )

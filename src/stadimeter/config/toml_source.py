@@ -10,7 +10,7 @@ from typing import Any
 
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.toml_bounds import why_out_of_bounds
-from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error
+from stadimeter.config.toml_lines import KeyPath, SourceSpan, key_spans, syntax_error
 from stadimeter.config.untrusted_file import read_untrusted_text
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
@@ -27,7 +27,7 @@ class TomlSource:
 
     text: str
     table: dict[str, Any]
-    places: Mapping[KeyPath, Place]
+    spans: Mapping[KeyPath, SourceSpan]
 
 
 def read_toml(path: Path, most_bytes: int, missing_hint: str = "") -> TomlSource:
@@ -67,10 +67,10 @@ def parse_toml(text: str, file: str) -> TomlSource:
         raise ConfigError(
             [Problem(f"this is not valid TOML: {message}", file, line, hint=hint, code="syntax")]
         ) from error
-    places = key_places(text)
+    spans = key_spans(text)
     if found := list(_numbers_too_large((), table)):
-        raise ConfigError(problems(found, file, places))
-    return TomlSource(text=text, table=table, places=places)
+        raise ConfigError(problems(found, file, spans))
+    return TomlSource(text=text, table=table, spans=spans)
 
 
 def _syntax_hint(message: str) -> str:
