@@ -11,9 +11,8 @@ from pydantic import BeforeValidator, Field
 
 from stadimeter.cameras.picture import PICTURE_SUFFIXES, read_picture
 from stadimeter.cameras.recorded import RecordedCamera
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import Frequency
+from stadimeter.config.units import FilePath, Frequency
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import EndOfFramesError, PictureError

@@ -11,9 +11,8 @@ import cv2
 from pydantic import BeforeValidator, Field, model_validator
 
 from stadimeter.config.addresses import address_for_people, address_in
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import Options
-from stadimeter.config.units import Duration, Frequency
+from stadimeter.config.units import Duration, FilePath, Frequency
 from stadimeter.core.frame import Image
 from stadimeter.errors import DeviceOpenError
 

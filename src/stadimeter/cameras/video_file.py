@@ -12,9 +12,8 @@ from pydantic import Field
 
 from stadimeter.cameras.picture import check_file
 from stadimeter.cameras.recorded import RecordedCamera
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import Frequency
+from stadimeter.config.units import FilePath, Frequency
 from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
 from stadimeter.config.untrusted_picture import is_picture
 from stadimeter.core.clock import Clock

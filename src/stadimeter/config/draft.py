@@ -6,22 +6,24 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stadimeter.config import driver_tables, models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
-from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.driver_tables import CommonT, DriverKind, DriverTable, read_driver_table, validate
 from stadimeter.config.findings import MOST_EXPLAINED, Finding, did_you_mean_or_list
-from stadimeter.config.paths import path_from, validation_context
 from stadimeter.config.plain_words import shown
-from stadimeter.config.rule_tests.tables import RuleTestTable
+from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rules.compiled import CompiledRule, compile_rules
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import UNREADABLE
+from stadimeter.config.units import path_from, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, Problem
+
+if TYPE_CHECKING:
+    from stadimeter.config.rule_tests.tables import RuleTestTable
 
 BASE_NAME = "base"
 """What rules call the base."""
@@ -110,14 +112,18 @@ class Draft:
         yield from ((("notifiers", choice.name), choice) for choice in self.notifiers)
 
 
-def read_draft(table: Mapping[str, Any], file: Path) -> Draft:
+def read_draft(table: Mapping[str, Any], file: Path, *, with_tests: bool = True) -> Draft:
     """Read every part of a configuration.
 
     Args:
         table: The file as the TOML parser read it.
         file: The file; paths are relative to its folder.
     """
-    return _Reader(table, file).read()
+    reader = _Reader(table, file)
+    draft = reader.read()
+    if with_tests:
+        reader.read_tests()
+    return draft
 
 
 class _Reader:
@@ -141,7 +147,6 @@ class _Reader:
         self._notifiers()
         self._settings()
         self._rules()
-        self._tests()
         return self.draft
 
     def _sections(self) -> None:
@@ -227,11 +232,15 @@ class _Reader:
         draft = self.draft
         draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.names("targets"))
 
-    def _tests(self) -> None:
+    def read_tests(self) -> None:
         tables = self.draft.table.get("tests", [])
         if not isinstance(tables, list):
             self._found(("tests",), "'tests' is not a list of tables", "write it as [[tests]]")
             return
+        if not tables:
+            return
+        from stadimeter.config.rule_tests.tables import RuleTestTable  # noqa: PLC0415 - most runs have no tests
+
         for position, table in enumerate(tables):
             at = ("tests", position)
             if not isinstance(table, Mapping):

@@ -10,10 +10,9 @@ from typing import Any, Generic, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from stadimeter.config import models, plain_words, plugins
-from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.findings import Finding, did_you_mean
 from stadimeter.config.plain_words import shown
-from stadimeter.config.plugins import Plugin
+from stadimeter.config.plugins import DriverChoice, Plugin
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.errors import DriverError
 

@@ -143,6 +143,21 @@ class Plugin(Generic[OptionsT]):
     needs_pixels: bool = field(default=True, kw_only=True)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverChoice:
+    """A driver that a configuration names.
+
+    Attributes:
+        name: The part's name in the configuration, such as ``motor``.
+        driver: The driver's name, such as ``vibration-motor``.
+    """
+
+    name: str
+    driver: str
+    plugin: Plugin[Any]
+    options: Options
+
+
 @cache
 def installed(group: str) -> tuple[EntryPoint, ...]:
     """Return the entry points of a group. Looking for them reads a file of every installed package, so it is done once.

@@ -1,7 +1,7 @@
 """Where each key of a TOML text stands, so that an error can name its line.
 
-The standard library's parser gives values without their source spans. This scanner gives spans without values: it is run on a text
-that the parser has already accepted, so it needs to know only where keys, strings and brackets begin and end.
+The standard library's parser gives values without their source spans. This scanner gives spans without values: it runs
+on a text that the parser has accepted, so it needs to know only where keys, strings and brackets begin and end.
 """
 
 from __future__ import annotations

@@ -17,9 +17,9 @@ from pydantic import BeforeValidator, SecretStr, model_validator
 
 from stadimeter.config.addresses import address_in
 from stadimeter.config.models import DurationAboveZero
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.secrets import HIDDEN
+from stadimeter.config.units import FilePath
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification

@@ -8,9 +8,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import Options
-from stadimeter.config.units import Duration
+from stadimeter.config.units import Duration, FilePath
 
 NODE_CHARACTERS = "letters, digits, '-' and '_'"
 PLAIN_PORT = 1883

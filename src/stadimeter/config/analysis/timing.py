@@ -8,8 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from stadimeter.config.analysis.delays import delay_s, frame_rate_hz
-from stadimeter.config.analysis.subject import Subject
+from stadimeter.config.analysis.subject import Subject, delay_s, frame_rate_hz
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.units import parse_speed

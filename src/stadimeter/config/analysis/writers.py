@@ -6,11 +6,10 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from stadimeter.config.analysis.delays import ASSUMED_RATE_HZ, delay_s
 from stadimeter.config.analysis.intervals import interval
 from stadimeter.config.analysis.logic import Goal, Wanted
 from stadimeter.config.analysis.regions import region_of, widened, widened_region_of
-from stadimeter.config.analysis.subject import Subject
+from stadimeter.config.analysis.subject import ASSUMED_RATE_HZ, Subject, delay_s
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule

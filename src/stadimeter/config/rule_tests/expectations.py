@@ -6,13 +6,37 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from stadimeter.config.models import Section, Share
-from stadimeter.config.rule_tests.motions import SpanTable
+from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.units import Duration, Speed
 from stadimeter.core.decision import RuleStatus
 
 TOLERANCE = 0.05
 """How far a level may be from the expected one, unless the test says otherwise."""
+
+
+class SpanTable(Section):
+    """A stretch of time."""
+
+    start: Annotated[Duration, Field(alias="from")]
+    """When it begins, written ``from``; in seconds from the start of the test."""
+    duration: Annotated[DurationAboveZero, Field(alias="for")]
+    """How long it is, written ``for``; in seconds."""
+
+    @property
+    def end_s(self) -> float:
+        """When it ends, in seconds from the start of the test."""
+        return self.start + self.duration
+
+    def holds(self, at_s: float) -> bool:
+        """Return whether a moment lies in it.
+
+        Args:
+            at_s: The moment, in seconds from the start of the test.
+
+        Returns:
+            Whether it does; the end itself does not.
+        """
+        return self.start <= at_s < self.end_s
 
 
 def _as_list(value: Any) -> Any:

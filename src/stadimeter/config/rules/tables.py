@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
-from stadimeter.config.rules.common import FramesTable, LostTable, OnDelay, RuleCommon
 from stadimeter.config.rules.condition_tables import WhenTable
-from stadimeter.config.rules.follow_tables import FollowTable
 from stadimeter.config.rules.pattern_tables import PatternTable
-from stadimeter.config.rules.ramp_tables import RampTable
+from stadimeter.config.rules.proportional_tables import FollowTable, RampTable, RuleCommon
 from stadimeter.config.rules.sequence_tables import StepTable
 from stadimeter.config.units import Duration
 from stadimeter.core import condition, rule
@@ -21,6 +19,7 @@ from stadimeter.core.decision import Severity
 
 __all__ = ["KINDS", "FramesTable", "RuleTable", "WhenTable"]
 
+_LOST = rule.Lost()
 _RULE = rule.Rule(name="", target="")
 _DISTANCE = condition.DistanceCondition()
 _ALARM = rule.AlarmRule(name="", target="", condition=_DISTANCE)
@@ -30,6 +29,36 @@ FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
 
 KINDS = ("when", "ramp", "follow")
 """What a rule can be: exactly one of these keys is in its table."""
+
+
+class LostTable(Section):
+    """What a rule does without its target; see `stadimeter.core.rule.Lost`."""
+
+    grace: Duration = _LOST.grace_s
+    """In seconds."""
+    policy: Annotated[rule.LostPolicy, Field(strict=False)] = _LOST.policy
+    """What happens after it."""
+    fault_after: Duration = _LOST.fault_after_s
+    """In seconds."""
+
+    def to_plan(self) -> rule.Lost:
+        """Return the table as the core sees it."""
+        return rule.Lost(grace_s=self.grace, policy=self.policy, fault_after_s=self.fault_after)
+
+
+class FramesTable(Section):
+    """A delay counted in frames."""
+
+    frames: Annotated[int, Field(ge=1)]
+    """In this many frames the condition must hold."""
+    of: Annotated[int, Field(ge=1)]
+    """Of this many newest frames."""
+
+
+OnDelay = Annotated[
+    Annotated[FramesTable, Tag("in frames")] | Annotated[Duration, Tag("in time")],
+    Discriminator(lambda value: "in frames" if isinstance(value, dict | FramesTable) else "in time"),
+]
 
 
 class Conditions(NamedTuple):

@@ -1,21 +1,37 @@
-"""The table of a ramp, and how it becomes the core's rule."""
+"""The tables of ramps and of rules that follow, whose output depends on the distance, and the core's rules of them."""
 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Self
+from typing import Annotated, Self, TypedDict
 
 from pydantic import AfterValidator, Field, model_validator
 
 from stadimeter.config.models import Section, Share
-from stadimeter.config.rules.common import Factor, RuleCommon
-from stadimeter.config.units import LengthOrZero
+from stadimeter.config.units import Angle, Length, LengthOrZero, Speed, TurnRate
 from stadimeter.core import condition, rule
+from stadimeter.core.decision import Severity
 
+_FOLLOW = rule.FollowRule(name="", target="", distance_m=1.0)
 _RAMP = rule.RampRule(name="", target="", start_m=1.0, full_m=2.0)
 
 _OF_A_CURVE = {"start": "from", "full": "to", "min": "min", "max": "max", "gamma": "gamma"}
 """The fields that say what a table of points says by itself, and how they are written."""
+
+
+Factor = Annotated[float, Field(gt=0)]
+
+
+class RuleCommon(TypedDict):
+    """What every rule of the core has, whatever its kind; see `stadimeter.core.rule.Rule`."""
+
+    name: str
+    target: str
+    output: str | None
+    priority: int
+    severity: Severity
+    lost: rule.Lost
+    observe: bool
 
 
 class PointTable(Section):
@@ -98,4 +114,39 @@ class RampTable(Section):
             bias=self.bias,
             points=tuple(sorted((point.at, point.level) for point in self.points or ())),
             dead_zone=self.dead_zone,
+        )
+
+
+class FollowTable(Section):
+    """A base that keeps its distance; see `stadimeter.core.rule.FollowRule`."""
+
+    distance: Length
+    """In metres."""
+    gain: Factor = _FOLLOW.gain_per_s
+    """Forward speed for each metre of distance error, in 1/s."""
+    turn_gain: Factor = _FOLLOW.turn_gain_per_s
+    """Rate of turn for each radian of bearing, in 1/s."""
+    max_speed: Speed = _FOLLOW.linear_max_mps
+    """In m/s, forwards."""
+    max_reverse_speed: Speed = _FOLLOW.reverse_max_mps
+    """In m/s, backwards; 0 never reverses."""
+    max_turn_rate: TurnRate = _FOLLOW.angular_max_radps
+    """In rad/s."""
+    deadband: LengthOrZero = _FOLLOW.deadband_m
+    """In metres."""
+    turn_deadband: Angle = _FOLLOW.deadband_rad
+    """In radians."""
+
+    def to_plan(self, common: RuleCommon) -> rule.FollowRule:
+        """Return the rule as the core sees it."""
+        return rule.FollowRule(
+            **common,
+            distance_m=self.distance,
+            gain_per_s=self.gain,
+            turn_gain_per_s=self.turn_gain,
+            linear_max_mps=self.max_speed,
+            reverse_max_mps=self.max_reverse_speed,
+            angular_max_radps=self.max_turn_rate,
+            deadband_m=self.deadband,
+            deadband_rad=self.turn_deadband,
         )
