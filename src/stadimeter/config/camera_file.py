@@ -43,7 +43,7 @@ Coefficient = Annotated[float, Field(strict=True)]
 class CameraTable(BaseModel):
     """What a camera file, or a ``model`` table in a configuration, may hold."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
     width_px: Pixels
     """Width of the pictures that it is for."""

@@ -35,7 +35,7 @@ SECTIONS = (
 class Section(BaseModel):
     """A table of the configuration. Unknown keys are errors, numbers are finite, and nothing is converted silently."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
 
 def _above_zero(text: object) -> float:

@@ -41,7 +41,7 @@ class Options(BaseModel):
     on one of them are noticed.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 @dataclass(slots=True)
@@ -159,13 +159,15 @@ class DriverChoice:
 
 
 @cache
-def installed(group: str) -> tuple[EntryPoint, ...]:
-    """Return the entry points of a group. Looking for them reads a file of every installed package, so it is done once.
+def _every_entry_point() -> Any:
+    """Return the entry points of all groups. Looking for them reads a file of every installed package."""
+    return entry_points()
 
-    Args:
-        group: One of `GROUPS`.
-    """
-    return tuple(entry_points(group=group))
+
+@cache
+def installed(group: str) -> tuple[EntryPoint, ...]:
+    """Return the entry points of one of the `GROUPS`."""
+    return tuple(_every_entry_point().select(group=group))
 
 
 def driver_names(group: str) -> tuple[str, ...]:

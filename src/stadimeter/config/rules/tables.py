@@ -81,7 +81,7 @@ class RuleTable(Section):
     """Of several rules that ask something of one output, the highest wins."""
     severity: Annotated[Severity, Field(strict=False)] = _RULE.severity
     """How much its events matter."""
-    lost: LostTable = LostTable()
+    lost: LostTable = Field(default_factory=LostTable)
     """What it does without its target."""
     observe: bool = _RULE.observe
     """It is judged, recorded and explained like any other, but drives nothing and sends nothing."""
