@@ -70,6 +70,8 @@ class Problem:
         key: The dotted path of the key, such as ``rules.near.when.below``.
         hint: What to do about it, or an empty string.
         code: The kind of problem, such as ``never-true``, for programs; it stays the same when the words change.
+        column: Where the key begins in the line, counted from 0.
+        end_column: Where its value ends in the line, exclusive; 0 where that is not known.
     """
 
     message: str
@@ -78,6 +80,8 @@ class Problem:
     key: str = ""
     hint: str = ""
     code: str = ""
+    column: int = 0
+    end_column: int = 0
 
     def __str__(self) -> str:
         """Return the problem as one line: ``file:line: key: message (hint)``."""

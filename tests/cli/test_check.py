@@ -121,6 +121,8 @@ def test_json_lists_the_problems_for_programs(wrong: Path) -> None:
         "key": "rules.near.when.belwo",
         "hint": "did you mean 'below'?",
         "code": "unknown-key",
+        "column": 9,
+        "end_column": 24,
     }
 
 

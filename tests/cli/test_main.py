@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import typer
@@ -37,6 +38,17 @@ def test_the_help_loads_no_command():
 @pytest.mark.parametrize("name", list(Commands.LAZY))
 def test_a_command_loads_no_driver_that_nobody_named(name):
     assert among(loaded_by(f"import {Commands.LAZY[name].module}"), OF_DRIVERS) == []
+
+
+def test_a_run_loads_no_warnings_no_rule_tests_and_no_descriptions(tmp_path):
+    config = Path(__file__).parents[2] / "config" / "demo.toml"
+    arguments = ["run", str(config), "--frames", "2", "--speed", "0", "--state", str(tmp_path / "state")]
+    code = f"from stadimeter.cli.main import app\ntry:\n    app({arguments!r})\nexcept SystemExit:\n    pass"
+    loaded = loaded_by(code)
+    assert among(loaded, ["stadimeter.config.loader"])
+    only_for_check = ("warnings", "rule_tests", "rule_test_checks", "describing", "analysis.timing", "schema")
+    assert among(loaded, [f"stadimeter.config.{name}" for name in only_for_check]) == []
+    assert among(loaded, ["stadimeter.app.feasibility", "stadimeter.workbench"]) == []
 
 
 def test_measuring_loads_the_configuration_of_a_run_only_when_one_is_given():

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from stadimeter.cli.problems import print_problems
-from stadimeter.errors import Problem
+from stadimeter.cli.check import print_problems
+from stadimeter.config.findings import Finding, problems
+from stadimeter.config.toml_lines import key_spans
 
 
 def shown(tmp_path: Path, text: str, key: str, line: int) -> str:
@@ -15,7 +16,9 @@ def shown(tmp_path: Path, text: str, key: str, line: int) -> str:
     file.write_text(text)
     console = Console(width=120)
     with console.capture() as capture:
-        print_problems(console, [Problem("it is wrong", str(file), line, key)], "error")
+        found = problems([Finding(tuple(key.split(".")), "it is wrong")], str(file), key_spans(text))
+        assert [each.line for each in found] == [line]
+        print_problems(console, found, "error")
     return capture.get()
 
 

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.app.feasibility import feasibility_warnings
-from stadimeter.config.analysis.written import toml_of
 from stadimeter.config.describing.describe import describe
 from stadimeter.config.loader import load_configuration
+from stadimeter.config.rules.compiled import toml_of
 from stadimeter.config.schema import configuration_schema
 from stadimeter.errors import ConfigError, Problem
 

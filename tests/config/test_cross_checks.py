@@ -8,11 +8,14 @@ from importlib.metadata import EntryPoint, entry_points
 import pytest
 
 from stadimeter.config import plugins
+from stadimeter.config.describing.describe import describe
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import Options, Plugin
 from stadimeter.config.units import Pin, SerialPort
+from stadimeter.errors import Problem
 
 Load = Callable[[str], Configuration]
+Problems = Callable[[str], tuple[Problem, ...]]
 Told = Callable[[str], list[str]]
 
 NEAR = '[rules.near]\nactuator = "buzzer"\n'
@@ -321,17 +324,45 @@ class WinchOptions(Options):
     brake: Pin | None = None
 
 
-WINCH: Plugin[WinchOptions] = Plugin(WinchOptions, lambda _options, _context: None)
+WINCH: Plugin[WinchOptions] = Plugin(
+    WinchOptions, lambda _options, _context: None, verb="winds", is_worn_by_switching=True
+)
+MODEL: Plugin[Options] = Plugin(Options, lambda _options, _context: None, needs_world=True)
 
 
 def install_winch(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = EntryPoint(name="test-winch", value=f"{__name__}:WINCH", group=plugins.ACTUATORS)
+    entries = [
+        EntryPoint(name="test-winch", value=f"{__name__}:WINCH", group=plugins.ACTUATORS),
+        EntryPoint(name="test-model", value=f"{__name__}:MODEL", group=plugins.ACTUATORS),
+    ]
 
     def with_winch(group: str) -> list[EntryPoint]:
-        extra = [entry] if group == plugins.ACTUATORS else []
+        extra = entries if group == plugins.ACTUATORS else []
         return [*entry_points(group=group), *extra]
 
     monkeypatch.setattr(plugins, "installed", with_winch)
+
+
+PULLING = """\
+[actuators.winch]
+driver = "test-winch"
+line = { port = "/dev/ttyUSB9" }
+[rules.near]
+actuator = "winch"
+when = { below = "1 m" }
+pattern = { on = "1 s", off = "1 s" }
+"""
+
+
+def test_a_driver_of_others_says_itself_what_checks_and_descriptions_need(
+    load: Load, problems_of: Problems, sound: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install_winch(monkeypatch)
+    (missing,) = problems_of(f'{sound}[actuators.model]\ndriver = "test-model"\n')
+    assert (missing.code, missing.key) == ("world-missing", "actuators.model.driver")
+    configuration = load(sound + PULLING)
+    assert any("`near` winds `winch`" in sentence for sentence in describe(configuration))
+    assert "relay-pattern" in {warning.code for warning in configuration.warnings}
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def test_a_relay_that_clicks_all_the_time_is_warned_of(tmp_path: Path, where: st
     rule = '[rules.near]\nwhen = { below = "1 m" }\n'
     text = rule + (pattern if where == "rule" else f"[[rules.near.then]]\n{pattern}")
     key = "rules.near.pattern" if where == "rule" else "rules.near.then.0.pattern"
-    message = "'siren' is a relay, and would click every 1 s while the alarm stands"
+    message = "'siren' wears out by switching, as a relay does, and would switch every 1 s while the alarm stands"
     assert ("relay-pattern", key, message) in warned(tmp_path, text)
 
 

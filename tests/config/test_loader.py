@@ -361,3 +361,12 @@ def test_whatever_a_value_is_the_error_is_ours_and_names_its_line_or_table(load:
         assert not problems or {number, table} & {problem.line for problem in problems}
         assert not any("Input" in str(problem) or "value_error" in str(problem) for problem in problems)
     assert refused > len(lines) // 3
+
+
+def test_a_wrong_test_of_rules_stops_check_and_no_run(tmp_path: Path, sound: str) -> None:
+    file = tmp_path / "test.toml"
+    file.write_text(f"{sound}[[tests]]\ninput = 3\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(file)
+    assert [problem.key for problem in caught.value.problems] == ["tests.0.expect", "tests.0.input"]
+    assert load_configuration(file, with_tests=False).tests == ()

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.config.paths import FilePath, validation_context
 from stadimeter.config.plugins import Options
+from stadimeter.config.units import FilePath, validation_context
 
 
 class Named(Options):

@@ -15,7 +15,9 @@ from stadimeter.core.decision import Severity
 
 
 def rule(text: str) -> core.AnyRule:
-    return RuleTable.model_validate(tomllib.loads(text)).to_plan("it", "ball")
+    table = RuleTable.model_validate(tomllib.loads(text))
+    (compiled,) = table.to_plans("it", ("ball",), table.conditions())
+    return compiled
 
 
 def alarm(text: str) -> core.AlarmRule:

@@ -9,8 +9,7 @@ import pytest
 
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.loader import load_camera_choice, load_configuration
-from stadimeter.config.toml_bounds import DEEPEST, LONGEST_WORD, why_out_of_bounds
-from stadimeter.config.toml_source import parse_toml
+from stadimeter.config.toml_source import DEEPEST, LONGEST_WORD, parse_toml, why_out_of_bounds
 from stadimeter.errors import ConfigError
 
 SIZE = 200_000

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.config.toml_lines import KeyPath, find_place, key_places, syntax_error
+from stadimeter.config.toml_lines import KeyPath, find_span, key_spans, syntax_error
 
 
 def paths_and_values(value: Any, path: KeyPath = ()) -> Iterator[tuple[KeyPath, Any]]:
@@ -125,26 +125,26 @@ def is_toml(text: str) -> bool:
 @given(RANDOMS)
 def test_exactly_the_keys_of_the_standard_parser_are_found(random: Random) -> None:
     text = document(random)
-    assert set(key_places(text)) == {path for path, _ in paths_and_values(tomllib.loads(text))}
+    assert set(key_spans(text)) == {path for path, _ in paths_and_values(tomllib.loads(text))}
 
 
 @given(RANDOMS)
 def test_the_place_of_a_value_holds_it(random: Random) -> None:
     text = document(random)
-    places, lines = key_places(text), text.split("\n")
+    spans, lines = key_spans(text), text.split("\n")
     for path, value in paths_and_values(tomllib.loads(text)):
         if isinstance(value, int):
-            place = places[path]
+            span = spans[path]
             # A value below another in an array or table may begin lines after it, never before.
-            assert lines[place.line - 1][place.column : place.end_column].rstrip().endswith(str(value))
+            assert lines[span.line - 1][span.column : span.end_column].rstrip().endswith(str(value))
 
 
 @given(RANDOMS)
 def test_places_are_inside_their_lines(random: Random) -> None:
     text = document(random)
     lines = text.split("\n")
-    for place in key_places(text).values():
-        assert 0 <= place.column <= place.end_column <= len(lines[place.line - 1])
+    for span in key_spans(text).values():
+        assert 0 <= span.column <= span.end_column <= len(lines[span.line - 1])
 
 
 DOCUMENT = """\
@@ -188,16 +188,16 @@ b = 3
     ],
 )
 def test_a_key_is_found_where_a_person_sees_it(path: KeyPath, line: int, fragment: str) -> None:
-    place = key_places(DOCUMENT)[path]
-    assert place.line == line
-    assert DOCUMENT.split("\n")[line - 1][place.column : place.end_column] == fragment
+    span = key_spans(DOCUMENT)[path]
+    assert span.line == line
+    assert DOCUMENT.split("\n")[line - 1][span.column : span.end_column] == fragment
 
 
 def test_a_key_that_is_not_there_is_placed_at_the_table_around_it() -> None:
-    places = key_places(DOCUMENT)
-    missing = find_place(places, ("rules", "near", "when", "above"))
-    assert missing == places["rules", "near", "when"]
-    assert find_place(places, ("camera", "model")) is None
+    spans = key_spans(DOCUMENT)
+    missing = find_span(spans, ("rules", "near", "when", "above"))
+    assert missing == spans["rules", "near", "when"]
+    assert find_span(spans, ("camera", "model")) is None
 
 
 @pytest.mark.parametrize(

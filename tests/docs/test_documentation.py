@@ -13,7 +13,6 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.rule_tests.expectations import ExpectTable
 from stadimeter.config.rule_tests.tables import InputTable
-from stadimeter.config.rules.common import LostTable
 from stadimeter.config.rules.condition_tables import WhenTable
 from stadimeter.config.rules.figure_tables import (
     ClosingTable,
@@ -23,11 +22,10 @@ from stadimeter.config.rules.figure_tables import (
     SeparationTable,
     TimeTable,
 )
-from stadimeter.config.rules.follow_tables import FollowTable
 from stadimeter.config.rules.pattern_tables import PatternTable
-from stadimeter.config.rules.ramp_tables import RampTable
+from stadimeter.config.rules.proportional_tables import FollowTable, RampTable
 from stadimeter.config.rules.sequence_tables import StepTable
-from stadimeter.config.rules.tables import RuleTable
+from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.core import templates
 
 ROOT = Path(__file__).resolve().parents[2]

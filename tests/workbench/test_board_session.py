@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.config.driver_choice import DriverChoice
-from stadimeter.config.plugins import CAMERAS, load_plugin
+from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.config.rule_tests.motions import MotionTable, PathPoint, SpanTable
+from stadimeter.config.rule_tests.expectations import SpanTable
+from stadimeter.config.rule_tests.tables import MotionTable, PathPoint
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import BallSize

@@ -15,23 +15,20 @@ from stadimeter.core.command import LevelCommand
 
 
 class BuzzerOptions(Options):
-    """What a buzzer's table in the configuration holds.
-
-    Attributes:
-        pin: The BCM number of the pin.
-        slowest: From one beep to the next at the lowest level above 0.
-        fastest: From one beep to the next just below the full level.
-        beep: How long a beep is.
-        steady: Sound without a break at any level above 0.
-        active_high: Whether a high pin means on.
-    """
+    """What a buzzer's table in the configuration holds."""
 
     pin: Pin
+    """The BCM number of the pin."""
     slowest: Duration = Field(default=1.0, le=60.0)
+    """From one beep to the next at the lowest level above 0."""
     fastest: Duration = 0.1
+    """From one beep to the next just below the full level."""
     beep: Duration = Field(default=0.05, ge=0.04)  # two ticks: less might fall between them
+    """How long a beep is."""
     steady: bool = False
+    """Sound without a break at any level above 0."""
     active_high: bool = True
+    """Whether a high pin means on."""
 
     @model_validator(mode="after")
     def _beeps_have_gaps(self) -> Self:
@@ -111,4 +108,4 @@ class GpiozeroBuzzer:
         self._pin.write(FULL_PERCENT if self._pattern.sounds(self._level, now_s) else 0)
 
 
-PLUGIN = Plugin(options=BuzzerOptions, build=GpiozeroBuzzer)
+PLUGIN = Plugin(options=BuzzerOptions, build=GpiozeroBuzzer, verb="buzzes")

@@ -16,21 +16,18 @@ from stadimeter.core.command import LevelCommand
 
 
 class LedOptions(Options):
-    """What a lamp's table in the configuration holds.
-
-    Attributes:
-        pin: The BCM number of the pin.
-        on_at: The level from which it is on.
-        dimmed: Whether it is as bright as the level says, instead of on or off.
-        frequency: Of the pulses that dim it.
-        active_high: Whether a high pin means on.
-    """
+    """What a lamp's table in the configuration holds."""
 
     pin: Pin
+    """The BCM number of the pin."""
     on_at: float = Field(default=0.5, gt=0.0, le=1.0)
+    """The level from which it is on."""
     dimmed: bool = False
+    """Whether it is as bright as the level says, instead of on or off."""
     frequency: Frequency = Field(default=100.0, ge=1.0, le=10_000.0)
+    """Of the pulses that dim it."""
     active_high: bool = True
+    """Whether a high pin means on."""
 
     @model_validator(mode="after")
     def _one_way_only(self) -> Self:
@@ -41,18 +38,15 @@ class LedOptions(Options):
 
 
 class RelayOptions(Options):
-    """What a relay's table in the configuration holds.
-
-    Attributes:
-        pin: The BCM number of the pin.
-        on_at: The level from which it is on.
-        active_high: Whether a high pin means on. Most relay boards switch on when their input is pulled low, so it is
-            not unless you say so. Try it without a load first: with the wrong value the relay is on while all is quiet.
-    """
+    """What a relay's table in the configuration holds."""
 
     pin: Pin
+    """The BCM number of the pin."""
     on_at: float = Field(default=0.5, gt=0.0, le=1.0)
+    """The level from which it is on."""
     active_high: bool = False
+    """Whether a high pin means on. Most relay boards switch on when their input is pulled low, so it is not unless you
+    say so. Try it without a load first: with the wrong value the relay is on while all is quiet."""
 
 
 class GpiozeroSwitch:
@@ -150,5 +144,5 @@ def _on_from(on_at: float) -> Callable[[float], int]:
     return lambda level: FULL_PERCENT if level >= on_at else 0
 
 
-LED_PLUGIN = Plugin(options=LedOptions, build=build_led)
-RELAY_PLUGIN = Plugin(options=RelayOptions, build=build_relay)
+LED_PLUGIN = Plugin(options=LedOptions, build=build_led, verb="lights")
+RELAY_PLUGIN = Plugin(options=RelayOptions, build=build_relay, verb="switches on", is_worn_by_switching=True)

@@ -14,21 +14,18 @@ from stadimeter.core.command import LevelCommand
 
 
 class VibrationMotorOptions(Options):
-    """What a vibration motor's table in the configuration holds.
-
-    Attributes:
-        pin: The BCM number of the pin.
-        frequency: Of the pulses. lgpio makes them in software, up to 10 kHz; the higher, the less even they are.
-        minimum_duty: The motor's weakest duty. Eccentric motors do not turn below 40 to 50 percent.
-        kick: For how long a motor that stands still gets full power, to break loose.
-        active_high: Whether a high pin means on, as with an N-channel MOSFET.
-    """
+    """What a vibration motor's table in the configuration holds."""
 
     pin: Pin
+    """The BCM number of the pin."""
     frequency: Frequency = Field(default=100.0, ge=1.0, le=10_000.0)
+    """Of the pulses. lgpio makes them in software, up to 10 kHz; the higher, the less even they are."""
     minimum_duty: float = Field(default=0.4, gt=0.0, le=1.0)
+    """The motor's weakest duty. Eccentric motors do not turn below 40 to 50 percent."""
     kick: Duration = Field(default=0.08, le=1.0)
+    """For how long a motor that stands still gets full power, to break loose."""
     active_high: bool = True
+    """Whether a high pin means on, as with an N-channel MOSFET."""
 
 
 class DutySteps:
@@ -141,4 +138,4 @@ class GpiozeroVibrationMotor:
         self._pin.write(FULL_PERCENT if kicks else self._percent)
 
 
-PLUGIN = Plugin(options=VibrationMotorOptions, build=GpiozeroVibrationMotor)
+PLUGIN = Plugin(options=VibrationMotorOptions, build=GpiozeroVibrationMotor, verb="vibrates")

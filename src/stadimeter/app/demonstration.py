@@ -17,4 +17,4 @@ def demo_configuration() -> Configuration:
     Raises:
         ConfigError: It is damaged.
     """
-    return load_configuration(Path(stadimeter.__file__).parent / "configurations" / "demo.toml")
+    return load_configuration(Path(stadimeter.__file__).parent / "configurations" / "demo.toml", with_tests=False)

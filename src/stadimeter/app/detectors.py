@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stadimeter.app.clock import SteppedClock
-from stadimeter.config.driver_choice import DriverChoice
-from stadimeter.config.plugins import DriverContext
+from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.detectors.protocol import Detector
 

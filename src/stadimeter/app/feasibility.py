@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.app.field_of_view import FieldOfView, direction_findings
-from stadimeter.config.analysis.written import WrittenCondition
 from stadimeter.config.describing.describe import length
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
-from stadimeter.config.toml_lines import KeyPath, key_places
+from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
+from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import DirectionCondition, DistanceCondition
 from stadimeter.core.conditions.probability import probability_between
-from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
+from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.target import TargetSize
 from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.feasibility import RELIABLE_PX, expect, farthest_m
-
-_IDEAL = "ideal"
-"""The simulated detector that needs no pixels."""
 
 
 def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
@@ -30,30 +25,23 @@ def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
 
     Nothing is opened. The camera is taken at the resolution that its model was made for.
 
-    Args:
-        configuration: The configuration.
-
     Returns:
         One warning for each limit that cannot be relied on, in the order of the file.
     """
     if configuration.camera_model is None:
         return ()
     sizes = _target_sizes(configuration)
-    tables = tomllib.loads(configuration.text).get("rules", {})
-    found = [
-        finding
-        for rule in configuration.plan.rules
-        for finding in _rule_findings(rule, _written(rule, tables), sizes, configuration.camera_model)
-    ]
+    camera = configuration.camera_model
+    found = (finding for compiled in configuration.rules for finding in _rule_findings(compiled, sizes, camera))
     unique = list(dict.fromkeys(found))  # a rule with several targets says the same of each
-    return problems(unique, str(configuration.path), key_places(configuration.text))
+    return problems(unique, str(configuration.path), configuration.spans)
 
 
 def _target_sizes(configuration: Configuration) -> dict[str, TargetSize]:
     """Return the sizes of those targets that are looked for in pictures."""
     sizes: dict[str, TargetSize] = {}
     for choice in configuration.targets:
-        if choice.driver == _IDEAL:
+        if not choice.plugin.needs_pixels:
             continue
         try:
             (target,) = build_detectors((choice,), configuration.camera_model)
@@ -63,44 +51,33 @@ def _target_sizes(configuration: Configuration) -> dict[str, TargetSize]:
     return sizes
 
 
-def _section(rule: AnyRule) -> str:
-    return rule.name.partition(":")[0]
-
-
-def _written(rule: AnyRule, tables: Mapping[str, Any]) -> tuple[WrittenCondition, ...]:
-    """Return the simple conditions of a rule, each with its place in the file."""
-    if not isinstance(rule, AlarmRule):
-        return ()
-    table = tables.get(_section(rule), {}).get("when", {})
-    whole = WrittenCondition(path=("rules", _section(rule), "when"), table=table, condition=rule.condition)
-    return tuple(whole.leaves())
-
-
-def _rule_findings(
-    rule: AnyRule, leaves: tuple[WrittenCondition, ...], sizes: Mapping[str, TargetSize], camera: CameraModel
-) -> Iterator[Finding]:
-    for leaf in leaves:
-        match leaf.leaf:
-            case DistanceCondition() as condition if condition.target in sizes:
-                yield from _distance_findings(leaf.path, condition, sizes[condition.target], camera)
-            case DirectionCondition() as condition if condition.target in sizes:
-                yield from direction_findings(leaf.limits_path, condition, FieldOfView(camera))
-            case _:
-                pass
-    if not isinstance(rule, AlarmRule) and rule.target in sizes:
-        kind = "ramp" if isinstance(rule, RampRule) else "follow"
-        path = ("rules", rule.name, kind)
+def _rule_findings(compiled: CompiledRule, sizes: Mapping[str, TargetSize], camera: CameraModel) -> Iterator[Finding]:
+    rule = compiled.rule
+    if isinstance(rule, AlarmRule):
+        when, *_ = compiled.conditions()
+        yield from _condition_findings(when, sizes, camera)
+    elif rule.target in sizes:
+        path = compiled.at("ramp" if isinstance(rule, RampRule) else "follow")
         yield from _too_small(path, _farthest_limit_m(rule), rule.target, sizes[rule.target], camera)
 
 
-def _farthest_limit_m(rule: AnyRule) -> float:
-    match rule:
-        case RampRule():
-            return max(rule.start_m, rule.full_m, *(at_m for at_m, _ in rule.points), 0.0)
-        case AlarmRule():
-            return 0.0
-        case _:
-            return rule.distance_m
+def _condition_findings(
+    condition: WrittenCondition, sizes: Mapping[str, TargetSize], camera: CameraModel
+) -> Iterator[Finding]:
+    for written in condition.leaves():
+        match written.leaf:
+            case DistanceCondition() as leaf if leaf.target in sizes:
+                yield from _distance_findings(written.path, leaf, sizes[leaf.target], camera)
+            case DirectionCondition() as leaf if leaf.target in sizes:
+                yield from direction_findings(written.limits_path, leaf, FieldOfView(camera))
+            case _:
+                pass
+
+
+def _farthest_limit_m(rule: RampRule | FollowRule) -> float:
+    if isinstance(rule, FollowRule):
+        return rule.distance_m
+    return max(rule.start_m, rule.full_m, *(at_m for at_m, _ in rule.points), 0.0)
 
 
 def _distance_findings(

@@ -12,11 +12,7 @@ from stadimeter.core.condition import Direction, DirectionCondition
 
 
 class FieldOfView:
-    """In which directions a camera sees, along the middle of its picture. What the lens bends at the edge is left out.
-
-    Attributes:
-        camera: The camera model.
-    """
+    """Directions that a camera sees along the middle of its picture; lens distortion at its edge is left out."""
 
     def __init__(self, camera: CameraModel) -> None:
         self.camera = camera
@@ -37,16 +33,7 @@ class FieldOfView:
 
 
 def direction_findings(at: KeyPath, condition: DirectionCondition, view: FieldOfView) -> Iterator[Finding]:
-    """Find conditions on directions that begin, or end, outside the picture only.
-
-    Args:
-        at: Where the condition stands.
-        condition: The condition.
-        view: What the camera sees.
-
-    Yields:
-        What to look at again.
-    """
+    """Find conditions on directions that begin, or end, outside the picture only."""
     low_rad, high_rad = view.ends_rad(condition.quantity)
     seen = f"the camera sees from {_degrees(low_rad)} to {_degrees(high_rad)}"
     above_rad = -math.inf if condition.above_rad is None else condition.above_rad

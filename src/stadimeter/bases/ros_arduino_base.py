@@ -29,31 +29,28 @@ LOST_AFTER_S = 0.5
 
 
 class RosArduinoOptions(Options):
-    """What the table of such a base may hold.
-
-    Attributes:
-        port: The serial port, best as ``/dev/serial/by-id/…``; or ``emulated-ros-arduino-bridge``.
-        baud: ``BAUDRATE`` of the sketch.
-        wheel_diameter: Diameter of the driven wheels.
-        ticks_per_turn: Encoder ticks while a wheel turns once, all edges and the gear counted.
-        track_width: Distance between the middles of the two driven wheels.
-        max_wheel_speed: No wheel is asked to run faster.
-        swap_sides: Whether the firmware's left motor drives the right wheel.
-        invert_left: Whether the left wheel turns backwards when told to turn forwards.
-        invert_right: The same for the right wheel.
-        boot_wait: How long the Arduino, which opening the port resets, may take until it answers.
-    """
+    """What the table of such a base may hold."""
 
     port: SerialPort
+    """The serial port, best as ``/dev/serial/by-id/…``; or ``emulated-ros-arduino-bridge``."""
     baud: PositiveInt = 57600
+    """``BAUDRATE`` of the sketch."""
     wheel_diameter: Length
+    """Diameter of the driven wheels."""
     ticks_per_turn: PositiveInt
+    """Encoder ticks while a wheel turns once, all edges and the gear counted."""
     track_width: Length
+    """Distance between the middles of the two driven wheels."""
     max_wheel_speed: Speed = 0.5
+    """No wheel is asked to run faster."""
     swap_sides: bool = False
+    """Whether the firmware's left motor drives the right wheel."""
     invert_left: bool = False
+    """Whether the left wheel turns backwards when told to turn forwards."""
     invert_right: bool = False
+    """The same for the right wheel."""
     boot_wait: Duration = 4.0
+    """How long the Arduino, which opening the port resets, may take until it answers."""
 
     @model_validator(mode="after")
     def _speeds_can_be_told(self) -> Self:

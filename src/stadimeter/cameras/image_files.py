@@ -11,9 +11,8 @@ from pydantic import BeforeValidator, Field
 
 from stadimeter.cameras.picture import PICTURE_SUFFIXES, read_picture
 from stadimeter.cameras.recorded import RecordedCamera
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import Frequency
+from stadimeter.config.units import FilePath, Frequency
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import EndOfFramesError, PictureError
@@ -24,17 +23,14 @@ def _one_or_many(value: object) -> object:
 
 
 class ImageFilesOptions(Options):
-    """The options of the ``images`` camera.
-
-    Attributes:
-        paths: Picture files, patterns such as ``shots/*.jpg``, or folders, in the order in which they are shown. The
-            files of a pattern and the pictures of a folder come in the order of their names. In a folder, only files
-            whose names end like a picture's (`PICTURE_SUFFIXES`) are taken.
-        rate: How many pictures are shown in a second of the run's clock, in hertz.
-    """
+    """The options of the ``images`` camera."""
 
     paths: Annotated[tuple[FilePath, ...], BeforeValidator(_one_or_many), Field(min_length=1)]
+    """Picture files, patterns such as ``shots/*.jpg``, or folders, in the order in which they are shown. The files of a
+    pattern and the pictures of a folder come in the order of their names. In a folder, only files whose names end like
+    a picture's (`PICTURE_SUFFIXES`) are taken."""
     rate: Annotated[Frequency, Field(gt=0)] = 1.0
+    """How many pictures are shown in a second of the run's clock, in hertz."""
 
 
 class ImageFilesCamera(RecordedCamera):

@@ -11,9 +11,8 @@ import cv2
 from pydantic import BeforeValidator, Field, model_validator
 
 from stadimeter.config.addresses import address_for_people, address_in
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import Options
-from stadimeter.config.units import Duration, Frequency
+from stadimeter.config.units import Duration, FilePath, Frequency
 from stadimeter.core.frame import Image
 from stadimeter.errors import DeviceOpenError
 
@@ -46,36 +45,33 @@ def _check_device(value: object) -> object:
 
 
 class OpenCvOptions(Options):
-    """The options of the ``opencv`` camera.
-
-    Attributes:
-        device: A number, 0 for ``/dev/video0``; a path such as ``/dev/v4l/by-id/…-index0``; or the address of a stream
-            such as ``rtsp://…`` or ``http://…``. An address with a password is better kept in a `device_file`.
-        device_file: A text file with the address of a stream on its first line. It may be a systemd credential.
-        width_px: The width to ask for, together with ``height_px``; None takes what the camera gives.
-        height_px: The height to ask for.
-        rate: The frame rate to ask for in hertz; None takes what the camera gives.
-        fourcc: The pixel format to ask a device for. MJPG lets most USB cameras send large pictures at full rate.
-        exposure: The exposure time in seconds; None leaves it to the camera.
-        autofocus: Whether the camera may refocus. It changes the focal length, and so every distance; off unless asked.
-        read_timeout: How long to wait for a frame, in seconds.
-        latency: How old a picture is when it arrives, in seconds: from the exposure to its arrival here. It counts into
-            the age of every frame that has no capture time. Without it nothing may move on the frames of a stream.
-        accept_lossy_stream: Whether something may move on a stream that comes over UDP, SRT or the like, where packets
-            are lost. A decoder then shows old parts of the picture as if they were new.
-    """
+    """The options of the ``opencv`` camera."""
 
     device: Annotated[int | str, BeforeValidator(_check_device)] | None = None
+    """A number, 0 for ``/dev/video0``; a path such as ``/dev/v4l/by-id/…-index0``; or the address of a stream such as
+    ``rtsp://…`` or ``http://…``. An address with a password is better kept in a `device_file`."""
     device_file: FilePath | None = None
+    """A text file with the address of a stream on its first line. It may be a systemd credential."""
     width_px: Annotated[int, Field(gt=0, le=20_000)] | None = None
+    """The width to ask for, together with ``height_px``; None takes what the camera gives."""
     height_px: Annotated[int, Field(gt=0, le=20_000)] | None = None
+    """The height to ask for."""
     rate: Annotated[Frequency, Field(gt=0)] | None = None
+    """The frame rate to ask for in hertz; None takes what the camera gives."""
     fourcc: Annotated[str, Field(pattern=r"^[ -~]{4}$")] = "MJPG"
+    """The pixel format to ask a device for. MJPG lets most USB cameras send large pictures at full rate."""
     exposure: Annotated[Duration, Field(gt=0)] | None = None
+    """The exposure time in seconds; None leaves it to the camera."""
     autofocus: bool = False
+    """Whether the camera may refocus. It changes the focal length, and so every distance; off unless asked."""
     read_timeout: Annotated[Duration, Field(gt=0, le=60)] = 1.0
+    """How long to wait for a frame, in seconds."""
     latency: Annotated[Duration, Field(le=60)] | None = None
+    """How old a picture is when it arrives, in seconds: from the exposure to its arrival here. It counts into the age
+    of every frame that has no capture time. Without it nothing may move on the frames of a stream."""
     accept_lossy_stream: bool = False
+    """Whether something may move on a stream that comes over UDP, SRT or the like, where packets are lost. A decoder
+    then shows old parts of the picture as if they were new."""
 
     @model_validator(mode="after")
     def _one_camera_only(self) -> Self:

@@ -12,9 +12,8 @@ from pydantic import Field
 
 from stadimeter.cameras.picture import check_file
 from stadimeter.cameras.recorded import RecordedCamera
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import Frequency
+from stadimeter.config.units import FilePath, Frequency
 from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
 from stadimeter.config.untrusted_picture import is_picture
 from stadimeter.core.clock import Clock
@@ -29,15 +28,12 @@ ENOUGH_OF_THE_FRAMES = 0.9
 
 
 class VideoFileOptions(Options):
-    """The options of the ``video`` camera.
-
-    Attributes:
-        path: The video file.
-        rate: Its frame rate in hertz; None takes the one that the file names.
-    """
+    """The options of the ``video`` camera."""
 
     path: FilePath
+    """The video file."""
     rate: Annotated[Frequency, Field(gt=0)] | None = None
+    """Its frame rate in hertz; None takes the one that the file names."""
 
 
 class VideoFileCamera(RecordedCamera):

@@ -12,8 +12,7 @@ from pydantic import ValidationError
 
 from stadimeter.cli.known_pictures import today
 from stadimeter.config import plain_words
-from stadimeter.config.driver_choice import DriverChoice
-from stadimeter.config.plugins import CAMERAS, load_plugin
+from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.frame import Frame

@@ -1,33 +1,39 @@
-"""The command ``check``: everything that is wrong with a configuration, or what it does."""
+"""The command ``check``: everything that is wrong with a configuration, beside its lines, or what it does."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import re
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
 from stadimeter.app.feasibility import feasibility_warnings
-from stadimeter.cli.exits import WRONG
-from stadimeter.cli.problems import Source, print_problems
+from stadimeter.cli.exits import MOST_SHOWN, WRONG
 from stadimeter.config.describing.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
+from stadimeter.errors import ConfigError, Problem, UnreadableError
+
+Kind = Literal["error", "warning"]
 
 WARNED = 1
 """The exit code where a warning counts, with ``--strict``."""
 
+_LONGEST_LINE = 240
+_COLOURS = {"error": "red", "warning": "yellow"}
+
+_ADDRESS = re.compile(r"""(?<=://)[^\s"']+""")
+"""What may hold a password or a token, and is not for every eye that sees a screen or a log."""
+
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the command line.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command to the command line."""
     app.command()(check)
 
 
@@ -71,7 +77,7 @@ def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
         _print_json(error.problems, error.warnings, ())
         return
     console = Console(stderr=True, highlight=False, soft_wrap=True)
-    sources: dict[str, Source] = {}
+    sources: dict[str, list[str]] = {}
     print_problems(console, error.problems, "error", sources)
     print_problems(console, error.warnings, "warning", sources)
     count = _counted(len(error.problems), "error")
@@ -106,3 +112,73 @@ def _print_json(problems: tuple[Problem, ...], warnings: tuple[Problem, ...], de
         "describes": describes,
     }
     typer.echo(json.dumps(record, ensure_ascii=False))
+
+
+def print_problems(
+    console: Console, problems: Iterable[Problem], kind: Kind, sources: dict[str, list[str]] | None = None
+) -> None:
+    """Print each problem with its line, underlined, and what to do about it.
+
+    Args:
+        sources: The files that were read for this before; those that are read now are added.
+    """
+    sources = {} if sources is None else sources
+    every = list(problems)
+    for problem in every[:MOST_SHOWN]:
+        if problem.file not in sources:
+            sources[problem.file] = _lines(problem.file)
+        console.print(_title(problem, kind))
+        margin = " " * (len(str(problem.line)) + 2)
+        for line in _fragment(problem, sources[problem.file], kind):
+            console.print(line)
+        if problem.hint:
+            console.print(Text.assemble(f"{margin}   ", (problem.hint, "green")))
+    if len(every) > MOST_SHOWN:
+        console.print(f"and {len(every) - MOST_SHOWN} more of this kind")
+
+
+def _title(problem: Problem, kind: Kind) -> Text:
+    where = f"{problem.file}:{problem.line}" if problem.line else problem.file
+    return Text.assemble(
+        (f"{where}: " if where else "", "bold"),
+        (f"{kind}: ", f"bold {_COLOURS[kind]}"),
+        (f"{problem.key}: " if problem.key else "", "cyan"),
+        problem.message,
+    )
+
+
+def _fragment(problem: Problem, lines: list[str], kind: Kind) -> list[Text]:
+    if not 0 < problem.line <= len(lines):
+        return []
+    line = _ADDRESS.sub(lambda match: "…" * len(match[0]), lines[problem.line - 1].replace("\t", " "))
+    number = f"  {problem.line}"
+    line, begin, end = _cropped(line, *_underlined(problem, line))
+    return [
+        Text.assemble((f"{number} | ", "dim"), line),
+        Text.assemble((f"{' ' * len(number)} | ", "dim"), " " * begin, ("^" * max(1, end - begin), _COLOURS[kind])),
+    ]
+
+
+def _cropped(line: str, begin: int, end: int) -> tuple[str, int, int]:
+    """Return a line, and what is underlined in it; of one that fills the screen only what is around that."""
+    if len(line) <= _LONGEST_LINE:
+        return line, begin, end
+    start = max(0, begin - _LONGEST_LINE // 4)
+    shown = line[start : start + _LONGEST_LINE]
+    before, after = "…" * (start > 0), "…" * (start + len(shown) < len(line))
+    shift = len(before) - start
+    return f"{before}{shown}{after}", begin + shift, min(end + shift, len(before) + len(shown))
+
+
+def _underlined(problem: Problem, line: str) -> tuple[int, int]:
+    """Return the columns to underline: those of the key, or else the whole line without its margin and comment."""
+    if problem.end_column:
+        return problem.column, problem.end_column
+    return len(line) - len(line.lstrip()), len(line.rstrip())
+
+
+def _lines(file: str) -> list[str]:
+    try:
+        return read_untrusted_text(Path(file), CONFIGURATION_MAX_BYTES).split("\n") if file else []
+    except UnreadableError:
+        return []

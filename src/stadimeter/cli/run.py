@@ -92,7 +92,7 @@ def run(
     """
     view: View = "json" if as_json else "live" if watch else "plain"
     with told_plainly():
-        loop = Loop(build(load_configuration(config), speed=speed or None))
+        loop = Loop(build(load_configuration(config, with_tests=False), speed=speed or None))
         keeping = Keeping(
             journal=journal,
             record=record,

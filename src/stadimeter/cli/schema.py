@@ -15,11 +15,7 @@ from stadimeter.errors import ConfigError, Problem
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command."""
     app.command()(schema)
 
 

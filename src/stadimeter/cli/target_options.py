@@ -12,8 +12,7 @@ from pydantic import ValidationError
 
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config import plain_words
-from stadimeter.config.driver_choice import DriverChoice
-from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.config.plugins import DETECTORS, DriverChoice, load_plugin
 from stadimeter.config.units import LENGTHS_M, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, Problem

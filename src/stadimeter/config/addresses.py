@@ -42,10 +42,6 @@ def words_for_people(text: str) -> str:
 def address_in(file: Path, example: str) -> str:
     """Return the address on the first line of a file, which may be a systemd credential.
 
-    Args:
-        file: The file.
-        example: How such an address begins.
-
     Raises:
         DeviceOpenError: It cannot be read, or no address stands there. The message repeats nothing of it.
     """

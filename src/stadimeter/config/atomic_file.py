@@ -13,7 +13,6 @@ def write_atomically(path: Path, data: bytes) -> None:
 
     Args:
         path: The file; one that exists is replaced.
-        data: What to write.
 
     Raises:
         OSError: It cannot be written there.

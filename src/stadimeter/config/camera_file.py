@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from stadimeter.config import plain_words
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.toml_lines import KeyPath, Place
+from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel, Provenance, ToneCurve
@@ -41,39 +41,36 @@ Coefficient = Annotated[float, Field(strict=True)]
 
 
 class CameraTable(BaseModel):
-    """What a camera file, or a ``model`` table in a configuration, may hold.
+    """What a camera file, or a ``model`` table in a configuration, may hold."""
 
-    Attributes:
-        width_px: Width of the pictures that it is for.
-        height_px: Height of the pictures that it is for.
-        fx_px: Focal length in pixels, horizontally.
-        fy_px: Focal length in pixels, vertically; None for square pixels.
-        cx_px: Where the optical axis meets the picture, horizontally; None for the middle.
-        cy_px: The same, vertically.
-        distortion: k1, k2, p1, p2 and perhaps k3 as OpenCV has them; none for a lens that does not bend lines.
-        tone_curve: How code values follow from light: as in sRGB, or in proportion to it.
-        edge_bias_px: How far outwards each edge of a bright target is measured.
-        focal_relative_sigma: Standard deviation of the focal length, as a share of it.
-        method: How it was made.
-        date: When, as an ISO 8601 date.
-        notes: The figures that it came from, one a line.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
     width_px: Pixels
+    """Width of the pictures that it is for."""
     height_px: Pixels
+    """Height of the pictures that it is for."""
     fx_px: FocalPixels
+    """Focal length in pixels, horizontally."""
     fy_px: FocalPixels | None = None
+    """Focal length in pixels, vertically; None for square pixels."""
     cx_px: CentrePixels | None = None
+    """Where the optical axis meets the picture, horizontally; None for the middle."""
     cy_px: CentrePixels | None = None
+    """The same, vertically."""
     distortion: tuple[Coefficient, ...] = ()
+    """k1, k2, p1, p2 and perhaps k3 as OpenCV has them; none for a lens that does not bend lines."""
     tone_curve: ToneCurve = "srgb"
+    """How code values follow from light: as in sRGB, or in proportion to it."""
     edge_bias_px: Annotated[float, Field(ge=-MOST_EDGE_BIAS_PX, le=MOST_EDGE_BIAS_PX, strict=True)] = 0.0
+    """How far outwards each edge of a bright target is measured."""
     focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
+    """Standard deviation of the focal length, as a share of it."""
     method: str = ""
+    """How it was made."""
     date: Annotated[str, BeforeValidator(_date_text)] = ""
+    """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()
+    """The figures that it came from, one a line."""
 
     def to_model(self) -> CameraModel:
         """Return the camera model; raises CalibrationError if there is none with these values."""
@@ -95,12 +92,6 @@ class CameraTable(BaseModel):
 def camera_model_from_table(table: Mapping[str, Any]) -> CameraModel:
     """Make a camera model from a table of a configuration, which holds the same keys as a camera file.
 
-    Args:
-        table: The table.
-
-    Returns:
-        The model.
-
     Raises:
         ConfigError: It lists every key that is wrong, without file and line.
     """
@@ -110,17 +101,11 @@ def camera_model_from_table(table: Mapping[str, Any]) -> CameraModel:
 def load_camera_model(path: Path) -> CameraModel:
     """Read a camera file.
 
-    Args:
-        path: The file.
-
-    Returns:
-        The model.
-
     Raises:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
     """
     source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=HOW_TO_MAKE_ONE)
-    return _model(source.table, str(path), source.places)
+    return _model(source.table, str(path), source.spans)
 
 
 def save_camera_model(path: Path, model: CameraModel) -> None:
@@ -128,7 +113,6 @@ def save_camera_model(path: Path, model: CameraModel) -> None:
 
     Args:
         path: The file; one that exists is replaced.
-        model: The model.
 
     Raises:
         ConfigError: It cannot be written there.
@@ -187,11 +171,11 @@ def _one_line(text: str) -> str:
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 
-def _model(table: Mapping[str, Any], file: str, places: Mapping[KeyPath, Place]) -> CameraModel:
+def _model(table: Mapping[str, Any], file: str, spans: Mapping[KeyPath, SourceSpan]) -> CameraModel:
     try:
         return CameraTable.model_validate(dict(table)).to_model()
     except ValidationError as error:
         found = plain_words.findings(error, CameraTable, table, ())
-        raise ConfigError(problems(found, file, places)) from error
+        raise ConfigError(problems(found, file, spans)) from error
     except CalibrationError as error:
-        raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, places)) from error
+        raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, spans)) from error

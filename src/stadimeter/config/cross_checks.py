@@ -10,48 +10,28 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from stadimeter.config.analysis.analysis import analysis_errors, analysis_warnings
-from stadimeter.config.analysis.references import rules_asked_for
+from stadimeter.config.analysis.bands import band_errors, holding_errors
+from stadimeter.config.analysis.promises import promise_errors
+from stadimeter.config.analysis.references import reference_errors
+from stadimeter.config.analysis.subject import Subject, subject_of
+from stadimeter.config.analysis.writers import priority_errors, shadow_errors
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.rules.checks import rule_findings, written_findings
-from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
-
-_IN_A_WORLD = {"camera": ("simulated",), "targets": ("ideal",), "base": ("simulated",)}
-"""Drivers that show, know or move what is in the simulated world, by section."""
 
 LONGEST_BLIND_S = 1.0
 """Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then."""
 
-Check = Callable[[Draft], Iterator[Finding]]
-
 
 def error_findings(draft: Draft) -> Iterator[Finding]:
-    """Find what makes a configuration unusable.
-
-    Args:
-        draft: What could be read of it.
-
-    Yields:
-        What is wrong.
-    """
-    for check in (*_ERRORS, analysis_errors):
+    """Find what makes a configuration unusable, in what could be read of it."""
+    for check in _CHECKS:
         yield from check(draft)
-
-
-def warning_findings(draft: Draft) -> Iterator[Finding]:
-    """Find what is allowed and hardly meant.
-
-    Args:
-        draft: A configuration; of one with errors, what can be said of the rules that have none.
-
-    Yields:
-        What to look at again.
-    """
-    for check in (*_WARNINGS, analysis_warnings):
-        yield from check(draft)
+    subject = subject_of(draft)
+    for analysis in _ANALYSES:
+        yield from analysis(subject)
 
 
 def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
@@ -63,13 +43,14 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
 
 def _targets_exist(draft: Draft) -> Iterator[Finding]:
     names = draft.names("targets")
+    need_none = {each.section for each in draft.compiled if not each.needs_target}
     for rule_name, rule in draft.rules.items():
         for watched in rule.targets or ():
             if watched not in names:
                 hint = did_you_mean_or_list(watched, names)
                 yield Finding(("rules", rule_name, "targets"), f"there is no target '{watched}'", hint, "unknown-name")
         if rule.target is None:
-            if len(names) > 1 and not rule.targets and not rule.names_every_target():
+            if len(names) > 1 and not rule.targets and rule_name not in need_none:
                 message = f"which of the targets {', '.join(names)} does the rule '{rule_name}' watch?"
                 yield Finding(("rules", rule_name, "target"), message, f'add target = "{names[0]}"', "target-missing")
         elif rule.target not in names:
@@ -147,7 +128,7 @@ def _bears(metadata: list[Any], annotation: Any, mark: type) -> bool:
 
 def _world_around(draft: Draft) -> Iterator[Finding]:
     for table, part in draft.parts():
-        if "world" not in draft.table and part.driver in _IN_A_WORLD.get(str(table[0]), ()):
+        if "world" not in draft.table and part.plugin.needs_world:
             key = "detector" if table[0] == "targets" else "driver"
             message = f"'{part.driver}' needs a simulated world to be in, and there is no section [world]"
             yield Finding((*table, key), message, "add one; it may be empty", "world-missing")
@@ -179,72 +160,11 @@ def _never_blind_for_long(draft: Draft) -> Iterator[Finding]:
             yield Finding(path, message, 'a lease of "300 ms" suits most cameras', "blind-too-long")
 
 
-def _leases_long_enough(draft: Draft) -> Iterator[Finding]:
-    age_s = draft.safety.max_frame_age
-    leases: list[tuple[KeyPath, float]] = [
-        (("actuators", name), table.lease) for name, table in draft.actuator_tables.items()
-    ]
-    leases += [((BASE_NAME,), draft.base_table.lease)] if draft.base_table else []
-    for at, lease_s in leases:
-        if lease_s < age_s:
-            message = (
-                f"the lease {lease_s:g} s is shorter than max_frame_age {age_s:g} s: it stops on frames still good"
-            )
-            yield Finding((*at, "lease"), message, "make it longer, or safety.max_frame_age shorter", "lease-too-short")
-
-
-def _rules_matter(draft: Draft) -> Iterator[Finding]:
-    if not draft.rules:
-        yield Finding(
-            ("rules",), "there is no rule, so nothing is ever done", "add one, such as [rules.near]", "no-rules"
-        )
-    for name, rule in draft.rules.items():
-        yield from (
-            Finding(("rules", name, *path), text, hint, "no-effect") for path, text, hint in _without_effect(rule)
-        )
-
-
-def _without_effect(rule: RuleTable) -> Iterator[tuple[tuple[str, ...], str, str]]:
-    if rule.when and rule.actuator == BASE_NAME and "level" in rule.model_fields_set:
-        yield ("level",), "a rule with when stops the base, whatever its level", "leave it out"
-    elif rule.when and rule.actuator and rule.level == 0:
-        yield (
-            ("level",),
-            f"level 0 holds '{rule.actuator}' still while the alarm is active",
-            "leave it out if not meant",
-        )
-    if not rule.when and "policy" in rule.lost.model_fields_set:
-        yield (
-            ("lost", "policy"),
-            "without its target a ramp or follow rule always goes to the safe value",
-            "leave it out",
-        )
-
-
-def _alerts_heard(draft: Draft) -> Iterator[Finding]:
-    asked_for = rules_asked_for(draft)
-    for name, rule in draft.rules.items():
-        does_something = rule.actuator or rule.then or rule.observe or name in asked_for
-        if rule.when and not does_something and "messenger" not in draft.table:
-            message = f"nobody hears the alert '{name}': it drives nothing, and there is no messenger"
-            yield Finding(("rules", name), message, "add an actuator to it, or a section [messenger]", "unheard")
-
-
-def _outputs_driven(draft: Draft) -> Iterator[Finding]:
-    driven = {rule.actuator for rule in draft.rules.values() if not rule.observe}
-    driven |= {step.actuator for rule in draft.rules.values() for step in rule.then if not rule.observe}
-    paths: list[KeyPath] = [("actuators", name) for name in draft.names("actuators")]
-    paths += [(BASE_NAME,)] if BASE_NAME in draft.table else []
-    for path in paths:
-        if draft.rules and path[-1] not in driven:
-            yield Finding(path, f"no rule drives '{path[-1]}'", "it stays in its safe state", "output-unused")
-
-
 def _dotted(path: KeyPath) -> str:
     return ".".join(str(part) for part in path)
 
 
-_ERRORS: tuple[Check, ...] = (
+_CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     _rules_by_themselves,
     _targets_exist,
     _outputs_exist,
@@ -254,10 +174,12 @@ _ERRORS: tuple[Check, ...] = (
     _world_around,
     _lens_known,
     _never_blind_for_long,
+    reference_errors,
 )
-_WARNINGS: tuple[Check, ...] = (
-    _leases_long_enough,
-    _rules_matter,
-    _alerts_heard,
-    _outputs_driven,
+_ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
+    band_errors,
+    holding_errors,
+    priority_errors,
+    shadow_errors,
+    promise_errors,
 )

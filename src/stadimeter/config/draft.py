@@ -6,21 +6,24 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stadimeter.config import driver_tables, models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
-from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.driver_tables import CommonT, DriverKind, DriverTable, read_driver_table, validate
 from stadimeter.config.findings import MOST_EXPLAINED, Finding, did_you_mean_or_list
-from stadimeter.config.paths import path_from, validation_context
 from stadimeter.config.plain_words import shown
-from stadimeter.config.rule_tests.tables import RuleTestTable
+from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.rules.compiled import CompiledRule, compile_rules
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import UNREADABLE
+from stadimeter.config.units import path_from, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, Problem
+
+if TYPE_CHECKING:
+    from stadimeter.config.rule_tests.tables import RuleTestTable
 
 BASE_NAME = "base"
 """What rules call the base."""
@@ -41,22 +44,15 @@ class Draft:
 
     Attributes:
         table: The whole file as the TOML parser read it.
-        findings: What is wrong.
         file_problems: What is wrong in a camera file that it names.
-        camera: The camera.
-        camera_model: The lens.
         targets: The targets that could be read.
         actuators: The actuators whose driver could be read.
         base: The base, if its driver could be read.
-        messenger: The messenger.
         notifiers: The notifiers whose driver could be read.
-        world: The simulated world.
         actuator_tables: What every actuator has, by name.
-        base_table: What every base has.
-        tracking: How targets are tracked.
-        safety: When outputs may act.
         rules: The rules that could be read, by name.
         tests: The tests that could be read, by their position in the file.
+        compiled: The same rules as the core runs them, each beside its table.
     """
 
     table: Mapping[str, Any]
@@ -76,6 +72,7 @@ class Draft:
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
     rules: dict[str, RuleTable] = field(default_factory=dict)
     tests: dict[int, RuleTestTable] = field(default_factory=dict)
+    compiled: tuple[CompiledRule, ...] = ()
 
     def names(self, section: str) -> tuple[str, ...]:
         """Return the names that a section declares, whether or not what they stand for could be read.
@@ -115,25 +112,24 @@ class Draft:
         yield from ((("notifiers", choice.name), choice) for choice in self.notifiers)
 
 
-def read_draft(table: Mapping[str, Any], file: Path) -> Draft:
+def read_draft(table: Mapping[str, Any], file: Path, *, with_tests: bool = True) -> Draft:
     """Read every part of a configuration.
 
     Args:
         table: The file as the TOML parser read it.
         file: The file; paths are relative to its folder.
-
-    Returns:
-        What could be read, and every finding.
     """
-    return _Reader(table, file).read()
+    reader = _Reader(table, file)
+    draft = reader.read()
+    if with_tests:
+        reader.read_tests()
+    return draft
 
 
 class _Reader:
     """Fills a draft, part by part.
 
     Attributes:
-        draft: What was read so far.
-        context: The validation context.
         folder: What paths are relative to.
     """
 
@@ -151,7 +147,6 @@ class _Reader:
         self._notifiers()
         self._settings()
         self._rules()
-        self._tests()
         return self.draft
 
     def _sections(self) -> None:
@@ -234,12 +229,18 @@ class _Reader:
             rule = self._validated(RuleTable, ("rules", name), table)
             if rule is not None:
                 self.draft.rules[name] = rule
+        draft = self.draft
+        draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.names("targets"))
 
-    def _tests(self) -> None:
+    def read_tests(self) -> None:
         tables = self.draft.table.get("tests", [])
         if not isinstance(tables, list):
             self._found(("tests",), "'tests' is not a list of tables", "write it as [[tests]]")
             return
+        if not tables:
+            return
+        from stadimeter.config.rule_tests.tables import RuleTestTable  # noqa: PLC0415 - most runs have no tests
+
         for position, table in enumerate(tables):
             at = ("tests", position)
             if not isinstance(table, Mapping):

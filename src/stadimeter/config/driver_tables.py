@@ -10,10 +10,9 @@ from typing import Any, Generic, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from stadimeter.config import models, plain_words, plugins
-from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.findings import Finding, did_you_mean
 from stadimeter.config.plain_words import shown
-from stadimeter.config.plugins import Plugin
+from stadimeter.config.plugins import DriverChoice, Plugin
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.errors import DriverError
 
@@ -54,7 +53,6 @@ class DriverTable(Generic[CommonT]):
     Attributes:
         choice: The driver and its options, or None if they cannot be used.
         common: The keys that every driver of the kind has, or None if they cannot be used.
-        findings: What is wrong.
     """
 
     choice: DriverChoice | None
@@ -68,13 +66,7 @@ def read_driver_table(
     """Read a table that names a driver.
 
     Args:
-        kind: The kind of part.
         at: The table's path; its last key is the part's name.
-        table: The table.
-        context: The validation context.
-
-    Returns:
-        What could be read, and every finding.
     """
     findings: list[Finding] = []
     common_keys = plain_words.known_keys(kind.common)
@@ -101,11 +93,6 @@ def validate(
     """Check a table against its model.
 
     Args:
-        model: The model.
-        table: The table.
-        at: The table's path.
-        context: The validation context.
-        findings: Where to put what is wrong.
         also_known: Keys that the table may hold besides the model's, for suggestions.
 
     Returns:

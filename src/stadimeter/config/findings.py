@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from stadimeter.config.addresses import words_for_people
-from stadimeter.config.toml_lines import KeyPath, Place, find_place
+from stadimeter.config.toml_lines import KeyPath, SourceSpan, find_span
 from stadimeter.errors import Problem
 
 OTHER = "other"
@@ -28,7 +28,6 @@ class Finding:
     """One thing that is wrong, or worth a warning, at a path of the configuration.
 
     Attributes:
-        path: The key.
         message: What is wrong, with the value, in one sentence.
         hint: What to do about it, or an empty string.
         code: The kind of problem, for programs.
@@ -43,10 +42,6 @@ class Finding:
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return a question that offers the likeliest of the known words.
 
-    Args:
-        word: What was written.
-        known: What could have been written.
-
     Returns:
         Such as ``did you mean 'below'?``, or an empty string if none is close.
     """
@@ -57,10 +52,6 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 def did_you_mean_or_list(word: str, known: Iterable[str]) -> str:
     """Return a question that offers the likeliest of the known words, or else all of them.
 
-    Args:
-        word: What was written.
-        known: What could have been written.
-
     Returns:
         Such as ``did you mean 'below'?`` or ``known are: above, below``.
     """
@@ -68,29 +59,26 @@ def did_you_mean_or_list(word: str, known: Iterable[str]) -> str:
     return did_you_mean(word, words) or (f"known are: {', '.join(words)}" if words else "")
 
 
-def problems(findings: Iterable[Finding], file: str, places: Mapping[KeyPath, Place]) -> tuple[Problem, ...]:
+def problems(findings: Iterable[Finding], file: str, spans: Mapping[KeyPath, SourceSpan]) -> tuple[Problem, ...]:
     """Give findings their lines, in the order of the file.
-
-    Args:
-        findings: What was found.
-        file: The file's name.
-        places: Where each key of it stands.
 
     Returns:
         One problem for each finding, without passwords in the addresses that it repeats.
     """
-    located = [(find_place(places, finding.path), finding) for finding in findings]
+    located = [(find_span(spans, finding.path), finding) for finding in findings]
     located.sort(key=lambda pair: (pair[0].line, pair[0].column) if pair[0] else (0, 0))
     return tuple(
         Problem(
             message=_readable(words_for_people(finding.message)),
             file=file,
-            line=place.line if place else 0,
+            line=span.line if span else 0,
+            column=span.column if span else 0,
+            end_column=span.end_column if span else 0,
             key=".".join(str(part) or '""' for part in finding.path),
             hint=_readable(words_for_people(finding.hint)),
             code=finding.code or (OF_A_TEST if finding.path[:1] == ("tests",) else OTHER),
         )
-        for place, finding in located
+        for span, finding in located
     )
 
 

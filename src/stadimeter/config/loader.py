@@ -1,30 +1,35 @@
-"""Loads a configuration, or raises one error that lists everything that is wrong with it."""
+"""Loads a configuration, or raises one error that lists everything that is wrong with it.
+
+Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rules.compiled`) → checks (`cross_checks`) →
+`Configuration`. Each step is done once; what needs a result takes it from there.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from stadimeter.config.cross_checks import error_findings, warning_findings
+from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, Draft, read_draft
-from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.driver_tables import CAMERA, read_driver_table
-from stadimeter.config.driver_warnings import driver_warnings
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.models import ActuatorTable, BaseTable
-from stadimeter.config.paths import validation_context
-from stadimeter.config.rule_tests.checks import rule_test_findings, rule_test_warnings
-from stadimeter.config.rule_tests.tables import RuleTest, name_of
-from stadimeter.config.rules.families import naming_members
-from stadimeter.config.secrets import secret_warnings, without_secrets
-from stadimeter.config.toml_lines import KeyPath, Place
-from stadimeter.config.toml_source import read_toml
+from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.rules.compiled import CompiledRule
+from stadimeter.config.secrets import without_secrets
+from stadimeter.config.toml_lines import KeyPath, SourceSpan
+from stadimeter.config.toml_source import TomlSource, read_toml
+from stadimeter.config.units import validation_context
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.plan import Output, Plan
-from stadimeter.core.rule import AnyRule
 from stadimeter.errors import ConfigError, Problem
+
+if TYPE_CHECKING:  # loaded only for configurations whose tests are asked for
+    from stadimeter.config.rule_tests.tables import RuleTest
 
 __all__ = ["Configuration", "DriverChoice", "load_camera_choice", "load_configuration"]
 
@@ -34,26 +39,23 @@ class Configuration:
     """A configuration without errors.
 
     Attributes:
-        path: The file.
-        text: What stood in it, without secrets: it is recorded.
+        text: What stood in the file, without secrets: it is recorded.
         plan: What it declares, as the core sees it.
-        camera: The camera's driver.
+        rules: The rules of the plan, in its order, each beside its table in the file.
+        spans: Where each key stands in the file.
         camera_model: The lens, or None if it names none; then it has no rules.
-        targets: The detector of each target, in the order of the file.
-        actuators: The driver of each actuator, in the order of the file.
-        base: The base's driver, or None.
-        messenger: The messenger's driver, or None.
-        notifiers: The driver of each notifier, in the order of the file.
-        world: The simulated world, or None.
+        targets: The detector of each target, in the order of the file; so are actuators, notifiers and tests.
         leases_s: For each output how old the frame behind a command may grow, in seconds.
         stays_off: The outputs that stay off for the rest of a run once their driver failed.
-        warnings: What is allowed and hardly meant.
-        tests: The tests of its rules, in the order of the file.
+        find_warnings: Finds what `warnings` gives.
+        tests: The tests of its rules; none if they were not asked for.
     """
 
     path: Path
     text: str
     plan: Plan
+    rules: tuple[CompiledRule, ...]
+    spans: Mapping[KeyPath, SourceSpan]
     camera: DriverChoice
     camera_model: CameraModel | None
     targets: tuple[DriverChoice, ...]
@@ -63,34 +65,39 @@ class Configuration:
     world: DriverChoice | None
     leases_s: Mapping[str, float]
     stays_off: frozenset[str]
-    warnings: tuple[Problem, ...]
+    find_warnings: Callable[[], tuple[Problem, ...]]
     tests: tuple[RuleTest, ...] = ()
     notifiers: tuple[DriverChoice, ...] = ()
 
+    @property
+    def warnings(self) -> tuple[Problem, ...]:
+        """What is allowed and hardly meant. It is looked for when it is first asked for: a run starts without it."""
+        return self.find_warnings()
 
-def load_configuration(path: Path) -> Configuration:
+
+def load_configuration(path: Path, *, with_tests: bool = True) -> Configuration:
     """Load a configuration and the camera file that it names.
 
     Args:
         path: The TOML file.
-
-    Returns:
-        The configuration.
+        with_tests: Whether to read the tests of its rules. A run needs none, and one that is wrong does not stop it.
 
     Raises:
         ConfigError: It lists every problem, in the order of the file.
     """
     source = read_toml(path, CONFIGURATION_MAX_BYTES)
-    draft, places = read_draft(source.table, path), source.places
-    text_to_show, not_hidden = without_secrets(draft, source.text, places)
-    findings = [*draft.findings, *error_findings(draft), *rule_test_findings(draft), *not_hidden]
-    found = [*problems(findings, str(path), places), *draft.file_problems]
+    draft = read_draft(source.table, path, with_tests=with_tests)
+    text, not_hidden = without_secrets(draft, source.text, source.spans)
+    findings = [*draft.findings, *error_findings(draft), *_test_findings(draft), *not_hidden]
+    found = [*problems(findings, str(path), source.spans), *draft.file_problems]
     if found or draft.camera is None:
-        raise ConfigError(found, problems(_warnings_elsewhere(draft, findings), str(path), places))
+        raise ConfigError(found, _warnings_beside(draft, findings, path, source))
     return Configuration(
         path=path,
-        text=text_to_show,
+        text=text,
         plan=_plan(draft),
+        rules=draft.compiled,
+        spans=source.spans,
         camera=draft.camera,
         camera_model=draft.camera_model,
         targets=tuple(draft.targets),
@@ -101,23 +108,13 @@ def load_configuration(path: Path) -> Configuration:
         world=draft.world,
         leases_s={name: table.lease for name, table in _output_tables(draft).items()},
         stays_off=frozenset(name for name, table in _output_tables(draft).items() if table.after_fault == "stay_off"),
-        warnings=problems(
-            (*warning_findings(draft), *rule_test_warnings(draft), *secret_warnings(draft), *driver_warnings(draft)),
-            str(path),
-            places,
-        ),
-        tests=_tests(draft, places),
+        find_warnings=cache(lambda: _warnings(draft, path, source)),
+        tests=_tests(draft, source),
     )
 
 
 def load_camera_choice(path: Path) -> DriverChoice:
     """Load the camera of a configuration, and nothing else: not its camera file, which may not be there yet.
-
-    Args:
-        path: The TOML file.
-
-    Returns:
-        The camera's driver.
 
     Raises:
         ConfigError: It lists every problem of the section ``[camera]``.
@@ -126,52 +123,62 @@ def load_camera_choice(path: Path) -> DriverChoice:
     table = source.table.get("camera")
     if not isinstance(table, Mapping):
         finding = Finding(("camera",), "the section [camera] is missing", 'add one: driver = "opencv"', "missing-key")
-        raise ConfigError(problems([finding], str(path), source.places))
+        raise ConfigError(problems([finding], str(path), source.spans))
     read = read_driver_table(CAMERA, ("camera",), table, validation_context(path))
     if read.choice is None or read.findings:
-        raise ConfigError(problems(read.findings, str(path), source.places))
+        raise ConfigError(problems(read.findings, str(path), source.spans))
     return read.choice
 
 
 def _plan(draft: Draft) -> Plan:
-    targets = draft.names("targets")
     outputs: list[Output] = [table.to_plan(name) for name, table in draft.actuator_tables.items()]
     if draft.base_table is not None:
         outputs.append(draft.base_table.to_plan(BASE_NAME))
     return Plan(
-        targets=targets,
-        rules=_rules(draft, targets),
+        targets=draft.names("targets"),
+        rules=tuple(each.rule for each in draft.compiled),
         outputs=tuple(outputs),
         tracking=draft.tracking.to_plan(),
         safety=draft.safety.to_plan(),
     )
 
 
-def _warnings_elsewhere(draft: Draft, errors: Iterable[Finding]) -> Iterator[Finding]:
-    """Go through the warnings about rules that have no error themselves."""
-    wrong = {finding.path[:2] for finding in errors}
-    if ("rules",) not in wrong:
-        yield from (each for each in warning_findings(draft) if each.path[0] == "rules" and each.path[:2] not in wrong)
+def _output_tables(draft: Draft) -> dict[str, ActuatorTable | BaseTable]:
+    base = {BASE_NAME: draft.base_table} if draft.base_table is not None else {}
+    return {**draft.actuator_tables, **base}
 
 
-def _rules(draft: Draft, targets: tuple[str, ...]) -> tuple[AnyRule, ...]:
-    tables = draft.rules.items()
-    rules = (rule for name, table in tables for rule in table.to_plans(name, table.default_target(targets)))
-    return naming_members(rules, {name: table.names(name) for name, table in draft.rules.items()})
+def _warnings(draft: Draft, path: Path, source: TomlSource) -> tuple[Problem, ...]:
+    from stadimeter.config.warnings import warning_findings  # noqa: PLC0415 - no run needs it to start
+
+    return problems(warning_findings(draft), str(path), source.spans)
 
 
-def _tests(draft: Draft, places: Mapping[KeyPath, Place]) -> tuple[RuleTest, ...]:
+def _warnings_beside(draft: Draft, errors: list[Finding], path: Path, source: TomlSource) -> tuple[Problem, ...]:
+    from stadimeter.config.warnings import rule_warnings  # noqa: PLC0415 - likewise
+
+    return problems(rule_warnings(draft, errors), str(path), source.spans)
+
+
+def _test_findings(draft: Draft) -> tuple[Finding, ...]:
+    if not draft.tests:
+        return ()
+    from stadimeter.config.rule_test_checks import rule_test_findings  # noqa: PLC0415 - most runs have no tests
+
+    return tuple(rule_test_findings(draft))
+
+
+def _tests(draft: Draft, source: TomlSource) -> tuple[RuleTest, ...]:
+    if not draft.tests:
+        return ()
+    from stadimeter.config.rule_tests.tables import RuleTest, name_of  # noqa: PLC0415 - likewise
+
     return tuple(
         RuleTest(
             name=name_of(table, position),
-            line=places["tests", position].line,
+            line=source.spans["tests", position].line,
             input=table.input,
             expect=table.expect,
         )
         for position, table in draft.tests.items()
     )
-
-
-def _output_tables(draft: Draft) -> dict[str, ActuatorTable | BaseTable]:
-    base = {BASE_NAME: draft.base_table} if draft.base_table is not None else {}
-    return {**draft.actuator_tables, **base}

@@ -35,7 +35,7 @@ SECTIONS = (
 class Section(BaseModel):
     """A table of the configuration. Unknown keys are errors, numbers are finite, and nothing is converted silently."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
 
 def _above_zero(text: object) -> float:
@@ -51,54 +51,38 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class CameraTable(Section):
-    """The keys that every camera has, whatever its driver.
-
-    Attributes:
-        model: The camera file, relative to the configuration, or the same keys as a table.
-    """
+    """The keys that every camera has, whatever its driver."""
 
     model: Any = None
+    """The camera file, relative to the configuration, or the same keys as a table."""
 
 
 class TargetTable(Section):
-    """The keys that every target has, whatever its detector.
-
-    Attributes:
-        max_closing_speed: In m/s; how fast it comes at most. `check` says which rules would be too late for that. None
-            if it is not known.
-    """
+    """The keys that every target has, whatever its detector."""
 
     max_closing_speed: Speed | None = None
+    """In m/s; how fast it comes at most. `check` says which rules would be too late for that. None if it is not
+    known."""
 
 
 class ActuatorTable(Section):
-    """The keys that every actuator has, whatever its driver.
-
-    Attributes:
-        safe: The level when nothing asks for another, or nothing may.
-        lease: In seconds.
-        rise_per_s: Largest change of the level upwards in a second; None for no limit.
-        fall_per_s: Largest change downwards.
-        combine: Of several rules that ask for it with one priority, which level counts; None where that is an error.
-        after_fault: What becomes of it when its driver failed: opened again, or off for the rest of the run.
-    """
+    """The keys that every actuator has, whatever its driver."""
 
     safe: Share = _LEVEL.safe_level
+    """The level when nothing asks for another, or nothing may."""
     lease: DurationAboveZero = LEASE_S
+    """In seconds."""
     rise_per_s: Annotated[float, Field(gt=0)] | None = None
+    """Largest change of the level upwards in a second; None for no limit."""
     fall_per_s: Annotated[float, Field(gt=0)] | None = None
+    """Largest change downwards."""
     combine: Literal["max", "min"] | None = _LEVEL.combine
+    """Of several rules that ask for it with one priority, which level counts; None where that is an error."""
     after_fault: AfterFault = "reopen"
+    """What becomes of it when its driver failed: opened again, or off for the rest of the run."""
 
     def to_plan(self, name: str) -> plan.LevelOutput:
-        """Return the actuator as the core sees it.
-
-        Args:
-            name: Its name.
-
-        Returns:
-            The output.
-        """
+        """Return the actuator as the core sees it."""
         return plan.LevelOutput(
             name=name,
             safe_level=self.safe,
@@ -109,36 +93,26 @@ class ActuatorTable(Section):
 
 
 class BaseTable(Section):
-    """The keys that every base has, whatever its driver.
-
-    Attributes:
-        max_speed: In m/s, either way.
-        max_turn_rate: In rad/s.
-        acceleration: In m/s².
-        turn_acceleration: In rad/s².
-        lease: In seconds.
-        combine: What counts of several rules that ask for it with one priority: the slower of each speed; None where
-            that is an error.
-        after_fault: What becomes of it when its driver failed: opened again, or off for the rest of the run.
-    """
+    """The keys that every base has, whatever its driver."""
 
     max_speed: Speed = _BASE.linear_max_mps
+    """In m/s, either way."""
     max_turn_rate: TurnRate = _BASE.angular_max_radps
+    """In rad/s."""
     acceleration: Acceleration = _BASE.linear_accel_mps2
+    """In m/s²."""
     turn_acceleration: TurnAcceleration = _BASE.angular_accel_radps2
+    """In rad/s²."""
     lease: DurationAboveZero = LEASE_S
+    """In seconds."""
     combine: Literal["most_restrictive"] | None = _BASE.combine
+    """What counts of several rules that ask for it with one priority: the slower of each speed; None where that is an
+    error."""
     after_fault: AfterFault = "reopen"
+    """What becomes of it when its driver failed: opened again, or off for the rest of the run."""
 
     def to_plan(self, name: str) -> plan.BaseOutput:
-        """Return the base as the core sees it.
-
-        Args:
-            name: Its name.
-
-        Returns:
-            The output.
-        """
+        """Return the base as the core sees it."""
         return plan.BaseOutput(
             name=name,
             linear_max_mps=self.max_speed,
@@ -162,30 +136,23 @@ class WorldTable(Section):
 
 
 class TrackingTable(Section):
-    """How targets are tracked; see `stadimeter.core.plan.Tracking`.
-
-    Attributes:
-        acceleration: In m/s².
-        correlation: Of the measurement noise from one frame to the next.
-        gate_sigmas: A measurement further than this from the prediction is an outlier.
-        outliers_max: After this many in a row the track starts anew.
-        confirm_frames: How many frames a new target must be measured in.
-        coast: In seconds.
-    """
+    """How targets are tracked; see `stadimeter.core.plan.Tracking`."""
 
     acceleration: Acceleration = _TRACKING.acceleration_mps2
+    """In m/s²."""
     correlation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.correlation
+    """Of the measurement noise from one frame to the next."""
     gate_sigmas: Annotated[float, Field(gt=0)] = _TRACKING.gate_sigmas
+    """A measurement further than this from the prediction is an outlier."""
     outliers_max: Annotated[int, Field(ge=1)] = _TRACKING.outliers_max
+    """After this many in a row the track starts anew."""
     confirm_frames: Annotated[int, Field(ge=1)] = _TRACKING.confirm_frames
+    """How many frames a new target must be measured in."""
     coast: Duration = _TRACKING.coast_s
+    """In seconds."""
 
     def to_plan(self) -> plan.Tracking:
-        """Return the section as the core sees it.
-
-        Returns:
-            How targets are tracked.
-        """
+        """Return the section as the core sees it."""
         return plan.Tracking(
             acceleration_mps2=self.acceleration,
             correlation=self.correlation,
@@ -197,20 +164,13 @@ class TrackingTable(Section):
 
 
 class SafetyTable(Section):
-    """When outputs may act; see `stadimeter.core.plan.Safety`.
-
-    Attributes:
-        max_frame_age: In seconds.
-        good_frames: How many fresh frames in a row are needed.
-    """
+    """When outputs may act; see `stadimeter.core.plan.Safety`."""
 
     max_frame_age: DurationAboveZero = _SAFETY.max_frame_age_s
+    """In seconds."""
     good_frames: Annotated[int, Field(ge=1)] = _SAFETY.good_frames
+    """How many fresh frames in a row are needed."""
 
     def to_plan(self) -> plan.Safety:
-        """Return the section as the core sees it.
-
-        Returns:
-            When outputs may act.
-        """
+        """Return the section as the core sees it."""
         return plan.Safety(max_frame_age_s=self.max_frame_age, good_frames=self.good_frames)

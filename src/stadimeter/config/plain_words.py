@@ -61,10 +61,7 @@ def findings(
     """Say in plain words what is wrong with a table.
 
     Args:
-        error: What pydantic reported.
         model: The model that the table does not fit.
-        table: The table.
-        at: The table's path in the file.
         also_known: Keys that the table may hold besides the model's.
 
     Yields:
@@ -85,7 +82,6 @@ def known_keys(model: type[BaseModel], path: KeyPath = ()) -> list[str]:
     """Return the keys that a table may hold.
 
     Args:
-        model: The model of the outermost table.
         path: The way from there to the table in question.
 
     Returns:

@@ -41,7 +41,7 @@ class Options(BaseModel):
     on one of them are noticed.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 @dataclass(slots=True)
@@ -49,7 +49,6 @@ class Shared:
     """What the drivers of one run share, such as the simulated world or one pin factory.
 
     Attributes:
-        parts: The shared objects by name.
         closers: What to call at the end of the run, last first.
     """
 
@@ -63,7 +62,6 @@ class DriverContext:
 
     Attributes:
         name: The part's name in the configuration, such as ``motor``; for error messages.
-        clock: The run's clock.
         camera_model: The lens that the configuration names; a simulated camera draws its pictures through it.
         shared: What the drivers of this run share.
     """
@@ -78,10 +76,6 @@ class DriverContext:
 
         Args:
             key: A name that the drivers agree on, such as ``pin factory``.
-            make: Makes the object.
-
-        Returns:
-            The one object.
         """
         if key not in self.shared.parts:
             self.shared.parts[key] = make()
@@ -130,6 +124,11 @@ class Plugin(Generic[OptionsT]):
         not_for_motion: Of a camera, why nothing may move on its frames: for each option that would have to be written,
             a sentence that `check` warns of. See `stadimeter.cameras.protocol.Camera.not_for_motion`.
         latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
+        verb: Of an actuator, what it does when it acts, for descriptions: such as ``buzzes``.
+        is_worn_by_switching: Of an actuator, whether each change of its level wears it out: `check` warns of patterns
+            that never end.
+        needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
+        needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
     """
 
     options: type[OptionsT]
@@ -138,19 +137,37 @@ class Plugin(Generic[OptionsT]):
     lacks: Callable[[OptionsT], tuple[str, ...]] = field(default=lambda _options: ())
     not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
     latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
+    verb: str = field(default="drives", kw_only=True)
+    is_worn_by_switching: bool = field(default=False, kw_only=True)
+    needs_world: bool = field(default=False, kw_only=True)
+    needs_pixels: bool = field(default=True, kw_only=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverChoice:
+    """A driver that a configuration names.
+
+    Attributes:
+        name: The part's name in the configuration, such as ``motor``.
+        driver: The driver's name, such as ``vibration-motor``.
+    """
+
+    name: str
+    driver: str
+    plugin: Plugin[Any]
+    options: Options
+
+
+@cache
+def _every_entry_point() -> Any:
+    """Return the entry points of all groups. Looking for them reads a file of every installed package."""
+    return entry_points()
 
 
 @cache
 def installed(group: str) -> tuple[EntryPoint, ...]:
-    """Return the entry points of a group. Looking for them reads a file of every installed package, so it is done once.
-
-    Args:
-        group: One of `GROUPS`.
-
-    Returns:
-        The entry points.
-    """
-    return tuple(entry_points(group=group))
+    """Return the entry points of one of the `GROUPS`."""
+    return tuple(_every_entry_point().select(group=group))
 
 
 def driver_names(group: str) -> tuple[str, ...]:
@@ -158,9 +175,6 @@ def driver_names(group: str) -> tuple[str, ...]:
 
     Args:
         group: One of `GROUPS`.
-
-    Returns:
-        The names.
     """
     return tuple(sorted({entry.name for entry in installed(group)}))
 
@@ -170,10 +184,6 @@ def load_plugin(group: str, name: str) -> Plugin[Any]:
 
     Args:
         group: One of `GROUPS`.
-        name: The driver's name.
-
-    Returns:
-        What its entry point names.
 
     Raises:
         DriverNotFoundError: No driver has that name; the message lists those that exist and the likely one.

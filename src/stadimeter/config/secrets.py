@@ -17,10 +17,10 @@ from pydantic import SecretStr
 from stadimeter.config.addresses import address_for_people, words_for_people
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding
-from stadimeter.config.toml_lines import KeyPath, Place
+from stadimeter.config.toml_lines import KeyPath, SourceSpan
 
 HIDDEN = "hidden://"
-"""What stands in the place of a secret in the text that is recorded."""
+"""What stands in place of a secret in the text that is recorded."""
 
 _TEXT_VALUE = re.compile(r"""(?:^|(?<==))\s*("(?:[^"\\]|\\.)*"|'[^']*')\s*$""")
 _SCHEME = re.compile(r"\s*[\w+.-]+://")
@@ -32,14 +32,7 @@ _TEXT_FOR_PEOPLE = frozenset({"rules", "tests"})
 
 
 def secret_warnings(draft: Draft) -> Iterator[Finding]:
-    """Find secrets that stand in a configuration.
-
-    Args:
-        draft: What could be read of it.
-
-    Yields:
-        A warning for each.
-    """
+    """Find secrets that stand in a configuration."""
     for path in _secrets(draft):
         if _value(draft.table, path) != HIDDEN:
             message = "this may hold a secret, and configurations are shown and shared"
@@ -51,13 +44,8 @@ def secret_warnings(draft: Draft) -> Iterator[Finding]:
             yield Finding(path, f"{message}; journals and recordings leave it out", _hint(draft, path), "secret")
 
 
-def without_secrets(draft: Draft, text: str, places: Mapping[KeyPath, Place]) -> tuple[str, tuple[Finding, ...]]:
+def without_secrets(draft: Draft, text: str, spans: Mapping[KeyPath, SourceSpan]) -> tuple[str, tuple[Finding, ...]]:
     """Return the text of a configuration as it may be recorded.
-
-    Args:
-        draft: What was read from the text.
-        text: The text.
-        places: Where each key of it stands.
 
     Returns:
         The text with something else for each secret; and what is wrong with a secret that cannot be taken out.
@@ -65,11 +53,11 @@ def without_secrets(draft: Draft, text: str, places: Mapping[KeyPath, Place]) ->
     safe = {path: shown for path, value in _addresses(draft) if (shown := _shown(path, value)) != value}
     safe |= dict.fromkeys(_secrets(draft), HIDDEN)
     lines = text.split("\n")
-    for path in sorted(safe.keys() & places.keys(), key=lambda path: places[path].column, reverse=True):
-        place = places[path]  # the last of a line first, so that the others stay where they are
-        line = lines[place.line - 1]
-        hidden = _replaced(line[place.column : place.end_column], safe[path])
-        lines[place.line - 1] = line[: place.column] + hidden + line[place.end_column :]
+    for path in sorted(safe.keys() & spans.keys(), key=lambda path: spans[path].column, reverse=True):
+        span = spans[path]  # the last of a line first, so that the others stay where they are
+        line = lines[span.line - 1]
+        hidden = _replaced(line[span.column : span.end_column], safe[path])
+        lines[span.line - 1] = line[: span.column] + hidden + line[span.end_column :]
     safe_text = words_for_people("\n".join(lines))  # comments too, and text over several lines
     table = _parsed(safe_text) if safe else {}
     hint = "write it as text in simple quotes on the line of its key"

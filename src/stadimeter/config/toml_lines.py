@@ -1,7 +1,7 @@
 """Where each key of a TOML text stands, so that an error can name its line.
 
-The standard library's parser gives values without places. This scanner gives places without values: it is run on a text
-that the parser has already accepted, so it needs to know only where keys, strings and brackets begin and end.
+The standard library's parser gives values without their source spans. This scanner gives spans without values: it runs
+on a text that the parser has accepted, so it needs to know only where keys, strings and brackets begin and end.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _WHERE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class SourceSpan:
     """A stretch of one line.
 
     Attributes:
@@ -43,40 +43,39 @@ class Place:
     end_column: int
 
 
-def key_places(text: str) -> dict[KeyPath, Place]:
+def key_spans(text: str) -> dict[KeyPath, SourceSpan]:
     """Find every table, key and array entry of a TOML text.
 
     Args:
         text: A TOML text that `tomllib.loads` accepts.
 
     Returns:
-        For each path the place where it is first written. A key's place goes from the key to the end of its value.
+        For each path the span where it is first written. A key's span goes from the key to the end of its value.
     """
     return _Scanner(text).scan()
 
 
-def find_place(places: Mapping[KeyPath, Place], path: KeyPath) -> Place | None:
+def find_span(spans: Mapping[KeyPath, SourceSpan], path: KeyPath) -> SourceSpan | None:
     """Look up a path, or else the closest table around it.
 
     Args:
-        places: From `key_places`.
+        spans: From `key_spans`.
         path: The path; it may name a key that is not there.
 
     Returns:
-        The place, or None if not even the path's first part is there.
+        The span, or None if not even the path's first part is there.
     """
-    return next((places[path[:end]] for end in range(len(path), 0, -1) if path[:end] in places), None)
+    return next((spans[path[:end]] for end in range(len(path), 0, -1) if path[:end] in spans), None)
 
 
 def syntax_error(error: tomllib.TOMLDecodeError, text: str) -> tuple[str, int]:
     """Take a syntax error apart.
 
     Args:
-        error: What the standard library's parser said.
         text: The text that it parsed.
 
     Returns:
-        The message without the place, and the line, counted from 1.
+        The message without its position, and the line, counted from 1.
     """
     message = str(error)
     where = _WHERE.search(message)
@@ -90,21 +89,17 @@ class _Scanner:
     """Goes through the text once, from the first character to the last.
 
     Attributes:
-        text: The text.
-        at: The next character.
-        places: What was found so far.
         array_sizes: How many entries each array of tables has so far.
-        line_starts: Where each line begins.
     """
 
     def __init__(self, text: str) -> None:
         self.text = text
         self.at = 0
-        self.places: dict[KeyPath, Place] = {}
+        self.spans: dict[KeyPath, SourceSpan] = {}
         self.array_sizes: dict[KeyPath, int] = {}
         self.line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
 
-    def scan(self) -> dict[KeyPath, Place]:
+    def scan(self) -> dict[KeyPath, SourceSpan]:
         table: KeyPath = ()
         self._skip(_BLANK_AND_COMMENTS)
         while self.at < len(self.text):
@@ -113,7 +108,7 @@ class _Scanner:
             else:
                 self._key_and_value(table)
             self._skip(_BLANK_AND_COMMENTS)
-        return self.places
+        return self.spans
 
     def _header(self) -> KeyPath:
         start = self.at
@@ -210,4 +205,4 @@ class _Scanner:
         line_start = self.line_starts[line - 1]
         line_end = self.line_starts[line] - 1 if line < len(self.line_starts) else len(self.text)
         end = min(self.at, line_end)
-        self.places.setdefault(path, Place(line=line, column=start - line_start, end_column=end - line_start))
+        self.spans.setdefault(path, SourceSpan(line=line, column=start - line_start, end_column=end - line_start))

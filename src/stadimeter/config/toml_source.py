@@ -1,7 +1,13 @@
-"""A TOML file of a user: its text, what it holds, and where each key of it stands."""
+"""A TOML file of a user: its text, what it holds, and where each key of it stands.
+
+The standard library's parser calls itself for every list inside a list, and runs out of stack. Each key with many dots
+costs as much time as it is deep, and a number of more than 4,300 digits cannot be converted at all. So a text that is
+no configuration for certain is refused before it is parsed, with its line.
+"""
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -9,13 +15,30 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.toml_bounds import why_out_of_bounds
-from stadimeter.config.toml_lines import KeyPath, Place, key_places, syntax_error
+from stadimeter.config.toml_lines import KeyPath, SourceSpan, key_spans, syntax_error
 from stadimeter.config.untrusted_file import read_untrusted_text
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 UNREADABLE = "unreadable"
 """The code of a file of which not even the text could be read."""
+
+DEEPEST = 64
+"""Enough for 20 conditions inside each other, in lists, in the table of a rule."""
+
+LONGEST_WORD = 200
+"""Enough for every number and for every name that is written without quotes."""
+
+_MARK = re.compile(
+    r'"""(?:[^"\\]|\\.|"(?!""))*"{3,5}|'
+    r"'''(?:[^']|'(?!''))*'{3,5}|"
+    r'"(?:[^"\\\n]|\\.)*"|'
+    r"'[^'\n]*'|"
+    r"#[^\n]*|"
+    r"[A-Za-z0-9_+-]+|"
+    r"[\[\]{}.,\n]",
+    re.DOTALL,
+)
+_OPENING, _CLOSING, _NEXT, _TEXT = frozenset("[{"), frozenset("]}"), frozenset(",\n"), frozenset("\"'#")
 
 _INTEGERS = range(-(2**63), 2**63)
 """What TOML says that every reader must take (TOML 1.0, section Integer); no key means more."""
@@ -23,29 +46,19 @@ _INTEGERS = range(-(2**63), 2**63)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TomlSource:
-    """A TOML text that was parsed.
-
-    Attributes:
-        text: The text.
-        table: What it holds.
-        places: Where each key stands.
-    """
+    """A TOML text that was parsed."""
 
     text: str
     table: dict[str, Any]
-    places: Mapping[KeyPath, Place]
+    spans: Mapping[KeyPath, SourceSpan]
 
 
 def read_toml(path: Path, most_bytes: int, missing_hint: str = "") -> TomlSource:
     """Read a TOML file.
 
     Args:
-        path: The file.
         most_bytes: How large it may be.
         missing_hint: What to do if there is no such file.
-
-    Returns:
-        What is in it.
 
     Raises:
         ConfigError: It cannot be read, or as for `parse_toml`.
@@ -63,13 +76,6 @@ def read_toml(path: Path, most_bytes: int, missing_hint: str = "") -> TomlSource
 def parse_toml(text: str, file: str) -> TomlSource:
     """Parse a TOML text, unless it is one that nobody can have meant.
 
-    Args:
-        text: The text.
-        file: Where it comes from, for error messages.
-
-    Returns:
-        What is in it.
-
     Raises:
         ConfigError: It is not TOML, nests too deep, or holds a number beyond 64 bits; with the line.
     """
@@ -84,10 +90,10 @@ def parse_toml(text: str, file: str) -> TomlSource:
         raise ConfigError(
             [Problem(f"this is not valid TOML: {message}", file, line, hint=hint, code="syntax")]
         ) from error
-    places = key_places(text)
+    spans = key_spans(text)
     if found := list(_numbers_too_large((), table)):
-        raise ConfigError(problems(found, file, places))
-    return TomlSource(text=text, table=table, places=places)
+        raise ConfigError(problems(found, file, spans))
+    return TomlSource(text=text, table=table, spans=spans)
 
 
 def _syntax_hint(message: str) -> str:
@@ -104,3 +110,35 @@ def _numbers_too_large(path: KeyPath, value: Any) -> Iterator[Finding]:
             yield from _numbers_too_large((*path, key), inner)
     elif isinstance(value, int) and value not in _INTEGERS:
         yield Finding(path, "this whole number does not fit into 64 bits", code="bad-value")
+
+
+def why_out_of_bounds(text: str) -> tuple[str, int] | None:
+    """Return why a text cannot be meant as a configuration.
+
+    Tables and lists that stand inside each other are counted together with the keys of dotted names, one by one; what
+    stands below a header is counted without it.
+
+    Returns:
+        What is wrong, and the line where it first is, counted from 1; None if nothing is.
+    """
+    around: list[int] = []  # how deep each open bracket stands
+    depth = 0
+    for match in _MARK.finditer(text):
+        mark = match[0]
+        if mark in _OPENING:
+            depth += 1
+            around.append(depth)
+        elif mark in _CLOSING:
+            depth = around[-2] if len(around) > 1 else 0
+            del around[-1:]
+        elif mark in _NEXT:
+            depth = around[-1] if around else 0
+        elif mark == ".":
+            depth += 1
+        if depth > DEEPEST:
+            message = f"tables and lists stand inside each other more than {DEEPEST} deep"
+            return message, text.count("\n", 0, match.start()) + 1
+        if len(mark) > LONGEST_WORD and mark[0] not in _TEXT:
+            message = f"a number or a name of {len(mark)} characters; the longest that is read has {LONGEST_WORD}"
+            return message, text.count("\n", 0, match.start()) + 1
+    return None

@@ -1,4 +1,4 @@
-"""Quantities with units, as people write them: ``"10 ft"``, ``"24in"``, ``"35 cm"``, ``"250 ms"``.
+"""Values as people write them: quantities with units (``"10 ft"``, ``"24in"``, ``"250 ms"``), pins, ports and paths.
 
 A small table of our own: the smallest unit libraries cost 300 ms at start-up, and people use these few units.
 """
@@ -9,9 +9,10 @@ import difflib
 import math
 import re
 from datetime import time
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import BeforeValidator, WithJsonSchema
+from pydantic import BeforeValidator, ValidationInfo, WithJsonSchema
 
 INCH_M = 0.0254
 FOOT_M = 0.3048
@@ -44,12 +45,8 @@ def parse_quantity(text: object, units: dict[str, float], example: str) -> float
     """Read a number with its unit.
 
     Args:
-        text: What was written.
         units: The units that are meant, each with its size in the SI unit.
         example: How such a quantity may look, for error messages.
-
-    Returns:
-        The quantity in the SI unit, finite.
 
     Raises:
         ValueError: It is not a number with one of the units.
@@ -181,7 +178,6 @@ def as_written(units: dict[str, float], example: str, *, is_signed: bool = False
 
     Args:
         units: The units that are meant, each with its size in the SI unit.
-        example: How such a quantity may look.
         is_signed: Whether it may be below zero.
 
     Returns:
@@ -216,3 +212,42 @@ Pin = Annotated[
     int, BeforeValidator(_parse_pin), WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 27}), PinMark()
 ]
 SerialPort = Annotated[str, PortMark()]
+
+FOLDER = "folder"
+"""The key of the validation context under which the loader names the configuration's folder."""
+
+
+def validation_context(file: Path) -> dict[str, Any]:
+    """Return the context with which options are validated, so that their paths are relative to a file.
+
+    Returns:
+        What to give to ``model_validate`` as ``context``.
+    """
+    return {FOLDER: file.parent}
+
+
+def path_from(folder: Path, written: str | Path) -> Path:
+    """Return the path that stands in a file.
+
+    Args:
+        written: What stands there: relative to the folder, absolute, or below a home folder such as ``~``.
+
+    Raises:
+        ValueError: It cannot be a path.
+    """
+    if "\0" in str(written):
+        raise ValueError("a path has no null character")
+    try:
+        return folder / Path(written).expanduser()
+    except RuntimeError as error:
+        raise ValueError(f"{str(written)!r}: there is no such home folder") from error
+
+
+def _resolve(value: object, info: ValidationInfo) -> Path:
+    if not isinstance(value, str | Path) or not str(value):
+        raise ValueError(f"{value!r} is not a path; write it as text, such as 'pictures/desk.png'")
+    return path_from((info.context or {}).get(FOLDER, Path()), value)
+
+
+FilePath = Annotated[Path, BeforeValidator(_resolve)]
+"""A path that is relative to the configuration's folder. Without a validation context it stays as it is written."""

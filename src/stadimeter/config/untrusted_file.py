@@ -48,9 +48,6 @@ have 12 to 16 megapixels."""
 def open_untrusted(path: Path) -> BinaryIO:
     """Open a regular file for reading, without waiting for anything.
 
-    Args:
-        path: The file.
-
     Returns:
         The file, which is the caller's to close.
 
@@ -70,11 +67,7 @@ def read_untrusted(path: Path, most_bytes: int) -> bytes:
     """Read a whole file.
 
     Args:
-        path: The file.
         most_bytes: How large a file of its kind may be.
-
-    Returns:
-        What is in it.
 
     Raises:
         UnreadableError: It is larger, or as for `open_untrusted`.
@@ -93,11 +86,7 @@ def read_untrusted_text(path: Path, most_bytes: int) -> str:
     """Read a whole text, as UTF-8 with or without a byte order mark, its lines ended by line feeds.
 
     Args:
-        path: The file.
         most_bytes: How large a file of its kind may be.
-
-    Returns:
-        The text.
 
     Raises:
         UnreadableError: It is not UTF-8, then with the line; or as for `read_untrusted`.
@@ -113,7 +102,6 @@ def lines_of(file: BinaryIO, most_bytes: int = JSON_MAX_BYTES) -> Iterator[bytes
     """Yield the lines of a file, each with the line feed that ends it.
 
     Args:
-        file: The file, at its beginning.
         most_bytes: How long a line may be.
 
     Yields:

@@ -61,21 +61,18 @@ LIKELY_FOCAL_SHARE = 0.8
 
 
 class BallOptions(Options):
-    """What a ``[targets.…]`` table with ``driver = "ball"`` may hold.
-
-    Attributes:
-        diameter: The ball's diameter, such as ``"6.4 cm"``.
-        tolerance: One standard deviation of the diameter, such as ``"1 mm"``; None if it is known well.
-        hsv: Its colours, lower and upper limit: ``"29,86,6:64,255,255"``.
-        min_radius_px: Balls that look smaller than this are not accepted.
-        max_radius_px: Balls that look larger than this are not accepted; None for no limit.
-    """
+    """What a ``[targets.…]`` table with ``driver = "ball"`` may hold."""
 
     diameter: Length
+    """The ball's diameter, such as ``"6.4 cm"``."""
     tolerance: Length | None = None
+    """One standard deviation of the diameter, such as ``"1 mm"``; None if it is known well."""
     hsv: HsvRangeText
+    """Its colours, lower and upper limit: ``"29,86,6:64,255,255"``."""
     min_radius_px: Annotated[float, Field(ge=3)] = 5.0
+    """Balls that look smaller than this are not accepted."""
     max_radius_px: Annotated[float, Field(gt=3)] | None = None
+    """Balls that look larger than this are not accepted; None for no limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

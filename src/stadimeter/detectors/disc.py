@@ -77,19 +77,16 @@ Shade = Literal["bright", "dark", "any"]
 
 
 class DiscOptions(Options):
-    """What a ``[targets.…]`` table with ``driver = "disc"`` may hold.
-
-    Attributes:
-        diameter: The disc's diameter, such as ``"12 cm"``.
-        tolerance: One standard deviation of its diameter, such as ``"1 mm"``.
-        min_diameter_px: Discs whose larger diameter in the picture is smaller than this are not accepted.
-        shade: Whether it is ``bright`` on something darker, ``dark`` on something brighter, or ``any`` of these.
-    """
+    """What a ``[targets.…]`` table with ``driver = "disc"`` may hold."""
 
     diameter: Length
+    """The disc's diameter, such as ``"12 cm"``."""
     tolerance: Length | None = None
+    """One standard deviation of its diameter, such as ``"1 mm"``."""
     min_diameter_px: Annotated[float, Field(ge=8)] = 12.0
+    """Discs whose larger diameter in the picture is smaller than this are not accepted."""
     shade: Shade = "any"
+    """Whether it is ``bright`` on something darker, ``dark`` on something brighter, or ``any`` of these."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -27,21 +27,18 @@ deviations and so many pixels to each side of its centre."""
 
 
 class SheetOptions(Options):
-    """What a ``[targets.…]`` table with ``driver = "sheet"`` may hold.
-
-    Attributes:
-        width: The sheet's horizontal side as it hangs, such as ``"11 in"``.
-        height: Its vertical side as it hangs.
-        known_side: Which side the distance is computed from: ``auto``, ``width`` or ``height``.
-        min_side_px: Sheets whose shorter side is smaller than this in the picture are not accepted.
-        tolerance: One standard deviation of its sides, such as ``"1 mm"``: how well its size is known.
-    """
+    """What a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
 
     width: Length
+    """The sheet's horizontal side as it hangs, such as ``"11 in"``."""
     height: Length
+    """Its vertical side as it hangs."""
     known_side: KnownSide = "auto"
+    """Which side the distance is computed from: ``auto``, ``width`` or ``height``."""
     min_side_px: Annotated[float, Field(ge=8)] = 14.0
+    """Sheets whose shorter side is smaller than this in the picture are not accepted."""
     tolerance: Length | None = None
+    """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
 
     @property
     def size(self) -> SheetSize:

@@ -59,27 +59,24 @@ tone curve differs from what its model says errs by more, in all frames alike, s
 
 
 class TagOptions(Options):
-    """What a ``[targets.…]`` table with ``driver = "tag"`` may hold.
-
-    Attributes:
-        side: The side of the black square, without the white around it, such as ``"8 cm"``.
-        tolerance: One standard deviation of its side, such as ``"0.2 mm"``; None for a side that is known exactly.
-        family: Such as ``apriltag-36h11`` or ``aruco-4x4-50``.
-        id: Which tag of the family; without it, the largest one in view.
-        min_side_px: Tags whose longest side is smaller than this in the picture are not looked for. The larger, the
-            sooner a picture without a tag is done with.
-        inverted: Whether tags with a white border on black count as well.
-        finder: What looks once more where the fast search finds nothing: ``opencv``, or ``pyapriltags`` for AprilTags
-            of less than 32 pixels, which needs the extra ``tags``.
-    """
+    """What a ``[targets.…]`` table with ``driver = "tag"`` may hold."""
 
     side: Length
+    """The side of the black square, without the white around it, such as ``"8 cm"``."""
     tolerance: Length | None = None
+    """One standard deviation of its side, such as ``"0.2 mm"``; None for a side that is known exactly."""
     family: TagFamilyName = "apriltag-36h11"
+    """Such as ``apriltag-36h11`` or ``aruco-4x4-50``."""
     id: Annotated[int | None, Field(ge=0)] = None
+    """Which tag of the family; without it, the largest one in view."""
     min_side_px: Annotated[float, Field(ge=12)] = 16.0
+    """Tags whose longest side is smaller than this in the picture are not looked for. The larger, the sooner a picture
+    without a tag is done with."""
     inverted: bool = False
+    """Whether tags with a white border on black count as well."""
     finder: Literal["opencv", "pyapriltags"] = "opencv"
+    """What looks once more where the fast search finds nothing: ``opencv``, or ``pyapriltags`` for AprilTags of less
+    than 32 pixels, which needs the extra ``tags``."""
 
     @field_validator("id")
     @classmethod

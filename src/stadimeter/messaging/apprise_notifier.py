@@ -17,9 +17,9 @@ from pydantic import BeforeValidator, SecretStr, model_validator
 
 from stadimeter.config.addresses import address_in
 from stadimeter.config.models import DurationAboveZero
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.secrets import HIDDEN
+from stadimeter.config.units import FilePath
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
@@ -48,18 +48,15 @@ def _has_service(url: object) -> object:
 
 
 class AppriseOptions(Options):
-    """The table of an ``apprise`` notifier.
-
-    Attributes:
-        url: The service, as apprise writes it; see https://github.com/caronc/apprise/wiki. It mostly holds a secret:
-            prefer `url_file`.
-        url_file: A text file with the URL on its first line. It may be a systemd credential.
-        retry_for: For how long a notification is tried that the service does not take.
-    """
+    """The table of an ``apprise`` notifier."""
 
     url: Annotated[SecretStr, BeforeValidator(_has_service)] | None = None
+    """The service, as apprise writes it; see https://github.com/caronc/apprise/wiki. It mostly holds a secret: prefer
+    `url_file`."""
     url_file: FilePath | None = None
+    """A text file with the URL on its first line. It may be a systemd credential."""
     retry_for: DurationAboveZero = 600.0
+    """For how long a notification is tried that the service does not take."""
 
     @model_validator(mode="after")
     def _one_place_only(self) -> Self:

@@ -8,9 +8,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from stadimeter.config.paths import FilePath
 from stadimeter.config.plugins import Options
-from stadimeter.config.units import Duration
+from stadimeter.config.units import Duration, FilePath
 
 NODE_CHARACTERS = "letters, digits, '-' and '_'"
 PLAIN_PORT = 1883
@@ -62,30 +61,28 @@ class MqttOptions(Options):
 
     The password is never part of a configuration: configurations are shown, logged and shared. It stands in a file of
     its own, which may be a systemd credential.
-
-    Attributes:
-        host: The broker's name or address.
-        port: Its port; 1883, or 8883 with TLS, if not given.
-        node: This computer's name in topics and in the client id.
-        base_topic: What every topic begins with; ``stadimeter/<node>`` if not given.
-        username: The name to log in with; None for no login.
-        password_file: A text file with the password on its first line.
-        tls: Whether to encrypt. The broker's certificate and name are then always checked.
-        ca_file: The certificate of the authority that signed the broker's; None for those that the system trusts.
-        keepalive: After this time without a word the link is probed, and given up if nothing answers.
-        protocol: The version of MQTT. ``auto`` is 5, and 3.1.1 if the broker does not speak 5.
     """
 
     host: Annotated[str, AfterValidator(_check_host)] = "127.0.0.1"
+    """The broker's name or address."""
     port: Annotated[int, Field(ge=1, le=65_535)] | None = None
+    """Its port; 1883, or 8883 with TLS, if not given."""
     node: Annotated[str, AfterValidator(_check_node)] = Field(default_factory=default_node)
+    """This computer's name in topics and in the client id."""
     base_topic: Annotated[str | None, AfterValidator(_check_base_topic)] = None
+    """What every topic begins with; ``stadimeter/<node>`` if not given."""
     username: Annotated[str, Field(min_length=1)] | None = None
+    """The name to log in with; None for no login."""
     password_file: FilePath | None = None
+    """A text file with the password on its first line."""
     tls: bool = False
+    """Whether to encrypt. The broker's certificate and name are then always checked."""
     ca_file: FilePath | None = None
+    """The certificate of the authority that signed the broker's; None for those that the system trusts."""
     keepalive: Annotated[Duration, AfterValidator(_check_keepalive)] = 15.0
+    """After this time without a word the link is probed, and given up if nothing answers."""
     protocol: Literal["auto", "5", "3.1.1"] = "auto"
+    """The version of MQTT. ``auto`` is 5, and 3.1.1 if the broker does not speak 5."""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:

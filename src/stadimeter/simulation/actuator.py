@@ -13,15 +13,12 @@ from stadimeter.errors import DeviceClosedError
 
 
 class SimulatedActuatorOptions(Options):
-    """What the table of a simulated actuator may hold.
-
-    Attributes:
-        steps: How many levels above off the device can do; None for any. 1 makes it a switch.
-        history: How many changes of level it remembers.
-    """
+    """What the table of a simulated actuator may hold."""
 
     steps: int | None = Field(default=None, ge=1)
+    """How many levels above off the device can do; None for any. 1 makes it a switch."""
     history: int = Field(default=10_000, ge=1)
+    """How many changes of level it remembers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

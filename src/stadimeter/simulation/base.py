@@ -22,15 +22,12 @@ def _check_speed(speed_mps: float) -> float:
 
 
 class SimulatedBaseOptions(Options):
-    """What the table of a simulated base may hold.
-
-    Attributes:
-        max_wheel_speed: No wheel runs faster.
-        auto_stop: The wheels stop when no command came for this long, as firmware does; 0 for never.
-    """
+    """What the table of a simulated base may hold."""
 
     max_wheel_speed: Annotated[Speed, AfterValidator(_check_speed)] = 0.5
+    """No wheel runs faster."""
     auto_stop: Duration = 2.0
+    """The wheels stop when no command came for this long, as firmware does; 0 for never."""
 
 
 class SimulatedBase:
@@ -134,4 +131,4 @@ class SimulatedBase:
             raise LinkLostError(f"the simulated base '{self._name}' no longer answers: it was unplugged")
 
 
-PLUGIN = Plugin(SimulatedBaseOptions, SimulatedBase, is_simulated=lambda _: True)
+PLUGIN = Plugin(SimulatedBaseOptions, SimulatedBase, is_simulated=lambda _: True, needs_world=True)

@@ -27,17 +27,14 @@ def _check_rate(rate_hz: float) -> float:
 
 
 class SimulatedCameraOptions(Options):
-    """What the table of a simulated camera may hold.
-
-    Attributes:
-        rate: Frames in a second.
-        render: Whether to draw pictures. Without, every frame is black and costs nothing: for the detector ``ideal``.
-        noise: Standard deviation of the sensor's noise in grey levels of 255.
-    """
+    """What the table of a simulated camera may hold."""
 
     rate: Annotated[Frequency, AfterValidator(_check_rate)] = 30.0
+    """Frames in a second."""
     render: bool = True
+    """Whether to draw pictures. Without, every frame is black and costs nothing: for the detector ``ideal``."""
     noise: float = Field(default=2.0, ge=0, le=64)
+    """Standard deviation of the sensor's noise in grey levels of 255."""
 
 
 class SimulatedCamera:
@@ -151,4 +148,4 @@ def lens(context: DriverContext) -> CameraModel:
     return context.camera_model
 
 
-PLUGIN = Plugin(SimulatedCameraOptions, SimulatedCamera)
+PLUGIN = Plugin(SimulatedCameraOptions, SimulatedCamera, needs_world=True)

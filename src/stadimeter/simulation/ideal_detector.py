@@ -28,17 +28,14 @@ _CIRCLE: Points = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), axis=1)
 
 
 class IdealDetectorOptions(Options):
-    """What the table of an ideal detector may hold.
-
-    Attributes:
-        diameter: The ball's diameter; None takes the world's. Another than the world's is refused.
-        noise_px: Standard deviation of the apparent diameter, and of each coordinate of the centre.
-        min_diameter_px: A ball that appears smaller is not found.
-    """
+    """What the table of an ideal detector may hold."""
 
     diameter: Length | None = None
+    """The ball's diameter; None takes the world's. Another than the world's is refused."""
     noise_px: float = Field(default=0.3, ge=0)
+    """Standard deviation of the apparent diameter, and of each coordinate of the centre."""
     min_diameter_px: float = Field(default=3.0, gt=0)
+    """A ball that appears smaller is not found."""
 
 
 class IdealDetector:
@@ -159,4 +156,4 @@ def _check_diameter(stated_m: float | None, true_m: float, target: str) -> None:
         )
 
 
-PLUGIN = Plugin(IdealDetectorOptions, IdealDetector)
+PLUGIN = Plugin(IdealDetectorOptions, IdealDetector, needs_world=True, needs_pixels=False)

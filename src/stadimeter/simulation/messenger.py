@@ -14,15 +14,12 @@ from stadimeter.simulation.world import shared_world
 
 
 class SimulatedMessengerOptions(Options):
-    """What the table of a simulated messenger may hold.
-
-    Attributes:
-        history: How many delivered messages are kept to look at.
-        queue: How many messages of QoS 1 wait while the broker is gone; one more pushes the oldest out.
-    """
+    """What the table of a simulated messenger may hold."""
 
     history: int = Field(default=1000, ge=1)
+    """How many delivered messages are kept to look at."""
     queue: int = Field(default=100, ge=1)
+    """How many messages of QoS 1 wait while the broker is gone; one more pushes the oldest out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

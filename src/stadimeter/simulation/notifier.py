@@ -13,15 +13,12 @@ from stadimeter.errors import DeviceClosedError
 
 
 class SimulatedNotifierOptions(Options):
-    """What the table of a simulated notifier may hold.
-
-    Attributes:
-        history: How many delivered notifications are kept to look at.
-        queue: How many wait while the service is gone; one more pushes the oldest out.
-    """
+    """What the table of a simulated notifier may hold."""
 
     history: int = Field(default=1000, ge=1)
+    """How many delivered notifications are kept to look at."""
     queue: int = Field(default=100, ge=1)
+    """How many wait while the service is gone; one more pushes the oldest out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,17 +21,14 @@ Coordinate = Annotated[float, BeforeValidator(parse_coordinate), as_written(LENG
 
 
 class WayPoint(Options):
-    """Where the ball is at some time.
-
-    Attributes:
-        at: When, in seconds from the start of the run.
-        x: Metres to the east.
-        y: Metres to the north.
-    """
+    """Where the ball is at some time."""
 
     at: Duration
+    """When, in seconds from the start of the run."""
     x: Coordinate
+    """Metres to the east."""
     y: Coordinate
+    """Metres to the north."""
 
 
 class FaultKind(StrEnum):
@@ -45,17 +42,14 @@ class FaultKind(StrEnum):
 
 
 class ScheduledFault(Options):
-    """Something that goes wrong at some time, and comes right again.
-
-    Attributes:
-        at: When, in seconds from the start of the run.
-        duration: For how many seconds, written ``for``; None for the rest of the run.
-        kind: What goes wrong.
-    """
+    """Something that goes wrong at some time, and comes right again."""
 
     at: Duration
+    """When, in seconds from the start of the run."""
     duration: Duration | None = Field(default=None, alias="for")
+    """For how many seconds, written ``for``; None for the rest of the run."""
     kind: FaultKind
+    """What goes wrong."""
 
 
 THERE_AND_BACK = tuple(
@@ -70,35 +64,32 @@ THERE_AND_BACK = tuple(
 
 
 class WorldOptions(Options):
-    """The simulated world. Lengths are in metres and angles in radians once they are read.
-
-    Attributes:
-        seed: Everything random follows from it: the same seed gives the same run.
-        ball_diameter: The ball's diameter.
-        ball_height: Height of the ball's centre above the floor; None if it lies on the floor.
-        path: Where the ball is when. In between it moves smoothly and never beyond its way points.
-        loop: Whether the ball begins its path again at the end, or stays there.
-        robot_x: Where the robot starts, to the east.
-        robot_y: Where the robot starts, to the north.
-        robot_heading: Where the robot faces at the start, counter-clockwise from east.
-        track_width: Distance between the robot's two wheels.
-        ticks_per_metre: Ticks that a wheel's encoder counts on a metre.
-        camera_height: Height of the camera above the floor. It looks straight ahead, level, from between the wheels.
-        faults: What goes wrong when.
-    """
+    """The simulated world. Lengths are in metres and angles in radians once they are read."""
 
     seed: int = Field(default=1, ge=0)
+    """Everything random follows from it: the same seed gives the same run."""
     ball_diameter: Length = 0.2
+    """The ball's diameter."""
     ball_height: LengthOrZero | None = None
+    """Height of the ball's centre above the floor; None if it lies on the floor."""
     path: tuple[WayPoint, ...] = Field(default=THERE_AND_BACK, min_length=1)
+    """Where the ball is when. In between it moves smoothly and never beyond its way points."""
     loop: bool = True
+    """Whether the ball begins its path again at the end, or stays there."""
     robot_x: Coordinate = 0.0
+    """Where the robot starts, to the east."""
     robot_y: Coordinate = 0.0
+    """Where the robot starts, to the north."""
     robot_heading: Angle = 0.0
+    """Where the robot faces at the start, counter-clockwise from east."""
     track_width: Length = 0.2
+    """Distance between the robot's two wheels."""
     ticks_per_metre: float = Field(default=4000.0, gt=0)
+    """Ticks that a wheel's encoder counts on a metre."""
     camera_height: Length = 0.25
+    """Height of the camera above the floor. It looks straight ahead, level, from between the wheels."""
     faults: tuple[ScheduledFault, ...] = ()
+    """What goes wrong when."""
 
     @field_validator("path")
     @classmethod

@@ -37,41 +37,32 @@ class NoArgs(_Strict):
 
 
 class RuleArgs(_Strict):
-    """What concerns a rule, and who wants it.
-
-    Attributes:
-        rule: The rule; empty for every rule that it applies to.
-        by: Who wants it.
-        why: Why.
-    """
+    """What concerns a rule, and who wants it."""
 
     rule: _Name = ""
+    """The rule; empty for every rule that it applies to."""
     by: _Name = ""
+    """Who wants it."""
     why: _Words = ""
+    """Why."""
 
 
 class ShelveArgs(RuleArgs):
-    """How to shelve a rule.
-
-    Attributes:
-        for_s: For how long; None for as long as the rule allows.
-        one_shot: Until the alarm has returned to normal, or the time is over.
-    """
+    """How to shelve a rule."""
 
     for_s: Annotated[float, Field(gt=0, strict=False)] | None = None
+    """For how long; None for as long as the rule allows."""
     one_shot: bool = False
+    """Until the alarm has returned to normal, or the time is over."""
 
 
 class ExplainArgs(_Strict):
-    """What to explain.
-
-    Attributes:
-        rule: The rule; empty for each.
-        at_unix_s: The moment, in seconds since 1970 on the wall clock; None for now.
-    """
+    """What to explain."""
 
     rule: _Name = ""
+    """The rule; empty for each."""
     at_unix_s: Annotated[float, Field(strict=False)] | None = None
+    """The moment, in seconds since 1970 on the wall clock; None for now."""
 
 
 class _Request(_Strict):

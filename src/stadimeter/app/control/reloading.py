@@ -13,7 +13,6 @@ from typing import Any
 
 from stadimeter.app.control.messages import Reply
 from stadimeter.app.control.socket_server import Answer
-from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.rules.judging import not_judged_yet
@@ -99,6 +98,8 @@ class Reloader:
             answer(Reply(error=f"nothing was changed: the file could not be checked: {type(error).__name__}: {error}"))
 
     def _change(self, answer: Answer) -> Change | None:
+        from stadimeter.app.feasibility import feasibility_warnings  # noqa: PLC0415 - no run needs it to start
+
         configuration = load_configuration(self.running.path)
         asked = needs_restart(self.running, configuration)
         if asked:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from stadimeter.config.addresses import words_for_people
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.paths import path_from
+from stadimeter.config.units import path_from
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 

@@ -1,18 +1,25 @@
-"""The limits of one condition against each other: in order, with an end, and without chatter."""
+"""Conditions by themselves: limits in order, with an end and without chatter; never or always met, or suppressed."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations, islice
 from typing import Any
 
+from stadimeter.config.analysis.logic import Logic, Wanted
+from stadimeter.config.analysis.regions import beginning_of
 from stadimeter.config.analysis.subject import Subject
-from stadimeter.config.analysis.written import WrittenCondition
 from stadimeter.config.findings import Finding
+from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.core import condition as core
+from stadimeter.core.condition import AllOf, Condition, PresenceCondition
 
 _DEG = 180 / math.pi
+
+_MOST_PAIRS = 2000
+"""So many pairs of parts are tried to name the two that clash: those of some sixty parts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +31,6 @@ class _Quantity:
         low: The limit that it must be above; None for none.
         high: The limit that it must be below; None for none.
         unit: The unit of these figures, as it is written.
-        deadband: In the same unit.
         is_positive: Whether it cannot be below zero.
     """
 
@@ -59,14 +65,7 @@ def _lengths(noun: str, low_m: float | None, high_m: float | None, deadband_m: f
 
 
 def band_errors(subject: Subject) -> Iterator[Finding]:
-    """Find limits that are not in order, bands that never end, and probabilities that make an alarm chatter.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find limits that are not in order, bands that never end, and probabilities that make an alarm chatter."""
     for declared, _ in subject.alarms:
         for written in declared.conditions():
             yield from empty_leaves(written)
@@ -76,14 +75,7 @@ def band_errors(subject: Subject) -> Iterator[Finding]:
 
 
 def empty_leaves(written: WrittenCondition) -> Iterator[Finding]:
-    """Find simple conditions between two limits that are not in order.
-
-    Args:
-        written: A condition.
-
-    Yields:
-        What is wrong.
-    """
+    """Find simple conditions between two limits that are not in order."""
     for leaf in written.leaves():
         quantity = _quantity(leaf.leaf)
         if quantity is None or quantity.low is None or quantity.high is None or quantity.low < quantity.high:
@@ -123,3 +115,74 @@ def _table_of(leaf: WrittenCondition) -> Any:
     for key in leaf.limits_path[len(leaf.path) :]:
         table = table[key]
     return table
+
+
+def holding_errors(subject: Subject) -> Iterator[Finding]:
+    """Find conditions that can never hold."""
+    for declared, _ in subject.alarms:
+        for written in declared.conditions():
+            if not any(empty_leaves(written)):  # which is said by itself
+                yield from _never(written, subject.logic)
+
+
+def holding_warnings(subject: Subject) -> Iterator[Finding]:
+    """Find conditions that never cease to hold, and suppressions that meet their rule always."""
+    for declared, alarm in subject.alarms:
+        for written in declared.conditions():
+            yield from _always(written, subject.logic)
+        if alarm.suppress_when is not None and _meets_always(alarm.condition, alarm.suppress_when, subject.logic):
+            message = f"whenever '{declared.section}' holds, it is suppressed: it never drives and never tells anything"
+            hint = "suppress it in fewer situations, or write observe = true if that is meant"
+            yield Finding(declared.at("suppress_when"), message, hint, "always-suppressed")
+
+
+def _meets_always(condition: Condition, suppression: Condition, logic: Logic) -> bool:
+    """Return whether a suppression that does not always hold does so wherever the condition holds."""
+    can_be_free = logic.can_be((suppression, Wanted.FALSE))
+    can_hold = logic.can_be((condition, Wanted.TRUE))
+    return can_be_free and can_hold and not logic.can_be((condition, Wanted.TRUE), (suppression, Wanted.NOT_TRUE))
+
+
+def _can_begin(logic: Logic, *written: WrittenCondition) -> bool:
+    return logic.can_be(*((beginning_of(each.condition), Wanted.TRUE) for each in written))
+
+
+def _never(written: WrittenCondition, logic: Logic) -> Iterator[Finding]:
+    if _can_begin(logic, written):
+        return
+    blamed = next((part for part in written.parts() if not _can_begin(logic, part)), None)
+    if blamed is not None and isinstance(written.condition, AllOf):
+        yield from _never(blamed, logic)
+        return
+    clash = _clash(written, logic)
+    if clash is None:
+        message = f"{written} can never hold"
+        yield Finding(written.path, message, "change one of its limits, or leave the rule out", "never-true")
+    else:
+        message = f"{clash[0]} and {clash[1]} never hold together, so the condition never does"
+        hint = "write any in place of all if one of them is enough, or change a limit"
+        yield Finding(written.path, message, hint, "never-true")
+
+
+def _clash(written: WrittenCondition, logic: Logic) -> tuple[WrittenCondition, WrittenCondition] | None:
+    """Return two parts of an ``all`` that cannot hold together, if two alone are enough for that."""
+    if not isinstance(written.condition, AllOf):
+        return None
+    pairs = islice(combinations(written.parts(), 2), _MOST_PAIRS)
+    return next((pair for pair in pairs if not _can_begin(logic, *pair)), None)
+
+
+def _always(written: WrittenCondition, logic: Logic) -> Iterator[Finding]:
+    if logic.can_be((written.condition, Wanted.FALSE)) or not logic.can_be((written.condition, Wanted.TRUE)):
+        return
+    if written.path[-1] == "suppress_when":
+        message = f"{written} always holds: the rule is suppressed for ever"
+    else:
+        where = "at all times" if _knows_always(written) else "wherever it is known"
+        message = f"{written} holds {where}: once raised, the alarm does not end"
+    hint = "write all in place of any if both are meant together, or change a limit"
+    yield Finding(written.path, message, hint, "always-true")
+
+
+def _knows_always(written: WrittenCondition) -> bool:
+    return all(isinstance(leaf.leaf, PresenceCondition) for leaf in written.leaves())

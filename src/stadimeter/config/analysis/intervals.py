@@ -54,9 +54,6 @@ def union_of(parts: Iterable[tuple[float, float]]) -> Intervals:
 
     Args:
         parts: The ends of each; those whose ends are not in order are empty.
-
-    Returns:
-        The union.
     """
     merged: list[tuple[float, float]] = []
     for low, high in sorted((low, high) for low, high in parts if low < high):

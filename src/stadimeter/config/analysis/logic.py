@@ -56,9 +56,6 @@ class Logic:
     def can_be(self, *goals: Goal) -> bool:
         """Return whether there is a situation in which every goal is met.
 
-        Args:
-            goals: Conditions, and what they are to be.
-
         Returns:
             False if there surely is none.
         """

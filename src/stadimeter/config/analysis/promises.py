@@ -3,40 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
-from stadimeter.config.analysis.subject import DeclaredRule, Subject
+from stadimeter.config.analysis.subject import Subject
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding, did_you_mean
+from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.core.condition import depends_on, targets_of
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, FollowRule, LostPolicy
 
 
 def promise_errors(subject: Subject) -> Iterator[Finding]:
-    """Find safety rules that could be late, silent or switched off.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find safety rules that could be late, silent or switched off."""
     for declared, alarm in subject.alarms:
         if alarm.severity is Severity.SAFETY:
             yield from _safety(declared, alarm)
 
 
 def promise_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find alarms that wait for people who do not know, and bases that move though a rule against it is blind.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What to look at again.
-    """
-    latched = {alarm.name for _, alarm in subject.alarms if alarm.latch}
+    """Find alarms that wait for people who do not know, and bases that move though a rule against it is blind."""
+    latched = {each.rule.name: each.section for each in subject.every_rule if getattr(each.rule, "latch", False)}
     follows = [each.rule for each in subject.rules if isinstance(each.rule, FollowRule) and not each.rule.observe]
     yield from _groups_of_one(subject)
     for declared, alarm in subject.alarms:
@@ -47,7 +34,7 @@ def promise_warnings(subject: Subject) -> Iterator[Finding]:
         yield from _blind_stop(follows, declared, alarm)
 
 
-def _safety(declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+def _safety(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     delay = alarm.on_delay
     if delay.hold_s > 0 or delay.frames > 1:
         waits = f"for {delay.hold_s:g} s" if delay.hold_s else f"for {delay.frames} of {delay.of_frames} frames"
@@ -76,13 +63,13 @@ def _groups_of_one(subject: Subject) -> Iterator[Finding]:
             yield Finding(declared.at("group"), message, hint, "group-of-one")
 
 
-def _clears_at_once(declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+def _clears_at_once(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     if alarm.severity is Severity.SAFETY and alarm.off_delay_s == 0 and not alarm.latch:
         message = "a safety rule clears late, and this one clears at the first frame to the contrary"
         yield Finding(declared.at("off_delay"), message, 'write such as off_delay = "1 s"', "safety-clears-at-once")
 
 
-def _waits_unheard(subject: Subject, declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     if not (alarm.latch or alarm.needs_ack) or alarm.observe or "messenger" in subject.draft.table:
         return
     if any(step.send is not None for step in alarm.sequence):
@@ -97,21 +84,22 @@ def _waits_unheard(subject: Subject, declared: DeclaredRule, alarm: AlarmRule) -
     yield Finding(declared.at(key), message, hint, "latch-unheard")
 
 
-def _latch_without_effect(declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+def _latch_without_effect(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     if alarm.observe and (alarm.latch or alarm.needs_ack):
         does, key = ("reset", "latch") if alarm.latch else ("acknowledge", "ack")
         message = f"a rule that is only observed drives and sends nothing, and yet waits for somebody to {does} it"
         yield Finding(declared.at(key), message, "leave one of the two out", "latch-observed")
 
 
-def _latch_suppresses(latched: set[str], declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
-    for name in sorted(latched & (depends_on(alarm.suppress_when) if alarm.suppress_when else frozenset())):
+def _latch_suppresses(latched: Mapping[str, str], declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
+    asked_for = depends_on(alarm.suppress_when) if alarm.suppress_when else frozenset[str]()
+    for name in sorted({latched[rule] for rule in asked_for if rule in latched}):
         message = f"'{name}' latches: once raised, it suppresses '{alarm.name}' until somebody resets it"
         hint = f"leave latch out of '{name}', or suppress by another rule"
         yield Finding(declared.at("suppress_when"), message, hint, "latch-suppresses")
 
 
-def _blind_stop(follows: list[FollowRule], declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+def _blind_stop(follows: list[FollowRule], declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     """Find rules that stop a base for one target while it follows another, and do not say what to do when blind."""
     if alarm.output != BASE_NAME or alarm.observe or alarm.lost.policy is not LostPolicy.HOLD:
         return

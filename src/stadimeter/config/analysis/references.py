@@ -21,13 +21,7 @@ _CONDITIONS = ("when", "suppress_when")
 
 @dataclass(frozen=True, slots=True)
 class _Name:
-    """A name that stands in a condition.
-
-    Attributes:
-        kind: Rule or target.
-        name: The name.
-        path: Where it stands.
-    """
+    """A name that stands in a condition."""
 
     kind: str
     name: str
@@ -35,14 +29,7 @@ class _Name:
 
 
 def reference_errors(draft: Draft) -> Iterator[Finding]:
-    """Find names that stand for nothing, and rules that wait for themselves.
-
-    Args:
-        draft: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find names that stand for nothing, and rules that wait for themselves."""
     rules, targets = set(_rule_names(draft)), draft.names("targets")
     known = {"rule": rules, "target": set(targets)}
     for section, table in draft.tables("rules").items():
@@ -55,14 +42,7 @@ def reference_errors(draft: Draft) -> Iterator[Finding]:
 
 
 def rules_asked_for(draft: Draft) -> frozenset[str]:
-    """Return the rules that conditions of others ask for.
-
-    Args:
-        draft: The configuration.
-
-    Returns:
-        The names of their tables.
-    """
+    """Return the rules that conditions of others ask for."""
     sections = draft.tables("rules")
     return frozenset(
         _in_section(name, sections).name

@@ -26,7 +26,6 @@ def region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
     """Return the condition under which a rule begins to want something of its output.
 
     Args:
-        rule: The rule.
         is_winner: Whether it must surely hold, as a rule that takes the output from others. Else it must possibly hold.
 
     Returns:
@@ -45,7 +44,6 @@ def widened_region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
     """Return the condition under which a rule that wants something goes on to.
 
     Args:
-        rule: The rule.
         is_winner: As for `region_of`.
 
     Returns:
@@ -56,9 +54,6 @@ def widened_region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
 
 def beginning_of(condition: Condition) -> Condition:
     """Return when a condition begins, without deadbands: below a ``not`` these delay even the beginning.
-
-    Args:
-        condition: The condition.
 
     Returns:
         The same condition, in which each part whose end makes the whole begin has its limits moved by its deadband.
@@ -98,14 +93,7 @@ def _widened(condition: Condition) -> Condition:
 
 
 def widened(condition: _Lengths) -> _Lengths:
-    """Return a condition on a length with each of its limits moved by its deadband.
-
-    Args:
-        condition: The condition.
-
-    Returns:
-        The condition.
-    """
+    """Return a condition on a length with each of its limits moved by its deadband."""
     above_m, below_m = _moved(condition.above_m, condition.below_m, condition.deadband_m)
     return replace(condition, above_m=above_m, below_m=below_m)
 

@@ -46,12 +46,7 @@ def situations(leaf: core.Leaf, truth: Truth, targets: tuple[str, ...]) -> Itera
     """Go through the situations in which a simple condition is true, false or unknown.
 
     Args:
-        leaf: The condition.
-        truth: What it is to be.
         targets: Every target that there is.
-
-    Yields:
-        One box for each way.
     """
     boxes: Callable[[Any, Truth, tuple[str, ...]], Iterator[Box]] = _BOXES[type(leaf)]
     yield from boxes(leaf, truth, targets)
@@ -135,14 +130,7 @@ def _schedule(leaf: core.ScheduleCondition, truth: Truth, _targets: tuple[str, .
 
 
 def week_of(leaf: core.ScheduleCondition) -> Intervals:
-    """Return at which seconds of the week a schedule holds.
-
-    Args:
-        leaf: The schedule.
-
-    Returns:
-        The seconds since midnight before Monday.
-    """
+    """Return at which seconds of the week a schedule holds."""
     length_s = leaf.to_s - leaf.from_s + (0.0 if leaf.to_s > leaf.from_s else DAY_S)
     days = leaf.weekdays or range(7)
     starts = [day * DAY_S + leaf.from_s for day in days]
@@ -168,12 +156,6 @@ def is_possible(box: Box) -> bool:
 
     A depth is no longer than the distance; as many targets are counted as are in sight; two targets are at most as far
     apart as both distances together, and at least as far as these differ.
-
-    Args:
-        box: The box.
-
-    Returns:
-        Whether it can.
     """
     return not any(part.is_empty for part in box.values()) and all(_fits(box, axis) for axis in box)
 

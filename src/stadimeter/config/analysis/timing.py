@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from stadimeter.config.analysis.delays import delay_s, frame_rate_hz
-from stadimeter.config.analysis.subject import DeclaredRule, Subject
+from stadimeter.config.analysis.subject import Subject, delay_s, frame_rate_hz
 from stadimeter.config.findings import Finding
+from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.units import parse_speed
 from stadimeter.core.condition import DistanceCondition, TimeToContactCondition
 from stadimeter.core.rule import AlarmRule
@@ -24,8 +24,6 @@ class _Approach:
     """How fast a target comes at most, and how often it is looked at.
 
     Attributes:
-        speed_mps: Its closing speed.
-        is_stated: Whether the configuration says so.
         frame_s: From one frame to the next.
     """
 
@@ -40,24 +38,22 @@ class _Approach:
 
 
 def timing_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find rules that act too late, and times of one alarm that do not fit together.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What to look at again.
-    """
+    """Find rules that act too late, and times of one alarm that do not fit together."""
     limits_m = _limits_m(subject)
     targets = subject.draft.tables("targets")
     frame_s = 1 / frame_rate_hz(subject.draft)
     for declared, alarm in subject.alarms:
-        approach = _approach(targets.get(alarm.target, {}), frame_s)
+        approach = _approach(targets.get(_watched(alarm), {}), frame_s)
         if approach.is_stated or "on_delay" in declared.table:
             yield from _late(declared, alarm, approach, limits_m)
             yield from _missed(declared, alarm, approach)
         yield from _too_long_for_contact(declared, alarm, delay_s(alarm, 1 / frame_s))
         yield from _hidden_realarm(declared, alarm)
+
+
+def _watched(alarm: AlarmRule) -> str:
+    """Return the target whose distance an alarm is about, which may be another than the rule's."""
+    return alarm.condition.target if isinstance(alarm.condition, DistanceCondition) else alarm.target
 
 
 def _approach(target: Mapping[str, Any], frame_s: float) -> _Approach:
@@ -78,7 +74,7 @@ def _limits_m(subject: Subject) -> Mapping[tuple[str, str], list[float]]:
 
 
 def _late(
-    declared: DeclaredRule,
+    declared: CompiledRule,
     alarm: AlarmRule,
     approach: _Approach,
     limits_m: Mapping[tuple[str, str], list[float]],
@@ -102,7 +98,7 @@ def _late(
     yield Finding(declared.at("on_delay"), message, _sooner(approach, margin_m, alarm), "late")
 
 
-def _missed(declared: DeclaredRule, alarm: AlarmRule, approach: _Approach) -> Iterator[Finding]:
+def _missed(declared: CompiledRule, alarm: AlarmRule, approach: _Approach) -> Iterator[Finding]:
     condition = alarm.condition
     if not isinstance(condition, DistanceCondition) or condition.below_m is None or condition.above_m is None:
         return
@@ -125,21 +121,21 @@ def _sooner(approach: _Approach, room_m: float, alarm: AlarmRule) -> str:
     shorter = f'write on_delay = "{longest_s:g} s" or less'
     if approach.is_stated:
         return shorter
-    return f"{shorter}, or say how fast it comes at most: max_closing_speed in [targets.{alarm.target}]"
+    return f"{shorter}, or say how fast it comes at most: max_closing_speed in [targets.{_watched(alarm)}]"
 
 
 def _waits(approach: _Approach, waits_s: float) -> str:
     return f"{waits_s:.2g} s, a frame included" if approach.is_stated else f"{waits_s:.2g} s"
 
 
-def _too_long_for_contact(declared: DeclaredRule, alarm: AlarmRule, waits_s: float) -> Iterator[Finding]:
+def _too_long_for_contact(declared: CompiledRule, alarm: AlarmRule, waits_s: float) -> Iterator[Finding]:
     condition = alarm.condition
     if isinstance(condition, TimeToContactCondition) and waits_s >= condition.below_s:
         message = f"this rule waits {waits_s:.2g} s for a contact that is less than {condition.below_s:g} s away"
         yield Finding(declared.at("on_delay"), message, "make it much shorter", "late")
 
 
-def _hidden_realarm(declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
+def _hidden_realarm(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     if alarm.realarm_s is not None and alarm.cooldown_s > alarm.realarm_s:
         message = (
             f"cooldown {alarm.cooldown_s:g} s is longer than realarm {alarm.realarm_s:g} s: nobody is told that the "

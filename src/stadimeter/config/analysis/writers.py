@@ -6,13 +6,13 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from stadimeter.config.analysis.delays import ASSUMED_RATE_HZ, delay_s
 from stadimeter.config.analysis.intervals import interval
 from stadimeter.config.analysis.logic import Goal, Wanted
 from stadimeter.config.analysis.regions import region_of, widened, widened_region_of
-from stadimeter.config.analysis.subject import DeclaredRule, Subject
+from stadimeter.config.analysis.subject import ASSUMED_RATE_HZ, Subject, delay_s
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding
+from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.condition import Condition, DistanceCondition
 from stadimeter.core.decision import Severity
@@ -30,12 +30,10 @@ class _Writer:
     """One place that says that an output is driven.
 
     Attributes:
-        declared: The rule.
-        output: The output.
         path: Where that stands.
     """
 
-    declared: DeclaredRule
+    declared: CompiledRule
     output: str
     path: KeyPath
 
@@ -59,14 +57,7 @@ def _written(subject: Subject) -> Iterator[_Writer]:
 
 
 def priority_errors(subject: Subject) -> Iterator[Finding]:
-    """Find rules that drive one output with one priority, where the output does not say how to combine them.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find rules that drive one output with one priority, where the output does not say how to combine them."""
     first: dict[tuple[str, int], str] = {}
     for writer in _writers(subject):
         section, priority = writer.declared.section, writer.declared.rule.priority
@@ -85,38 +76,17 @@ def _way_out(writer: _Writer) -> str:
 
 
 def shadow_errors(subject: Subject) -> Iterator[Finding]:
-    """Find safety rules that never win their output.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find safety rules that never win their output."""
     return (finding for loser, finding in _shadowed(subject) if loser.rule.severity is Severity.SAFETY)
 
 
 def shadow_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find other rules that never win their output.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What to look at again.
-    """
+    """Find other rules that never win their output."""
     return (finding for loser, finding in _shadowed(subject) if loser.rule.severity is not Severity.SAFETY)
 
 
 def overlap_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find alarms meant to take turns, one of which goes on through all of the other's because of its deadband.
-
-    Args:
-        subject: The configuration.
-
-    Yields:
-        What to look at again.
-    """
+    """Find alarms meant to take turns, one of which goes on through all of the other's because of its deadband."""
     for rivals in _rivals(subject):
         for loser, winner in ((loser, winner) for loser in rivals for winner in rivals):
             mine, other = _distance_alarm(loser.rule), _distance_alarm(winner.rule)
@@ -137,7 +107,7 @@ def _swallows(winner: DistanceCondition, loser: DistanceCondition) -> bool:
     return (here & there).is_empty and (here & ~interval(outer.above_m, outer.below_m)).is_empty
 
 
-def _swallowed(loser: DeclaredRule, winner: DeclaredRule, condition: DistanceCondition) -> Finding:
+def _swallowed(loser: CompiledRule, winner: CompiledRule, condition: DistanceCondition) -> Finding:
     message = (
         f"with its deadband of {condition.deadband_m:g} m '{winner.rule.name}' goes on wherever '{loser.rule.name}' "
         f"holds, and wins '{loser.rule.output}': coming from there, '{loser.rule.name}' never drives it"
@@ -145,16 +115,16 @@ def _swallowed(loser: DeclaredRule, winner: DeclaredRule, condition: DistanceCon
     return Finding(loser.path, message, f"make the deadband of '{winner.rule.name}' smaller", "band-overlap")
 
 
-def _rivals(subject: Subject) -> Iterator[list[DeclaredRule]]:
+def _rivals(subject: Subject) -> Iterator[list[CompiledRule]]:
     """Go through the outputs, each with the rules that drive it; without those that very many rules drive."""
-    by_output: dict[str, list[DeclaredRule]] = defaultdict(list)
+    by_output: dict[str, list[CompiledRule]] = defaultdict(list)
     for declared in subject.every_rule:
         if declared.rule.output is not None and not declared.rule.observe:
             by_output[declared.rule.output].append(declared)
     return (rivals for rivals in by_output.values() if len(rivals) <= MOST_RIVALS)
 
 
-def _shadowed(subject: Subject) -> Iterator[tuple[DeclaredRule, Finding]]:
+def _shadowed(subject: Subject) -> Iterator[tuple[CompiledRule, Finding]]:
     told: set[str] = set()
     for rivals in _rivals(subject):
         for loser in rivals:
@@ -164,7 +134,7 @@ def _shadowed(subject: Subject) -> Iterator[tuple[DeclaredRule, Finding]]:
                 yield loser, _loses(loser, winners)
 
 
-def _winners_over(loser: AnyRule, rivals: list[DeclaredRule], subject: Subject) -> list[DeclaredRule]:
+def _winners_over(loser: AnyRule, rivals: list[CompiledRule], subject: Subject) -> list[CompiledRule]:
     """Return the rules of which one at least goes before a rule wherever it holds; none if there are no such."""
     winners = [each for each in rivals if _goes_before(each.rule, loser)]
     if not winners or not subject.logic.can_be(*_drives(loser, region_of(loser))):  # or it never holds, which is said
@@ -178,7 +148,7 @@ def _winners_over(loser: AnyRule, rivals: list[DeclaredRule], subject: Subject) 
     return winners
 
 
-def _covered(loser: AnyRule, winners: list[DeclaredRule], subject: Subject) -> bool:
+def _covered(loser: AnyRule, winners: list[CompiledRule], subject: Subject) -> bool:
     """Return whether one of the winners holds wherever the loser does: where they begin, and where they end."""
     for region in (region_of, widened_region_of):
         goals = _drives(loser, region(loser))
@@ -210,7 +180,7 @@ def _goes_before(winner: AnyRule, loser: AnyRule) -> bool:
     return delay_s(winner, ASSUMED_RATE_HZ) <= waits_s + MOMENT_S and stays_s <= winner.off_delay_s + MOMENT_S
 
 
-def _loses(loser: DeclaredRule, winners: list[DeclaredRule]) -> Finding:
+def _loses(loser: CompiledRule, winners: list[CompiledRule]) -> Finding:
     output = loser.rule.output
     names = " or ".join(f"'{each.rule.name}'" for each in winners)
     message = (

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
-from stadimeter.config.describing.alarms import consequences, rhythm
 from stadimeter.config.describing.conditions import begins, ends, length, needs_figures
-from stadimeter.config.describing.ramps import strength
 from stadimeter.config.loader import Configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.plan import BaseOutput
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnDelay, RampRule
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnDelay, Pattern, RampRule, SequenceStep
 
 __all__ = ["describe", "length"]
 
-_VERBS = {"vibration-motor": "vibrates", "buzzer": "buzzes", "led": "lights", "relay": "switches on"}
-"""What an actuator does when it acts, by its driver."""
+Verb = Callable[[str], str]
+"""What an output does when it acts, such as ``lights``, by its name."""
 
 NAMED_MAX = 10
 """Of more rules than these, the rest are counted: nobody reads a list of hundreds."""
@@ -24,9 +22,6 @@ NAMED_MAX = 10
 
 def describe(configuration: Configuration) -> tuple[str, ...]:
     """Say what a configuration does.
-
-    Args:
-        configuration: The configuration.
 
     Returns:
         One sentence or two for what it looks through and for each rule, in the order of the file. Names of parts
@@ -62,7 +57,7 @@ def _rule(rule: AnyRule, configuration: Configuration) -> str:
 
 def _alarm(rule: AlarmRule, configuration: Configuration) -> str:
     condition = f"{_acts(rule, configuration)} when {begins(rule.condition)}{_delay(rule.on_delay)}"
-    besides = consequences(rule, lambda output: _verb_of(output, configuration))
+    besides = _consequences(rule, lambda output: _verb_of(output, configuration))
     return f"{condition}; clears {_ends(rule)}.{_lost_alarm(rule)}{besides}{_wins(rule, configuration)}"
 
 
@@ -73,7 +68,7 @@ def _acts(rule: AlarmRule, configuration: Configuration) -> str:
     if verb == "stops":
         return f"stops `{rule.output}`"
     level = "" if rule.level == 1 or rule.pattern is not None else f" at {rule.level:.0%}"
-    return f"{verb} `{rule.output}`{level}{rhythm(rule.pattern)}"
+    return f"{verb} `{rule.output}`{level}{_rhythm(rule.pattern)}"
 
 
 def _verb_of(output: str, configuration: Configuration) -> str:
@@ -83,8 +78,7 @@ def _verb_of(output: str, configuration: Configuration) -> str:
 
 
 def _verb(output: str, configuration: Configuration) -> str:
-    driver = next((each.driver for each in configuration.actuators if each.name == output), "")
-    return _VERBS.get(driver, "drives")
+    return next((each.plugin.verb for each in configuration.actuators if each.name == output), "drives")
 
 
 def _delay(delay: OnDelay) -> str:
@@ -123,7 +117,7 @@ def _wins(rule: AnyRule, configuration: Configuration) -> str:
 def _ramp(rule: RampRule, configuration: Configuration) -> str:
     output = rule.output or ""
     return (
-        f"{_verb(output, configuration)} `{output}` {strength(rule)}; {_safe(output, configuration)} when lost."
+        f"{_verb(output, configuration)} `{output}` {_strength(rule)}; {_safe(output, configuration)} when lost."
         f"{_wins(rule, configuration)}"
     )
 
@@ -149,3 +143,96 @@ def _follow(rule: FollowRule, configuration: Configuration) -> str:
         f"up to {most_mps:g} m/s forwards, {reverse}; stops when lost."
         f"{_wins(rule, configuration)}"
     )
+
+
+def _strength(rule: RampRule) -> str:
+    """Say how strongly a ramp acts where.
+
+    Returns:
+        Such as ``when `ball` is further than 3.05 m (10.0 ft), full at 6.10 m (20.0 ft)``.
+    """
+    along = " along the optical axis" if rule.quantity == "depth" else ""
+    dead_zone = f", and not at all below {rule.dead_zone:.0%}" if rule.dead_zone else ""
+    if rule.points:
+        points = ", ".join(f"{_full(level)} at {length(at_m)}" for at_m, level in rule.points)
+        return f"by the distance of `{rule.target}`{along}: {points}{dead_zone}"
+    where = "further" if rule.full_m > rule.start_m else "nearer"
+    least = f"at least {rule.level_min:.0%}, " if rule.level_min else ""
+    return (
+        f"when `{rule.target}` is {where} than {length(rule.start_m)}{along}, "
+        f"{least}{_full(rule.level_max)} at {length(rule.full_m)}{dead_zone}"
+    )
+
+
+def _full(level: float) -> str:
+    return {0.0: "off", 1.0: "full"}.get(level, f"{level:.0%}")
+
+
+def _rhythm(pattern: Pattern | None) -> str:
+    """Say how a level changes by itself.
+
+    Args:
+        pattern: The pattern; None for none.
+
+    Returns:
+        Such as `` in turns of 100% for 0.2 s and 0% for 0.3 s, 3 times``; empty for none.
+    """
+    if pattern is None:
+        return ""
+    turns = " and ".join(f"{level:.0%} for {duration(for_s)}" for level, for_s in pattern.steps)
+    return f" in turns of {turns}" + (f", {pattern.times} times" if pattern.times else "")
+
+
+def _consequences(rule: AlarmRule, verb: Verb) -> str:
+    """Say what an alarm does besides, and what becomes of it.
+
+    Returns:
+        Sentences, each with a space before it; empty for a plain alarm.
+    """
+    return "".join(f" {sentence}." for sentence in _sentences(rule, verb))
+
+
+def duration(seconds: float) -> str:
+    """Write a duration in the largest unit that leaves it a short number.
+
+    Returns:
+        Such as ``0.2 s``, ``5 min`` or ``8 h``.
+    """
+    for unit, size_s in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= size_s and (seconds / size_s * 2).is_integer():
+            return f"{seconds / size_s:g} {unit}"
+    return f"{seconds:g} s"
+
+
+def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
+    if rule.observe:
+        yield "Is only observed: it drives nothing and sends nothing"
+    for step in rule.sequence:
+        yield _step(step, verb)
+    if rule.latch:
+        yield "Latches: stands until somebody resets it"
+    if rule.needs_ack:
+        yield "Somebody must acknowledge it"
+    if rule.realarm_s is not None:
+        yield f"Is reported again every {duration(rule.realarm_s)} while it stands"
+    if rule.group:
+        yield f"Of the alarms of the group `{rule.group}`, the first is marked"
+    if rule.suppress_when is not None:
+        yield f"Keeps quiet while {begins(rule.suppress_when)}"
+
+
+def _step(step: SequenceStep, verb: Verb) -> str:
+    when = "When it clears" if step.on == "cleared" else "When raised"
+    after = f", {duration(step.after_s)} later" if step.after_s else ""
+    unless = " unless somebody has acknowledged it" if step.only_unacknowledged else ""
+    return f"{when}{after} {_does(step, verb)}{unless}"
+
+
+def _does(step: SequenceStep, verb: Verb) -> str:
+    if step.output is not None:
+        level = "" if step.level == 1 or step.pattern is not None else f" at {step.level:.0%}"
+        lasting = "" if math.isinf(step.for_s) else f" for {duration(step.for_s)}"
+        return f"{verb(step.output)} `{step.output}`{level}{_rhythm(step.pattern)}{lasting}"
+    if step.send is not None and step.send.notifier:
+        return f"notifies `{step.send.notifier}`"
+    return f"sends `{step.send.topic}`" if step.send is not None else "does nothing"

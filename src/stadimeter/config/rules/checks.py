@@ -16,15 +16,7 @@ _ONLY_FOR_WHEN = (
 
 
 def written_findings(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
-    """Check which keys stand in a rule's table, whether or not their values can be read.
-
-    Args:
-        name: The rule's name.
-        table: Its table as it was written.
-
-    Yields:
-        What is wrong.
-    """
+    """Check which keys stand in a rule's table, whether or not their values can be read."""
     yield from _kind(name, table)
     yield from _keys_of_another_kind(name, table)
     for key in ("when", "suppress_when"):
@@ -33,15 +25,7 @@ def written_findings(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def rule_findings(name: str, rule: RuleTable) -> Iterator[Finding]:
-    """Check the values of a rule against each other.
-
-    Args:
-        name: The rule's name.
-        rule: The rule.
-
-    Yields:
-        What is wrong.
-    """
+    """Check the values of a rule against each other."""
     for check in _CHECKS:
         yield from check(name, rule)
 

@@ -38,53 +38,50 @@ Flag = Annotated[bool, BeforeValidator(_only_true), WithJsonSchema({"const": Tru
 
 
 class WhenTable(LimitsTable, LikelihoodTable):
-    """A condition: limits on the distance, or exactly one of the keys from `seen` to `negated`.
-
-    Attributes:
-        above: In metres; holds when the target is further.
-        below: In metres; holds when it is nearer.
-        between: In metres, the lower end first.
-        of: Whether the limits are on the distance or on the depth along the optical axis.
-        deadband: In metres; how far the target must come back.
-        target: The target, if it is another one than the rule's.
-        seen: Holds while the target is tracked.
-        lost: Holds while it is not.
-        seen_for: In seconds; holds once the target has been tracked for this long.
-        lost_for: In seconds; holds once it has not been tracked for this long.
-        bearing: Holds while the target is in this direction.
-        elevation: Holds while the target is in this direction.
-        closing_speed: Holds while the target comes nearer at this speed.
-        time_to_contact: Holds while the target will be here this soon.
-        separation: Holds while two targets are this far apart.
-        count: Holds while this many targets are in sight.
-        rule: Holds while the rule of this name is active.
-        time: Holds at this time of day.
-        all: Holds while each of these does.
-        any: Holds while at least one of these does.
-        negated: Written ``not``; holds while this does not.
-    """
+    """A condition: limits on the distance, or exactly one of the keys from `seen` to `negated`."""
 
     above: Length | None = None
+    """In metres; holds when the target is further."""
     below: Length | None = None
+    """In metres; holds when it is nearer."""
     between: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
+    """In metres, the lower end first."""
     of: core.Quantity = _DISTANCE.quantity
+    """Whether the limits are on the distance or on the depth along the optical axis."""
     deadband: LengthOrZero = _DISTANCE.deadband_m
+    """In metres; how far the target must come back."""
     target: str | None = None
+    """The target, if it is another one than the rule's."""
     seen: Flag | None = None
+    """Holds while the target is tracked."""
     lost: Flag | None = None
+    """Holds while it is not."""
     seen_for: Duration | None = None
+    """In seconds; holds once the target has been tracked for this long."""
     lost_for: Duration | None = None
+    """In seconds; holds once it has not been tracked for this long."""
     bearing: DirectionTable | None = None
+    """Holds while the target is in this direction."""
     elevation: DirectionTable | None = None
+    """Holds while the target is in this direction."""
     closing_speed: ClosingTable | None = None
+    """Holds while the target comes nearer at this speed."""
     time_to_contact: ContactTable | None = None
+    """Holds while the target will be here this soon."""
     separation: SeparationTable | None = None
+    """Holds while two targets are this far apart."""
     count: CountTable | None = None
+    """Holds while this many targets are in sight."""
     rule: str | None = None
+    """Holds while the rule of this name is active."""
     time: TimeTable | None = None
+    """Holds at this time of day."""
     all: Annotated[list[WhenTable], Field(min_length=1)] | None = None
+    """Holds while each of these does."""
     any: Annotated[list[WhenTable], Field(min_length=1)] | None = None
+    """Holds while at least one of these does."""
     negated: Annotated[WhenTable | None, Field(alias="not")] = None
+    """Written ``not``; holds while this does not."""
 
     def to_plan(self, severity: Severity) -> core.Condition:
         """Return the condition as the core sees it.

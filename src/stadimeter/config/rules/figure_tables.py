@@ -44,17 +44,14 @@ Sigmas = Annotated[float, Field(ge=0)]
 
 
 class LimitsTable(Section):
-    """Limits on a figure.
-
-    Attributes:
-        above: Holds above this.
-        below: Holds below this.
-        between: The same two at once, the lower end first.
-    """
+    """Limits on a figure."""
 
     above: float | None = None
+    """Holds above this."""
     below: float | None = None
+    """Holds below this."""
     between: list[float] | None = None
+    """The same two at once, the lower end first."""
 
     @property
     def limits(self) -> _Bounds:
@@ -65,17 +62,14 @@ class LimitsTable(Section):
 
 
 class LikelihoodTable(Section):
-    """How sure it must be that a figure is within its limits.
-
-    Attributes:
-        deadband_sigmas: How many standard deviations of its noise the figure must come back before the condition ends.
-        probability: How likely the condition must be to begin; None compares the figures alone.
-        probability_off: How likely it may be at most to end.
-    """
+    """How sure it must be that a figure is within its limits."""
 
     deadband_sigmas: Sigmas = _DISTANCE.deadband_sigmas
+    """How many standard deviations of its noise the figure must come back before the condition ends."""
     probability: Probability = _DISTANCE.probability_on
+    """How likely the condition must be to begin; None compares the figures alone."""
     probability_off: ProbabilityOff = _DISTANCE.probability_off
+    """How likely it may be at most to end."""
 
     def probability_for(self, severity: Severity) -> float | None:
         """Return how likely the condition must be to begin, where that may depend on how much the rule matters.
@@ -92,19 +86,16 @@ class LikelihoodTable(Section):
 
 
 class DirectionTable(LimitsTable):
-    """A condition on the bearing, positive to the right, or the elevation, positive upwards.
-
-    Attributes:
-        above: In radians.
-        below: In radians.
-        between: In radians.
-        deadband: In radians; how far the target must come back.
-    """
+    """A condition on the bearing, positive to the right, or the elevation, positive upwards."""
 
     above: Angle | None = None
+    """In radians."""
     below: Angle | None = None
+    """In radians."""
     between: Annotated[list[Angle], Field(min_length=2, max_length=2)] | None = None
+    """In radians."""
     deadband: AngleOrZero = _DIRECTION.deadband_rad
+    """In radians; how far the target must come back."""
 
     def to_plan(self, quantity: core.Direction, target: str) -> core.DirectionCondition:
         """Return the condition as the core sees it.
@@ -123,19 +114,16 @@ class DirectionTable(LimitsTable):
 
 
 class ClosingTable(LimitsTable, LikelihoodTable):
-    """A condition on the speed at which a target comes nearer; that of one that goes away is below zero.
-
-    Attributes:
-        above: In m/s.
-        below: In m/s.
-        between: In m/s.
-        deadband: In m/s; how far the speed must come back.
-    """
+    """A condition on the speed at which a target comes nearer; that of one that goes away is below zero."""
 
     above: Velocity | None = None
+    """In m/s."""
     below: Velocity | None = None
+    """In m/s."""
     between: Annotated[list[Velocity], Field(min_length=2, max_length=2)] | None = None
+    """In m/s."""
     deadband: Speed = _CLOSING.deadband_mps
+    """In m/s; how far the speed must come back."""
     deadband_sigmas: Sigmas = _CLOSING.deadband_sigmas
     probability: Probability = _CLOSING.probability_on
 
@@ -162,21 +150,18 @@ class ClosingTable(LimitsTable, LikelihoodTable):
 
 
 class ContactTable(LikelihoodTable):
-    """A condition on how soon a target will be here, if it goes on as it does.
-
-    Attributes:
-        below: In seconds.
-        contact: In metres; the distance that counts as contact.
-        min_closing_speed: In m/s; a target that is slower does not come at all.
-        speed_sigmas: How many standard deviations the speed must be above zero to be known.
-        deadband: In seconds; how much later the contact must be before the condition ends.
-    """
+    """A condition on how soon a target will be here, if it goes on as it does."""
 
     below: DurationAboveZero
+    """In seconds."""
     contact: LengthOrZero = _CONTACT.contact_m
+    """In metres; the distance that counts as contact."""
     min_closing_speed: Speed = _CONTACT.closing_min_mps
+    """In m/s; a target that is slower does not come at all."""
     speed_sigmas: Sigmas = _CONTACT.speed_sigmas
+    """How many standard deviations the speed must be above zero to be known."""
     deadband: Duration = _CONTACT.deadband_s
+    """In seconds; how much later the contact must be before the condition ends."""
     deadband_sigmas: Sigmas = _CONTACT.deadband_sigmas
 
     def to_plan(self, severity: Severity, target: str) -> core.TimeToContactCondition:
@@ -203,21 +188,18 @@ class ContactTable(LikelihoodTable):
 
 
 class SeparationTable(LimitsTable, LikelihoodTable):
-    """A condition on how far two targets are from each other.
-
-    Attributes:
-        of: The two targets.
-        above: In metres.
-        below: In metres.
-        between: In metres.
-        deadband: In metres; how far they must come back.
-    """
+    """A condition on how far two targets are from each other."""
 
     of: Annotated[list[str], Field(min_length=2, max_length=2)]
+    """The two targets."""
     above: Length | None = None
+    """In metres."""
     below: Length | None = None
+    """In metres."""
     between: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
+    """In metres."""
     deadband: LengthOrZero = _SEPARATION.deadband_m
+    """In metres; how far they must come back."""
 
     def to_plan(self, severity: Severity) -> core.SeparationCondition:
         """Return the condition as the core sees it.
@@ -241,17 +223,14 @@ class SeparationTable(LimitsTable, LikelihoodTable):
 
 
 class CountTable(Section):
-    """A condition on how many targets are in sight.
-
-    Attributes:
-        at_least: Holds with no fewer.
-        at_most: Holds with no more.
-        of: Of these targets; all if left out.
-    """
+    """A condition on how many targets are in sight."""
 
     at_least: Annotated[int, Field(ge=1)] | None = None
+    """Holds with no fewer."""
     at_most: Annotated[int, Field(ge=0)] | None = None
+    """Holds with no more."""
     of: Annotated[list[str], Field(min_length=1)] | None = None
+    """Of these targets; all if left out."""
 
     def to_plan(self) -> core.CountCondition:
         """Return the condition as the core sees it.
@@ -263,15 +242,12 @@ class CountTable(Section):
 
 
 class TimeTable(Section):
-    """A condition on the time of day, local time.
-
-    Attributes:
-        between: In seconds since midnight, the beginning first; over midnight if the end is earlier.
-        days: The days on which it begins; every day if left out.
-    """
+    """A condition on the time of day, local time."""
 
     between: Annotated[list[TimeOfDay], Field(min_length=2, max_length=2)]
+    """In seconds since midnight, the beginning first; over midnight if the end is earlier."""
     days: Annotated[list[Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]], Field(min_length=1)] | None = None
+    """The days on which it begins; every day if left out."""
 
     def to_plan(self) -> core.ScheduleCondition:
         """Return the condition as the core sees it.

@@ -27,31 +27,25 @@ StepDuration = Annotated[Duration, AfterValidator(_long_enough)]
 
 
 class PatternStepTable(Section):
-    """One level of a pattern.
-
-    Attributes:
-        level: The level.
-        for_: How long it lasts, in seconds, written ``for``.
-    """
+    """One level of a pattern."""
 
     level: Share
+    """The level."""
     for_: Annotated[StepDuration, Field(alias="for")]
+    """How long it lasts, in seconds, written ``for``."""
 
 
 class PatternTable(Section):
-    """A level that changes by itself; see `stadimeter.core.rule.Pattern`.
-
-    Attributes:
-        on: For how long the output is on, in seconds.
-        off: For how long it is off after that.
-        steps: Several levels instead of on and off.
-        times: How often all of it is gone through; 0 for as long as the alarm stands.
-    """
+    """A level that changes by itself; see `stadimeter.core.rule.Pattern`."""
 
     on: StepDuration | None = None
+    """For how long the output is on, in seconds."""
     off: StepDuration | None = None
+    """For how long it is off after that."""
     steps: Annotated[list[PatternStepTable], Field(min_length=1, max_length=100)] | None = None
+    """Several levels instead of on and off."""
     times: Annotated[int, Field(ge=0)] = 0
+    """How often all of it is gone through; 0 for as long as the alarm stands."""
 
     @model_validator(mode="after")
     def _one_form_only(self) -> Self:

@@ -79,37 +79,34 @@ Text = Annotated[str, Field(min_length=1), AfterValidator(_check_text)]
 
 
 class StepTable(Section):
-    """One thing that an alarm does after it was raised or cleared; see `stadimeter.core.rule.SequenceStep`.
-
-    Attributes:
-        after: How long after, in seconds.
-        on: After being raised, or after being cleared.
-        only_unacknowledged: Not if somebody has acknowledged the alarm by then.
-        actuator: An actuator that it drives, or ``base``.
-        level: The level that the actuator gets.
-        pattern: How that level changes.
-        for_: For how long, in seconds, written ``for``; None for as long as the alarm stands.
-        notify: The notifier that tells people.
-        title: The title of the notification, with gaps; None for the rule and what happened to it.
-        topic: The messenger's topic, below its base topic.
-        text: What it says, with gaps.
-        json_: The same as JSON, with gaps in its texts, written ``json``.
-        retain: Whether the broker keeps the message.
-    """
+    """One thing that an alarm does after it was raised or cleared; see `stadimeter.core.rule.SequenceStep`."""
 
     after: Duration = _STEP.after_s
+    """How long after, in seconds."""
     on: Literal["raised", "cleared"] = _STEP.on
+    """After being raised, or after being cleared."""
     only_unacknowledged: bool = _STEP.only_unacknowledged
+    """Not if somebody has acknowledged the alarm by then."""
     actuator: str | None = None
+    """An actuator that it drives, or ``base``."""
     level: Share = _STEP.level
+    """The level that the actuator gets."""
     pattern: PatternTable | None = None
+    """How that level changes."""
     for_: Annotated[DurationAboveZero | None, Field(alias="for")] = None
+    """For how long, in seconds, written ``for``; None for as long as the alarm stands."""
     notify: str | None = None
+    """The notifier that tells people."""
     title: Text | None = None
+    """The title of the notification, with gaps; None for the rule and what happened to it."""
     topic: Annotated[str, AfterValidator(_check_topic)] | None = None
+    """The messenger's topic, below its base topic."""
     text: Text | None = None
+    """What it says, with gaps."""
     json_: Annotated[Any, BeforeValidator(_check_json), Field(alias="json")] = None
+    """The same as JSON, with gaps in its texts, written ``json``."""
     retain: bool = False
+    """Whether the broker keeps the message."""
 
     @model_validator(mode="after")
     def _one_thing_only(self) -> Self:
@@ -127,11 +124,7 @@ class StepTable(Section):
         return self
 
     def to_plan(self) -> rule.SequenceStep:
-        """Return the step as the core sees it.
-
-        Returns:
-            The step.
-        """
+        """Return the step as the core sees it."""
         return rule.SequenceStep(
             on=self.on,
             after_s=self.after,

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
-from stadimeter.config.rules.common import FramesTable, LostTable, OnDelay, RuleCommon
 from stadimeter.config.rules.condition_tables import WhenTable
-from stadimeter.config.rules.follow_tables import FollowTable
 from stadimeter.config.rules.pattern_tables import PatternTable
-from stadimeter.config.rules.ramp_tables import RampTable
+from stadimeter.config.rules.proportional_tables import FollowTable, RampTable, RuleCommon
 from stadimeter.config.rules.sequence_tables import StepTable
 from stadimeter.config.units import Duration
 from stadimeter.core import condition, rule
+from stadimeter.core.condition import targets_of
 from stadimeter.core.decision import Severity
 
 __all__ = ["KINDS", "FramesTable", "RuleTable", "WhenTable"]
 
+_LOST = rule.Lost()
 _RULE = rule.Rule(name="", target="")
 _DISTANCE = condition.DistanceCondition()
 _ALARM = rule.AlarmRule(name="", target="", condition=_DISTANCE)
@@ -31,120 +31,126 @@ KINDS = ("when", "ramp", "follow")
 """What a rule can be: exactly one of these keys is in its table."""
 
 
-class RuleTable(Section):
-    """One rule.
+class LostTable(Section):
+    """What a rule does without its target; see `stadimeter.core.rule.Lost`."""
 
-    Attributes:
-        target: The target that it watches; may be left out where there is only one.
-        targets: Several targets instead: one alarm for each, named after the rule and the target.
-        actuator: The actuator that it drives, or ``base``; None for an alert only.
-        priority: Of several rules that ask something of one output, the highest wins.
-        severity: How much its events matter.
-        lost: What it does without its target.
-        observe: It is judged, recorded and explained like any other, but drives nothing and sends nothing.
-        when: A condition to act on.
-        ramp: An output that follows the distance.
-        follow: A distance that a base keeps.
-        on_delay: How long a condition must hold first; in seconds or in frames. None for the default.
-        off_delay: How long it must no longer hold; in seconds.
-        level: The level of an actuator while the condition holds.
-        pattern: How that level changes while the condition holds.
-        at_start: Whether an alarm that is raised by the very first sight of the target moves its output.
-        latch: Whether it stays active until somebody resets it.
-        ack: Whether somebody must acknowledge it.
-        realarm: After being active for this long, in seconds, it is reported again; None for never.
-        cooldown: The least time between two notifications, in seconds. None for the default.
-        shelve_max: The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default.
-        group: Of the alarms of one group, the first one is marked; empty for none.
-        suppress_when: While this holds, it drives nothing and notifies nobody.
-        then: What else it does, and when.
-    """
+    grace: Duration = _LOST.grace_s
+    """In seconds."""
+    policy: Annotated[rule.LostPolicy, Field(strict=False)] = _LOST.policy
+    """What happens after it."""
+    fault_after: Duration = _LOST.fault_after_s
+    """In seconds."""
+
+    def to_plan(self) -> rule.Lost:
+        """Return the table as the core sees it."""
+        return rule.Lost(grace_s=self.grace, policy=self.policy, fault_after_s=self.fault_after)
+
+
+class FramesTable(Section):
+    """A delay counted in frames."""
+
+    frames: Annotated[int, Field(ge=1)]
+    """In this many frames the condition must hold."""
+    of: Annotated[int, Field(ge=1)]
+    """Of this many newest frames."""
+
+
+OnDelay = Annotated[
+    Annotated[FramesTable, Tag("in frames")] | Annotated[Duration, Tag("in time")],
+    Discriminator(lambda value: "in frames" if isinstance(value, dict | FramesTable) else "in time"),
+]
+
+
+class Conditions(NamedTuple):
+    """The conditions of one rule table as the core sees them."""
+
+    when: condition.Condition | None
+    suppress_when: condition.Condition | None
+
+
+class RuleTable(Section):
+    """One rule."""
 
     target: str | None = None
+    """The target that it watches; may be left out where there is only one."""
     targets: Annotated[list[str], Field(min_length=1)] | None = None
+    """Several targets instead: one alarm for each, named after the rule and the target."""
     actuator: str | None = None
+    """The actuator that it drives, or ``base``; None for an alert only."""
     priority: int = _RULE.priority
+    """Of several rules that ask something of one output, the highest wins."""
     severity: Annotated[Severity, Field(strict=False)] = _RULE.severity
-    lost: LostTable = LostTable()
+    """How much its events matter."""
+    lost: LostTable = Field(default_factory=LostTable)
+    """What it does without its target."""
     observe: bool = _RULE.observe
+    """It is judged, recorded and explained like any other, but drives nothing and sends nothing."""
     when: WhenTable | None = None
+    """A condition to act on."""
     ramp: RampTable | None = None
+    """An output that follows the distance."""
     follow: FollowTable | None = None
+    """A distance that a base keeps."""
     on_delay: OnDelay | None = None
+    """How long a condition must hold first; in seconds or in frames. None for the default."""
     off_delay: Duration = _ALARM.off_delay_s
+    """How long it must no longer hold; in seconds."""
     level: Share = _ALARM.level
+    """The level of an actuator while the condition holds."""
     pattern: PatternTable | None = None
+    """How that level changes while the condition holds."""
     at_start: Literal["act", "announce"] = "act" if _ALARM.act_at_start else "announce"
+    """Whether an alarm that is raised by the very first sight of the target moves its output."""
     latch: bool = _ALARM.latch
+    """Whether it stays active until somebody resets it."""
     ack: Literal["required", "none"] = "required" if _ALARM.needs_ack else "none"
+    """Whether somebody must acknowledge it."""
     realarm: DurationAboveZero | None = None
+    """After being active for this long, in seconds, it is reported again; None for never."""
     cooldown: Duration | None = None
+    """The least time between two notifications, in seconds. None for the default."""
     shelve_max: Duration | None = None
+    """The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default."""
     group: str = _ALARM.group
+    """Of the alarms of one group, the first one is marked; empty for none."""
     suppress_when: WhenTable | None = None
+    """While this holds, it drives nothing and notifies nobody."""
     then: list[StepTable] = Field(default_factory=list)
+    """What else it does, and when."""
 
     def names(self, name: str) -> tuple[str, ...]:
-        """Return the names of the rules that the table stands for.
-
-        Args:
-            name: The table's name.
-
-        Returns:
-            The name itself; with several targets one for each, such as ``near:ball``.
-        """
+        """Return the names of the rules that it stands for: with several targets one for each, ``near:ball``."""
         return (name,) if self.targets is None else tuple(f"{name}:{target}" for target in self.targets)
 
-    def names_every_target(self) -> bool:
-        """Return whether every part of its conditions says what it is about, so that the rule itself need not.
+    def conditions(self) -> Conditions:
+        """Return the conditions as the core sees them; parts that name no target are left without one."""
+        return Conditions(
+            when=self.when.to_plan(self.severity) if self.when else None,
+            suppress_when=self.suppress_when.to_plan(self.severity) if self.suppress_when else None,
+        )
 
-        Returns:
-            Whether they do; never for a ramp or a follow rule.
-        """
-        whens = [when.to_plan(self.severity) for when in (self.when, self.suppress_when) if when is not None]
-        return self.when is not None and not any("" in condition.targets_of(part) for part in whens)
-
-    def default_target(self, targets: Sequence[str]) -> str:
-        """Return the target of a rule that names none: one that its condition is about, or else the first.
-
-        Args:
-            targets: Every target, in the order of the file.
-
-        Returns:
-            Its name.
-        """
-        about = condition.targets_of(self.when.to_plan(self.severity)) if self.when is not None else frozenset()
-        return next((target for target in targets if target in about), targets[0])
-
-    def to_plans(self, name: str, target: str) -> tuple[rule.AnyRule, ...]:
+    def to_plans(self, name: str, targets: Sequence[str], conditions: Conditions) -> tuple[rule.AnyRule, ...]:
         """Return every rule that the table stands for, as the core sees them.
 
         Args:
-            name: The table's name.
-            target: The target where the table names none.
+            targets: Every target, in the order of the file.
+            conditions: What `conditions` gives.
 
         Returns:
-            One rule; with several targets one for each.
+            One rule; with several targets one for each. One that names no target watches the first of those that its
+            condition is about, or else the first of all.
 
         Raises:
-            ValueError: It is of no kind; the cross-checks find that first.
+            ValueError: The table has none of `KINDS`.
         """
-        targets = self.targets or (self.target or target,)
-        return tuple(self.to_plan(each, watched) for each, watched in zip(self.names(name), targets, strict=True))
+        about = targets_of(conditions.when) if conditions.when is not None else frozenset[str]()
+        default = next((target for target in targets if target in about), next(iter(targets), ""))
+        watched = self.targets or (self.target or default,)
+        return tuple(
+            self._to_plan(each, target, conditions) for each, target in zip(self.names(name), watched, strict=True)
+        )
 
-    def to_plan(self, name: str, target: str) -> rule.AnyRule:
-        """Return the rule as the core sees it.
-
-        Args:
-            name: The rule's name.
-            target: The target that it watches, also where the table does not name it.
-
-        Returns:
-            The rule.
-
-        Raises:
-            ValueError: It is of no kind; the cross-checks find that first.
-        """
+    def _to_plan(self, name: str, target: str, conditions: Conditions) -> rule.AnyRule:
         common = RuleCommon(
             name=name,
             target=target,
@@ -154,8 +160,8 @@ class RuleTable(Section):
             lost=self.lost.to_plan(),
             observe=self.observe,
         )
-        if self.when is not None:
-            return self._alarm(common, self.when)
+        if conditions.when is not None:
+            return self._alarm(common, conditions.when, conditions.suppress_when)
         if self.ramp is not None:
             return self.ramp.to_plan(common)
         if self.follow is not None:
@@ -164,9 +170,6 @@ class RuleTable(Section):
 
     def delay(self, judged: condition.Condition) -> rule.OnDelay:
         """Return how long a condition must hold before the alarm is raised.
-
-        Args:
-            judged: The condition.
 
         Returns:
             The delay. Without a word about it there is none for safety, nor for what is judged with a probability: that
@@ -194,12 +197,13 @@ class RuleTable(Section):
             return written_s
         return 0.0 if self.severity is Severity.SAFETY else default_s
 
-    def _alarm(self, common: RuleCommon, when: WhenTable) -> rule.AlarmRule:
-        judged = when.to_plan(self.severity)
+    def _alarm(
+        self, common: RuleCommon, when: condition.Condition, suppress_when: condition.Condition | None
+    ) -> rule.AlarmRule:
         return rule.AlarmRule(
             **common,
-            condition=judged,
-            on_delay=self.delay(judged),
+            condition=when,
+            on_delay=self.delay(when),
             off_delay_s=self.off_delay,
             level=self.level,
             act_at_start=self.at_start == "act",
@@ -210,7 +214,7 @@ class RuleTable(Section):
             cooldown_s=self.cooldown_s,
             shelve_max_s=self.shelve_max_s,
             group=self.group,
-            suppress_when=self.suppress_when.to_plan(self.severity) if self.suppress_when else None,
+            suppress_when=suppress_when,
             sequence=tuple(step.to_plan() for step in self.then),
         )
 

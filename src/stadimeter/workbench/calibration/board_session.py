@@ -10,8 +10,7 @@ import numpy as np
 from stadimeter.app.capture import Capture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.cameras.protocol import Camera
-from stadimeter.config.driver_choice import DriverChoice
-from stadimeter.config.plugins import DriverContext
+from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import (

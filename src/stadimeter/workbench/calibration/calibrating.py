@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
-from stadimeter.config.driver_choice import DriverChoice
+from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import CalibrationError

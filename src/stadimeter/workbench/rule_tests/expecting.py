@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from stadimeter.config.rule_tests.expectations import ExpectTable
-from stadimeter.config.rule_tests.motions import PathPoint, SpanTable
+from stadimeter.config.rule_tests.expectations import ExpectTable, SpanTable
+from stadimeter.config.rule_tests.tables import PathPoint
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rule_tests.motions import MotionTable
-from stadimeter.config.rule_tests.tables import InputTable, OperatorTable
+from stadimeter.config.rule_tests.tables import InputTable, MotionTable, OperatorTable
 from stadimeter.config.rules.figure_tables import DAYS
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rule_tests.motions import PathPoint
-from stadimeter.config.rule_tests.tables import RuleTest
+from stadimeter.config.rule_tests.tables import PathPoint, RuleTest
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan

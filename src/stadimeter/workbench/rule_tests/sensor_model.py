@@ -8,9 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from stadimeter.app.clock import SteppedClock
-from stadimeter.config.driver_choice import DriverChoice
 from stadimeter.config.loader import Configuration
-from stadimeter.config.plugins import DriverContext, Shared
+from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.target import TargetSize
 from stadimeter.detectors.protocol import Detector

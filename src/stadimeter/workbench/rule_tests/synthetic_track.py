@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import NormalDist
 
-from stadimeter.config.rule_tests.motions import PathPoint, SpanTable
+from stadimeter.config.rule_tests.expectations import SpanTable
+from stadimeter.config.rule_tests.tables import PathPoint
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.workbench.rule_tests.sensor_model import SensorModel
 

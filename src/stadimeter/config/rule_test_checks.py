@@ -9,10 +9,10 @@ from typing import Any
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list
 from stadimeter.config.rule_tests.expectations import OF_ACTUATORS, OF_BASES, OF_OUTPUTS, OF_RULES, ExpectTable
-from stadimeter.config.rule_tests.motions import MOTIONS, MotionTable
-from stadimeter.config.rule_tests.tables import FRAMES_MAX, InputTable, name_of
+from stadimeter.config.rule_tests.tables import FRAMES_MAX, MOTIONS, InputTable, MotionTable, name_of
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.rule import AlarmRule
 
 _MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
 _MADE_UP_TOO = ("seed", "frozen", "clock", "day", "operator")
@@ -22,14 +22,7 @@ _EXAMPLE = "expect.RULE = { raised = 1 }"
 
 
 def rule_test_findings(draft: Draft) -> Iterator[Finding]:
-    """Find what makes tests unusable.
-
-    Args:
-        draft: What could be read of the configuration.
-
-    Yields:
-        What is wrong.
-    """
+    """Find what makes tests unusable."""
     names: dict[str, int] = {}
     for position, test in draft.tests.items():
         name = name_of(test, position)
@@ -48,14 +41,7 @@ def rule_test_findings(draft: Draft) -> Iterator[Finding]:
 
 
 def rule_test_warnings(draft: Draft) -> Iterator[Finding]:
-    """Find tests that cannot be run here, though the configuration can.
-
-    Args:
-        draft: A configuration without errors.
-
-    Yields:
-        What to look at again.
-    """
+    """Find tests that cannot be run here, though the configuration can."""
     for position, test in draft.tests.items():
         journal = test.input.journal
         if journal is not None and not is_file(journal):
@@ -208,10 +194,10 @@ def _within(draft: Draft, at: tuple[str | int, ...], subject: str, given: InputT
 
 
 def _is_on_distance(draft: Draft, rule_name: str) -> bool:
-    rule = draft.rules.get(rule_name) or draft.rules.get(rule_name.partition(":")[0])
-    if rule is None or rule.when is None:
-        return rule is None  # what could not be read has findings of its own
-    condition = rule.when.to_plan(rule.severity)
+    compiled = next((each for each in draft.compiled if rule_name in (each.rule.name, each.section)), None)
+    if compiled is None:
+        return True  # what could not be read has findings of its own
+    condition = compiled.rule.condition if isinstance(compiled.rule, AlarmRule) else None
     return isinstance(condition, DistanceCondition) and condition.quantity == "distance"
 
 

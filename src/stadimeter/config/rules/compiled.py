@@ -1,0 +1,184 @@
+"""Rules compiled from their tables: what the core runs, each beside its table in the file. This is done once.
+
+The loader, the analysis, the descriptions and the checks of rule tests share the result, so that a finding about what
+the core runs names the line and the words that it came from.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from stadimeter.config.rules.tables import KINDS, RuleTable
+from stadimeter.config.toml_lines import KeyPath
+from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, RuleCondition, targets_of
+from stadimeter.core.rule import AlarmRule, AnyRule
+
+_LONGEST = 70
+_OF_ONE_QUANTITY = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation", "count", "time")
+"""Conditions that are a table of their own inside the table of the condition."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrittenCondition:
+    """A condition and its table in the file."""
+
+    path: KeyPath
+    table: Mapping[str, Any]
+    """The table as it was written; empty if it is not known."""
+    condition: Condition
+
+    def parts(self) -> tuple[WrittenCondition, ...]:
+        """Return the conditions that it is made of; none for a simple one."""
+        match self.condition:
+            case AnyOf(conditions=members) if "rule" in self.table:  # one name for several rules
+                return tuple(replace(self, condition=member) for member in members)
+            case AllOf(conditions=conditions):
+                return self._parts("all", conditions)
+            case AnyOf(conditions=conditions):
+                return self._parts("any", conditions)
+            case Not(condition=condition):
+                return (_at((*self.path, "not"), self.table.get("not"), condition),)
+            case _:
+                return ()
+
+    def leaves(self) -> Iterator[WrittenCondition]:
+        """Go through the simple conditions that it is made of, from left to right."""
+        parts = self.parts()
+        if not parts:
+            yield self
+        for part in parts:
+            yield from part.leaves()
+
+    @property
+    def leaf(self) -> Leaf:
+        """The condition, which is a simple one.
+
+        Raises:
+            TypeError: It is not.
+        """
+        if isinstance(self.condition, AllOf | AnyOf | Not):
+            raise TypeError(f"{self} is made of others")
+        return self.condition
+
+    @property
+    def limits_path(self) -> KeyPath:
+        """Where its limits stand: its own table, or the one inside it that names the quantity."""
+        inner = next((key for key in _OF_ONE_QUANTITY if isinstance(self.table.get(key), Mapping)), None)
+        return self.path if inner is None else (*self.path, inner)
+
+    def __str__(self) -> str:
+        """Return the table as it was written, short enough for a message."""
+        text = toml_of(self.table)
+        return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+    def _parts(self, key: str, conditions: tuple[Condition, ...]) -> tuple[WrittenCondition, ...]:
+        tables = self.table.get(key)
+        entries: list[Any] = tables if isinstance(tables, list) and len(tables) == len(conditions) else []
+        known = entries or [None] * len(conditions)
+        return tuple(
+            _at((*self.path, key, number), table, condition)
+            for number, (table, condition) in enumerate(zip(known, conditions, strict=True))
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompiledRule:
+    """A rule as the core runs it, and the table that it was compiled from."""
+
+    section: str
+    """The name of the table; several rules come from one that names several targets."""
+    table: Mapping[str, Any]
+    """The table as it was written."""
+    rule: AnyRule
+    needs_target: bool
+    """Whether a part of it names no target, and so is about the rule's own."""
+
+    @property
+    def path(self) -> KeyPath:
+        """Where the table stands."""
+        return ("rules", self.section)
+
+    def at(self, *keys: str | int) -> KeyPath:
+        """Return where a key of the table stands, or would stand."""
+        return (*self.path, *keys)
+
+    def conditions(self) -> Iterator[WrittenCondition]:
+        """Go through ``when`` and ``suppress_when`` of an alarm, as far as it has them."""
+        if isinstance(self.rule, AlarmRule):
+            yield _at(self.at("when"), self.table.get("when"), self.rule.condition)
+            if self.rule.suppress_when is not None:
+                yield _at(self.at("suppress_when"), self.table.get("suppress_when"), self.rule.suppress_when)
+
+
+def compile_rules(
+    tables: Mapping[str, RuleTable], written: Mapping[str, Mapping[str, Any]], targets: Sequence[str]
+) -> tuple[CompiledRule, ...]:
+    """Compile rules, in the order of the file.
+
+    Args:
+        tables: The rules that could be read, by name. Those of no kind are left out: they have a finding of their own.
+    """
+    several = {name: table.names(name) for name, table in tables.items() if table.targets is not None}
+    return tuple(
+        _naming_members(rule, several)
+        for section, table in tables.items()
+        if any(getattr(table, kind) is not None for kind in KINDS)
+        for rule in _compiled(section, table, written[section], targets)
+    )
+
+
+def _compiled(
+    section: str, table: RuleTable, written: Mapping[str, Any], targets: Sequence[str]
+) -> Iterator[CompiledRule]:
+    conditions = table.conditions()
+    needs_target = conditions.when is None or any("" in targets_of(each) for each in conditions if each is not None)
+    for rule in table.to_plans(section, targets, conditions):
+        yield CompiledRule(section=section, table=written, rule=rule, needs_target=needs_target)
+
+
+def _naming_members(compiled: CompiledRule, several: Mapping[str, tuple[str, ...]]) -> CompiledRule:
+    """Let conditions that ask for a table of several rules ask for its rules: it is active when one of them is."""
+    rule = compiled.rule
+    if not several or not isinstance(rule, AlarmRule):
+        return compiled
+    unless = rule.suppress_when
+    named = replace(
+        rule,
+        condition=_members_in(rule.condition, several),
+        suppress_when=None if unless is None else _members_in(unless, several),
+    )
+    return replace(compiled, rule=named)
+
+
+def _members_in(condition: Condition, several: Mapping[str, tuple[str, ...]]) -> Condition:
+    match condition:
+        case AllOf() | AnyOf():
+            return replace(condition, conditions=tuple(_members_in(part, several) for part in condition.conditions))
+        case Not():
+            return Not(condition=_members_in(condition.condition, several))
+        case RuleCondition() if condition.rule in several:
+            return AnyOf(conditions=tuple(RuleCondition(rule=name) for name in several[condition.rule]))
+        case _:
+            return condition
+
+
+def _at(path: KeyPath, table: object, condition: Condition) -> WrittenCondition:
+    return WrittenCondition(path=path, table=table if isinstance(table, Mapping) else {}, condition=condition)
+
+
+def toml_of(value: object) -> str:
+    """Write a value as TOML in one line, such as ``{ below = "50 cm" }``."""
+    match value:
+        case Mapping():
+            return f"{{ {', '.join(f'{key} = {toml_of(entry)}' for key, entry in value.items())} }}"
+        case list():
+            return f"[{', '.join(toml_of(entry) for entry in value)}]"
+        case bool():
+            return str(value).lower()
+        case str():
+            return json.dumps(value, ensure_ascii=False)
+        case _:
+            return str(value)

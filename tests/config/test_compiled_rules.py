@@ -1,0 +1,101 @@
+"""Rules are compiled once, and everything that looks at them shares the result."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from stadimeter.cli.main import app
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.rules.condition_tables import WhenTable
+from stadimeter.config.rules.tables import RuleTable
+from stadimeter.core.condition import AnyOf, RuleCondition
+from stadimeter.core.rule import AlarmRule
+
+TWO_TARGETS = """\
+[camera]
+driver = "simulated"
+model = { width_px = 640, height_px = 480, fx_px = 600.0 }
+[world]
+[messenger]
+driver = "simulated"
+[targets.ball]
+detector = "ideal"
+[targets.code]
+detector = "ideal"
+max_closing_speed = "5 m/s"
+"""
+
+
+def loaded(text: str, folder: Path) -> Configuration:
+    file = folder / "two.toml"
+    file.write_text(TWO_TARGETS + text, encoding="utf-8")
+    return load_configuration(file)
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        'when = { below = "1 m", target = "code" }\non_delay = "1.2 s"',
+        'target = "ball"\nwhen = { below = "1 m", target = "code" }\non_delay = "1.2 s"',
+        'target = "code"\nwhen = { below = "1 m" }\non_delay = "1.2 s"',
+    ],
+    ids=["named by the condition", "named by the condition against the rule", "named by the rule"],
+)
+def test_a_late_rule_is_found_wherever_its_target_is_named(rule: str, tmp_path: Path) -> None:
+    configuration = loaded(f"[rules.near]\n{rule}\n", tmp_path)
+    (late,) = (each for each in configuration.warnings if each.code == "late")
+    assert late.key == "rules.near.on_delay"
+    assert late.message.startswith("at 5 m/s this rule is 6.2 m late")
+
+
+def test_check_compiles_each_rule_and_each_condition_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    compiled: Counter[str] = Counter()
+
+    def count(kind: type[Any], method: str) -> None:
+        original = getattr(kind, method)
+
+        def counted(table: Any, *arguments: Any) -> Any:
+            compiled[f"{kind.__name__}.{method}"] += 1
+            return original(table, *arguments)
+
+        monkeypatch.setattr(kind, method, counted)
+
+    count(WhenTable, "to_plan")
+    count(RuleTable, "to_plans")
+    file = tmp_path / "two.toml"
+    file.write_text(
+        TWO_TARGETS
+        + '[rules.near]\nwhen = { below = "1 m", target = "code" }\n'
+        + '[rules.far]\ntargets = ["ball", "code"]\nwhen = { above = "4 m" }\nsuppress_when = { rule = "near" }\n'
+        + '[[tests]]\ninput = { target = "code", hover = { at = "50 cm", for = "9 s" } }\n'
+        + 'expect.near = { raised_within = "1 s" }\n',
+        encoding="utf-8",
+    )
+    assert CliRunner().invoke(app, ["check", str(file)]).exit_code == 0
+    assert compiled == {"WhenTable.to_plan": 3, "RuleTable.to_plans": 2}
+
+
+def test_the_rules_of_the_plan_are_those_that_were_looked_at(tmp_path: Path) -> None:
+    configuration = loaded('[rules.near]\ntargets = ["ball", "code"]\nwhen = { below = "1 m" }\n', tmp_path)
+    assert [each.section for each in configuration.rules] == ["near", "near"]
+    assert all(each.rule is rule for each, rule in zip(configuration.rules, configuration.plan.rules, strict=True))
+
+
+def test_a_rule_that_asks_for_several_is_looked_at_with_what_it_stands_for(tmp_path: Path) -> None:
+    configuration = loaded(
+        '[rules.near]\ntargets = ["ball", "code"]\nwhen = { below = "1 m" }\nlatch = true\n'
+        '[rules.quiet]\nwhen = { above = "4 m", target = "ball" }\nsuppress_when = { rule = "near" }\n',
+        tmp_path,
+    )
+    quiet = configuration.rules[-1].rule
+    assert isinstance(quiet, AlarmRule)
+    members = (RuleCondition(rule="near:ball"), RuleCondition(rule="near:code"))
+    assert quiet.suppress_when == AnyOf(conditions=members)
+    (warning,) = (each for each in configuration.warnings if each.code == "latch-suppresses")
+    assert warning.key == "rules.quiet.suppress_when"
+    assert "'near'" in warning.message
