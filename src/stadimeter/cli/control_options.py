@@ -36,14 +36,9 @@ def asked(
     """Ask the running instance that is meant.
 
     Args:
-        op: What is wanted.
-        args: The details.
         config: The configuration of the instance; None if there is but one.
         socket: Where it listens; None to find out.
         wait_s: How long to wait for the answer.
-
-    Returns:
-        The data of its answer.
 
     Raises:
         ControlError: None runs, several do, or it refuses.
@@ -69,11 +64,5 @@ def who(by: str | None) -> str:
 
 
 def tell(data: Any, words: str, *, as_json: bool) -> None:
-    """Print an answer.
-
-    Args:
-        data: The answer.
-        words: The same for people.
-        as_json: Which of them.
-    """
+    """Print an answer."""
     typer.echo(json.dumps(data, ensure_ascii=False) if as_json else words)

@@ -25,11 +25,7 @@ MOST_SHOWN = 100
 
 @contextmanager
 def told_plainly() -> Iterator[None]:
-    """Turn every error that stadimeter raises on purpose into its lines on standard error and exit code 2.
-
-    Yields:
-        Nothing.
-    """
+    """Turn every error that stadimeter raises on purpose into its lines on standard error and exit code 2."""
     try:
         yield
     except ConfigError as error:

@@ -19,11 +19,7 @@ from stadimeter.workbench.replay.replay_run import replay_run
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command."""
     app.command("explain")(explain_command)
 
 
@@ -50,7 +46,7 @@ def explain_command(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say why a rule does what it does, and why it does not do more.
+    """Explain why a rule acts, or why it does not.
 
     Asks the running instance about this moment, or about one of the last minute. With --journal, asks a recording
     about any moment of it: everything up to there is decided again, and nothing is opened or moved.

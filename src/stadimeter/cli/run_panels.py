@@ -99,10 +99,6 @@ def _rule_block(
 def why(decision: Decision, rule: str) -> str:
     """Return why a rule does what it does: the sentence of ``stadimeter explain``.
 
-    Args:
-        decision: What was decided.
-        rule: The rule's name.
-
     Returns:
         The sentence; the reason alone where the decision was read from a file.
     """

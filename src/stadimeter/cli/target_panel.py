@@ -7,22 +7,21 @@ import textwrap
 
 from rich.text import Text
 
-from stadimeter.cli.big_digits import big_digits
-from stadimeter.cli.candidates import format_best
 from stadimeter.cli.formatting import (
     FOOT,
     UNKNOWN,
     LengthUnit,
     distance_figures,
     format_bearing,
+    format_best,
     format_closing,
     format_distance,
     format_feet_and_inches,
     format_tilt,
     format_time,
 )
-from stadimeter.cli.glyphs import Glyphs
-from stadimeter.cli.snapshot import Snapshot, heading
+from stadimeter.cli.glyphs import Glyphs, heading
+from stadimeter.cli.snapshot import Snapshot
 from stadimeter.cli.strip_chart import StripChart
 from stadimeter.core.track import Track, TrackStatus
 
@@ -45,13 +44,6 @@ WHY_FROM_ROWS, WHY_ROWS = 7, 4
 
 def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
     """Show one target in the room that there is.
-
-    Args:
-        snapshot: All that is shown.
-        track: The target's track.
-        width: How many columns there are.
-        rows: How many rows there are.
-        glyphs: The characters to draw with.
 
     Returns:
         At most `rows` lines.
@@ -153,7 +145,6 @@ def bearing_scale(bearing_rad: float | None, glyphs: Glyphs, width: int = 17) ->
 
     Args:
         bearing_rad: Its bearing, positive to the right; None if unknown.
-        glyphs: The characters to draw with.
         width: How many columns the scale takes, an odd number.
 
     Returns:
@@ -169,3 +160,36 @@ def bearing_scale(bearing_rad: float | None, glyphs: Glyphs, width: int = 17) ->
     mark = glyphs.mark if abs(share) <= 1 else glyphs.beyond_right if share > 0 else glyphs.beyond_left
     before, after = "".join(cells[:place]), "".join(cells[place + 1 :])
     return Text.assemble((before, "dim"), (mark, "bold bright_cyan"), (after, "dim"))
+
+
+_DIGITS = {
+    "0": ("█▀█", "█ █", "▀▀▀"),
+    "1": ("▀█ ", " █ ", "▀▀▀"),
+    "2": ("▀▀█", "█▀▀", "▀▀▀"),
+    "3": ("▀▀█", " ▀█", "▀▀▀"),
+    "4": ("█ █", "▀▀█", "  ▀"),
+    "5": ("█▀▀", "▀▀█", "▀▀▀"),
+    "6": ("█▀▀", "█▀█", "▀▀▀"),
+    "7": ("▀▀█", "  █", "  ▀"),
+    "8": ("█▀█", "█▀█", "▀▀▀"),
+    "9": ("█▀█", "▀▀█", "▀▀▀"),
+    ".": (" ", " ", "▀"),
+    "-": ("  ", "▀▀", "  "),
+    "—": ("   ", "▀▀▀", "   "),
+}
+
+
+def big_digits(number: str) -> tuple[str, str, str]:
+    """Write a number large.
+
+    Args:
+        number: Made of digits, a point and a minus sign, or the dash that stands for no number.
+
+    Returns:
+        Three rows of the same width.
+
+    Raises:
+        KeyError: There is something else in it.
+    """
+    rows = [" ".join(_DIGITS[character][row] for character in number) for row in range(3)]
+    return rows[0], rows[1], rows[2]

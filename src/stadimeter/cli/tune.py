@@ -26,11 +26,7 @@ from stadimeter.workbench.tuning.rates import DAY_S
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command."""
     app.command("tune")(tune_command)
 
 
@@ -65,7 +61,7 @@ def tune_command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, with all that was tried.")] = False,
 ) -> None:
-    """Propose the probability, the delays and the band of an alarm, from recordings.
+    """Propose the probability, delays and hysteresis of an alarm, from recordings.
 
     Takes the noise of the recordings, as it was, and tries some dozens of settings on it: how often a day the alarm
     would be raised for nothing while its target stands where it mostly stood, how late it is for a target that comes,
@@ -213,14 +209,7 @@ def _begin_table(proposal: Proposal) -> Table:
 
 
 def worth_showing(proposal: Proposal) -> list[Beginning]:
-    """Return the settings that no others beat in both, the rule's own and the proposed ones; earliest first.
-
-    Args:
-        proposal: What tuning came to.
-
-    Returns:
-        The settings.
-    """
+    """Return the settings that no others beat in both, the rule's own and the proposed ones; earliest first."""
     kept: list[Beginning] = []
     least = float("inf")
     for each in sorted(proposal.beginnings, key=lambda each: (each.late_s, each.rate.a_day)):

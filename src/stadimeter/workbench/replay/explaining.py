@@ -18,7 +18,6 @@ def explain_recording(run: ReplayRun, rule: str, at: str | None) -> tuple[Explan
 
     Args:
         run: The recording, and the configuration to decide by.
-        rule: The rule.
         at: The moment: a time since the beginning such as ``12.5 s``, or a time of day such as ``14:03:20``, local,
             with or without its date. None for the end.
 
@@ -82,7 +81,6 @@ def seconds_ago(at: str, now: datetime) -> float:
 
     Args:
         at: What somebody wrote: ``12.5 s`` for so long ago, or a time of day.
-        now: The local time.
 
     Returns:
         How long ago that was, in seconds.

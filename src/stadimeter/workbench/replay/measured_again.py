@@ -13,7 +13,6 @@ class MeasuredAgain:
     """One target in the pictures of a recording.
 
     Attributes:
-        target: Its name.
         frames: In how many pictures it was looked for again.
         found_before: In how many of them it was measured when they were recorded.
         found_again: In how many of them it is measured now.
@@ -40,7 +39,6 @@ class AgainTally:
 
         Args:
             before: What was observed when it was recorded.
-            again: What is observed now.
         """
         before_m = {measured.target: measured.distance_m for measured in before.measurements}
         for measured in again.measurements:

@@ -42,10 +42,7 @@ class ReplayResult:
     """What came of a replay.
 
     Attributes:
-        cycles: How many cycles there were.
         identical: In how many the decision was the recorded one, to the last bit.
-        events: The events of the replay.
-        recorded_events: The events of the recording.
         differences: The first cycles that differ.
         frames: How many frames were decided on.
         recorded_frames: How many were when it was recorded.
@@ -73,11 +70,7 @@ def first_state(recording: Recording, plan: Plan) -> State:
     """Return the state with which a replay begins: with what the run took over from an earlier one.
 
     Args:
-        recording: The recording.
         plan: The rules, which need not be those of the recording.
-
-    Returns:
-        The state.
 
     Raises:
         JournalError: What was taken over is damaged.
@@ -95,7 +88,6 @@ def decisions(recording: Recording, plan: Plan, take_over: TakeOver | None = Non
     """Decide again on everything that was observed.
 
     Args:
-        recording: The recording.
         plan: The rules, which need not be those of the recording.
         take_over: What to do where another configuration was taken over; None to go on with these rules.
 
@@ -139,11 +131,7 @@ def replay(recording: Recording, plan: Plan) -> ReplayResult:
     """Decide again on everything that was observed, and compare.
 
     Args:
-        recording: The recording.
         plan: The rules, which need not be those of the recording.
-
-    Returns:
-        What came of it.
 
     Raises:
         JournalError: The recording is damaged.
@@ -174,11 +162,6 @@ class Comparison:
 
     def add(self, cycle: RecordedCycle, observation: Observation, decision: Decision) -> None:
         """Add one cycle.
-
-        Args:
-            cycle: What was recorded.
-            observation: What was observed in it.
-            decision: What is decided now.
 
         Raises:
             JournalError: The recorded cycle is damaged.
@@ -216,9 +199,6 @@ class Comparison:
 
 def replayed_record(cycle: Replayed) -> CycleRecord:
     """Return a cycle of a replay for a journal: nothing was applied, and nothing is timed.
-
-    Args:
-        cycle: The cycle.
 
     Returns:
         The record, the same each time.

@@ -22,7 +22,6 @@ class ReplayRun:
     """Decides over a recording by one configuration. It may be gone through any number of times, always the same.
 
     Attributes:
-        recording: The recording.
         configuration: The configuration that it begins with.
         is_recorded: Whether that is the recording's: then it follows what was taken over while the recording ran.
         from_images: Whether to measure again in the recorded pictures.
@@ -67,11 +66,7 @@ class ReplayRun:
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Look for no cycles of references meanwhile: a replay leaves none, and looking takes a twentieth of its time.
-
-    Yields:
-        Nothing.
-    """
+    """Look for no cycles of references meanwhile: a replay leaves none, and looking takes a twentieth of its time."""
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -85,12 +80,8 @@ def replay_run(recording: Recording, config: Path | None, *, from_images: bool =
     """Prepare a replay.
 
     Args:
-        recording: The recording.
         config: The configuration; None for that of the recording.
         from_images: Whether to measure again in the recorded pictures.
-
-    Returns:
-        The replay.
 
     Raises:
         ConfigError: The configuration cannot be used.

@@ -42,8 +42,6 @@ class Tuned:
     """The alarm that is tuned.
 
     Attributes:
-        rule: The alarm as it is.
-        condition: Its condition.
         limit_m: The limit that the target may cross.
         side: 1 if the alarm is raised by a target that is nearer than the limit, -1 if by one that is further.
     """
@@ -64,15 +62,7 @@ class Tuned:
         )
 
     def with_settings(self, settings: Settings, name: str) -> AlarmRule:
-        """Return the alarm with other settings, and without all that does not say when it is raised.
-
-        Args:
-            settings: The settings.
-            name: What it is called.
-
-        Returns:
-            The alarm.
-        """
+        """Return the alarm with other settings, and without all that does not say when it is raised."""
         on, off = settings.probability, self.condition.probability_off
         condition = replace(
             self.condition,
@@ -83,15 +73,7 @@ class Tuned:
         return self._alarm(name, condition, settings.on_delay, settings.off_delay_s)
 
     def ending_at_once(self, settings: Settings, name: str) -> AlarmRule:
-        """Return the alarm with these settings, but as soon over as it can be: so it can be raised often, and counted.
-
-        Args:
-            settings: The settings.
-            name: What it is called.
-
-        Returns:
-            The alarm.
-        """
+        """Return the alarm with these settings, but ending as soon as it can: so it is raised often enough to count."""
         on = settings.probability
         condition = replace(
             self.condition,
@@ -117,9 +99,6 @@ class Tuned:
 def beginnings(tuned: Tuned) -> list[Settings]:
     """Return the settings to try for when the alarm begins: those that it has first.
 
-    Args:
-        tuned: The alarm.
-
     Returns:
         The settings; a safety alarm does not wait.
     """
@@ -136,9 +115,6 @@ def endings(begin: Settings) -> list[Settings]:
 
     Args:
         begin: The settings for when it begins.
-
-    Returns:
-        The settings.
     """
     tried = [
         replace(begin, deadband_sigmas=band, off_delay_s=off_s)
@@ -155,12 +131,7 @@ def tuned_rule(configuration: Configuration, name: str, typical_m: float | None 
     """Return the alarm to tune.
 
     Args:
-        configuration: The configuration.
-        name: The rule's name.
         typical_m: Where the target mostly is. Of two limits, the one that is nearer to that is tuned.
-
-    Returns:
-        The alarm.
 
     Raises:
         ConfigError: There is no such rule, or it is none on a distance alone.

@@ -46,7 +46,6 @@ class Sights:
     """What one recording holds of a target, a frame each.
 
     Attributes:
-        times_s: Capture times.
         figures_m: The distances, or depths; NaN in frames without the target.
         noises_m: The standard deviation that was stated for the part that differs from frame to frame.
         scale: The rest of the stated standard deviation, as a share of the distance.
@@ -90,7 +89,6 @@ class Noise:
 
     Attributes:
         stretches: All stretches in which the target was there.
-        calm: The calm ones of them.
         recorded_s: How long the recordings are, the time without the target included.
         frame_s: The time from frame to frame, on the median.
         stated_per_m2: The stated standard deviation of the noise divided by the square of the distance, on the median.
@@ -128,11 +126,6 @@ class Noise:
 
 def sights_of(recording: Recording, target: str, quantity: Quantity) -> Sights:
     """Read what a recording holds of a target.
-
-    Args:
-        recording: The recording.
-        target: The target's name.
-        quantity: Distance or depth.
 
     Returns:
         What was measured, in the order of the frames.
@@ -224,9 +217,6 @@ def noise_of(recordings: Sequence[Sights]) -> Noise:
 
 def stretches_of(sights: Sights) -> list[Stretch]:
     """Cut a recording into stretches in which the target was there.
-
-    Args:
-        sights: What was measured.
 
     Returns:
         The stretches, in order.

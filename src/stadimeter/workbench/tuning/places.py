@@ -32,7 +32,6 @@ class Places:
     """Where a target stood while no alarm was right.
 
     Attributes:
-        quiet_s: How much time that is.
         clearances: How far it was from the threshold in each twentieth of that time, in standard deviations of the
             noise there; 0 at the threshold.
         median_m: Where it mostly was.
@@ -63,14 +62,8 @@ def quiet_frames(sights: Sights, tuned: Tuned, noise: Noise, events_s: Sequence[
     """Return for each frame whether the target was there and no alarm was right.
 
     Args:
-        sights: What was measured.
-        tuned: The alarm.
-        noise: The noise.
         events_s: Capture times at which the alarm is right, besides those when the target was clearly beyond its
             threshold.
-
-    Returns:
-        An array of truth values.
     """
     truth_m = truth_of(sights)
     there = np.isfinite(truth_m)
@@ -96,7 +89,6 @@ def truth_of(sights: Sights, around_s: float = _TRUTH_S) -> Floats:
     """Return about where the target was in each frame, in metres.
 
     Args:
-        sights: What was measured.
         around_s: The median of so much time is taken.
 
     Returns:
@@ -116,13 +108,7 @@ def places_of(recordings: Sequence[Sights], quiet: Sequence[Truths], tuned: Tune
     """Return where the target stood while no alarm was right.
 
     Args:
-        recordings: What was measured.
         quiet: For each recording, the frames in which no alarm was right.
-        tuned: The alarm.
-        noise: The noise.
-
-    Returns:
-        The places.
 
     Raises:
         JournalError: There is no such time.

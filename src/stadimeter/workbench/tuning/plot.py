@@ -34,7 +34,6 @@ def draw_plot(proposal: Proposal, path: Path) -> None:
     """Draw a chart of the settings for when the alarm begins.
 
     Args:
-        proposal: What tuning came to.
         path: The PNG file; an old one is replaced.
 
     Raises:

@@ -47,7 +47,6 @@ class Beginning:
     """What comes of the settings for when an alarm begins.
 
     Attributes:
-        settings: The settings.
         rate: How often a day it is raised for nothing, if the noise goes on as it was recorded.
         recorded_raises: How often it would have been raised for nothing in the recordings.
         late_s: How late it is, on the mean, for a target that comes at the closing speed.
@@ -66,7 +65,6 @@ class Ending:
     """What comes of the settings for when an alarm ends.
 
     Attributes:
-        settings: The settings.
         flaps_a_minute: How often it ends and begins again while the target hovers at the threshold.
         ends_after_s: How long after the target has left it ends, on the mean, at the closing speed.
     """
@@ -81,14 +79,11 @@ class Proposal:
     """What is proposed, and why.
 
     Attributes:
-        tuned: The alarm.
         noise: What the recordings tell of the noise.
         wanted_a_day: How many false alarms a day were asked for.
         speed_mps: The closing speed that lateness is for.
         beginnings: All that were tried, the rule's own first.
-        begin: The one that is proposed.
         endings: All that were tried, with the proposed beginning; the rule's own first.
-        end: The one that is proposed.
         places: Where the target stood while no alarm was right.
     """
 
@@ -136,17 +131,12 @@ def tune(  # noqa: PLR0913 - what is asked for
     """Propose settings.
 
     Args:
-        tuned: The alarm.
-        plan: How targets are tracked.
         recordings: What was measured of its target.
         wanted_a_day: How many false alarms a day are allowed.
         speed_mps: How fast the target comes, for lateness.
         events_s: Capture times at which the alarm is right to be raised, besides those when the target has crossed the
             limit clearly.
         seed: What random numbers begin with. The same seed gives the same proposal.
-
-    Returns:
-        The proposal.
 
     Raises:
         JournalError: The recordings do not tell the noise, or have no time without a true alarm.
@@ -176,12 +166,8 @@ def chosen_beginning(tried: Sequence[Beginning], wanted_a_day: float, quiet_s: f
     """Return the earliest beginning that is seldom enough raised for nothing; if none is, the one most seldom raised.
 
     Args:
-        tried: What was tried.
         wanted_a_day: How many false alarms a day are allowed.
         quiet_s: How much time the recordings have without a true alarm.
-
-    Returns:
-        The one to propose.
     """
     most = wanted_a_day * quiet_s / DAY_S
     allowed = [each for each in tried if each.rate.a_day <= wanted_a_day and each.recorded_raises <= most]
@@ -191,14 +177,7 @@ def chosen_beginning(tried: Sequence[Beginning], wanted_a_day: float, quiet_s: f
 
 
 def chosen_ending(tried: Sequence[Ending]) -> Ending:
-    """Return the earliest ending that does not flap; if all do, the one that flaps least.
-
-    Args:
-        tried: What was tried.
-
-    Returns:
-        The one to propose.
-    """
+    """Return the earliest ending that does not flap; if all do, the one that flaps least."""
     allowed = [each for each in tried if each.flaps_a_minute <= FLAPS_A_MINUTE]
     if not allowed:
         return min(tried, key=lambda each: each.flaps_a_minute)

@@ -35,8 +35,6 @@ class Count:
 
     Attributes:
         clearance: How far from the threshold, in standard deviations of the noise.
-        raises: How often.
-        duration_s: In how much time.
     """
 
     clearance: float
@@ -50,7 +48,6 @@ class Slope:
 
     Attributes:
         per_sigma: The change of the logarithm, zero or less.
-        sigma: Its standard deviation.
     """
 
     per_sigma: float
@@ -62,7 +59,6 @@ class Rate:
     """How often a day an alarm is raised for nothing.
 
     Attributes:
-        a_day: The likeliest figure.
         at_most_a_day: It is at most this, with 95 % confidence, as far as the counts go.
     """
 
@@ -72,9 +68,6 @@ class Rate:
 
 def at_most(count: int) -> float:
     """Return the most events that are expected, with 95 % confidence, where so many were counted.
-
-    Args:
-        count: How many were counted.
 
     Returns:
         The upper limit of a Poisson variable's mean; 3.0 for none, the "rule of three". The formula is that of Wilson
@@ -89,9 +82,6 @@ def slope_of(all_counts: Iterable[Sequence[Count]]) -> Slope:
 
     Args:
         all_counts: What was counted for each of them, by growing clearance.
-
-    Returns:
-        The slope.
     """
     tails = [_tail(counts) for counts in all_counts]
     rise = spread = 0.0
@@ -114,10 +104,6 @@ def rate_at(
         slope: How much more seldom it is raised further away.
         clearances: How far from the threshold it stands, in standard deviations of the noise.
         far: What was counted where it mostly stands, if that is further away than all else; else None.
-        random: Where chance comes from.
-
-    Returns:
-        The rate.
     """
     at, raises, duration_s = _tail(counts)
     nearer = np.array(

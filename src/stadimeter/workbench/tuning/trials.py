@@ -27,12 +27,7 @@ NEAREST_SHARE = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """An alarm was raised, or cleared.
-
-    Attributes:
-        at_s: When.
-        is_raise: Which of the two.
-    """
+    """An alarm was raised, or cleared."""
 
     at_s: float
     is_raise: bool
@@ -43,13 +38,7 @@ Turns = Mapping[str, Sequence[Turn]]
 
 
 class Trials:
-    """Tries alarms.
-
-    Args:
-        plan: How targets are tracked.
-        noise: The noise.
-        random: Where chance comes from.
-    """
+    """Tries alarms."""
 
     def __init__(self, plan: Plan, noise: Noise, random: np.random.Generator) -> None:
         self._plan = plan
@@ -58,11 +47,6 @@ class Trials:
 
     def standing(self, rules: Sequence[AlarmRule], distance_m: float, frames: int) -> tuple[Turns, float]:
         """Let the target stand.
-
-        Args:
-            rules: The alarms.
-            distance_m: Where.
-            frames: For how many frames.
 
         Returns:
             What happened, and how many seconds that were.
@@ -75,8 +59,6 @@ class Trials:
         """Let the target come, or go, over a limit.
 
         Args:
-            rules: The alarms.
-            limit_m: The limit.
             speed_mps: How fast the distance shrinks; negative if it grows.
             after_s: For how long to go on.
 
@@ -119,12 +101,7 @@ def judged(plan: Plan, rules: Sequence[AlarmRule], sights: Sights) -> Turns:
     """Judge what was measured with several alarms at once.
 
     Args:
-        plan: How targets are tracked.
         rules: The alarms, all on one target.
-        sights: What was measured of it.
-
-    Returns:
-        What happened.
     """
     target = rules[0].target
     tried = Plan(targets=(target,), rules=tuple(rules), tracking=plan.tracking, safety=plan.safety)
@@ -165,9 +142,6 @@ def _measurement(target: str, at_s: float, figure_m: float, noise_m: float, scal
 def late_s(turns: Sequence[Turn]) -> float:
     """Return how long after the time 0 an alarm stood.
 
-    Args:
-        turns: What happened to it.
-
     Returns:
         0 if it was raised before and still stood, infinite if it was never raised.
     """
@@ -182,9 +156,6 @@ def late_s(turns: Sequence[Turn]) -> float:
 def ended_s(turns: Sequence[Turn]) -> float:
     """Return how long after the time 0 an alarm was over for good.
 
-    Args:
-        turns: What happened to it.
-
     Returns:
         0 if it was over before, infinite if it still stood at the end.
     """
@@ -197,11 +168,7 @@ def raises_apart(turns: Sequence[Turn], apart_s: float) -> int:
     """Return how often an alarm was raised, where those that follow on each other at once count once.
 
     Args:
-        turns: What happened to it.
         apart_s: Within this time of the one before, it is the same.
-
-    Returns:
-        How often.
     """
     count, last_s = 0, -math.inf
     for turn in turns:
