@@ -16,6 +16,7 @@ from stadimeter.app.recordings.recorded_configuration import load_recorded
 from stadimeter.cli.exits import NOT_FOUND, told_plainly
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_duration, parse_speed
+from stadimeter.core.durations import rounded_duration
 from stadimeter.core.rule import OnDelay
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.tuning.candidates import Settings, Tuned, tuned_rule
@@ -167,25 +168,19 @@ def _tell(proposal: Proposal, configuration: Configuration) -> None:
 
 
 def _noise(proposal: Proposal, configuration: Configuration) -> Iterator[str]:
-    noise, tuned = proposal.noise, proposal.tuned
+    noise, tuned, standing = proposal.noise, proposal.tuned, proposal.places
     limit_m, correlation = tuned.limit_m, configuration.plan.tracking.correlation
+    recorded, calm, quiet = map(rounded_duration, (noise.recorded_s, noise.calm_s, standing.quiet_s))
     yield (
-        f"Recorded: {_time(noise.recorded_s)}, {1 / noise.frame_s:.0f} frames a second, {_time(noise.calm_s)} of it "
-        f"with '{tuned.condition.target}' calm. Without a true alarm: {_time(proposal.places.quiet_s)}, mostly at "
-        f"{proposal.places.median_m:.2f} m, {proposal.places.clearances.min():.1f} standard deviations or more from "
-        f"{limit_m:.2f} m."
+        f"Recorded: {recorded}, {1 / noise.frame_s:.0f} frames a second; '{tuned.condition.target}' steady for {calm} "
+        f"of it. Without a true alarm: {quiet}, median distance {standing.median_m:.2f} m, "
+        f"{standing.clearances.min():.1f} standard deviations or more from the threshold {limit_m:.2f} m."
     )
     yield (
         f"Noise: ± {noise.true_m(limit_m):.3f} m at {limit_m:.2f} m, {noise.ratio:.2f} times what is stated; "
-        f"correlated by {noise.correlation:.2f} from frame to frame ([tracking] has {correlation:.2f}); "
-        f"{100 * noise.gross:.1f} % of measurements grossly wrong, {100 * noise.missing:.1f} % of frames without one."
+        f"correlation from frame to frame {noise.correlation:.2f} ([tracking] has {correlation:.2f}); "
+        f"outliers {100 * noise.gross:.1f} % of measurements; no measurement in {100 * noise.missing:.1f} % of frames."
     )
-
-
-def _time(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 def _begin_table(proposal: Proposal) -> Table:
@@ -297,11 +292,11 @@ def _claims(proposal: Proposal) -> Iterator[str]:
     if proposal.is_extrapolated:
         yield "The target stood further away than where false alarms could be counted; the figures are extrapolated."
     if not proposal.is_supported:
-        needed_s = 3.0 / wanted * DAY_S
+        needed, quiet = map(rounded_duration, (3.0 / wanted * DAY_S, proposal.places.quiet_s))
         yield (
             f"The recordings alone support no better than {_a_day(proposal.supported_a_day)} a day with 95 % "
-            f"confidence: {begin.recorded_raises} in {_time(proposal.places.quiet_s)}. For {wanted:g} a day, "
-            f"{_time(needed_s)} without a true alarm would have to be recorded."
+            f"confidence: {begin.recorded_raises} in {quiet}. "
+            f"For {wanted:g} a day, record {needed} without a true alarm."
         )
     if proposal.end.flaps_a_minute > FLAPS_A_MINUTE:
         yield "It flaps at the limit whatever is tried; a fixed `deadband` would help."
