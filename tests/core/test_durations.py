@@ -27,7 +27,8 @@ def test_a_written_duration_is_read_as_the_same_one(seconds):
 @pytest.mark.parametrize(
     ("seconds", "words"),
     [(-0.3, "0.0 s"), (0.24, "0.2 s"), (119.9, "119.9 s"), (120.0, "2 min"), (754.0, "12.6 min"), (7200.0, "2 h"),
-     (10_000.0, "2.78 h"), (math.inf, "ever")],
+     (10_000.0, "2.78 h"), (25_920_000.0, "7200 h"),
+     (math.inf, "ever")],
 )  # fmt: skip
 def test_a_measured_duration_is_rounded_to_three_digits(seconds, words):
     assert rounded_duration(seconds) == words

@@ -15,12 +15,11 @@ from stadimeter.app.recordings.journal import Journal, JournalWriter, sha256_of
 from stadimeter.cli.exits import NOT_FOUND, told_plainly
 from stadimeter.core.decision import Event
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.measured_again import AgainTally, MeasuredAgain
+from stadimeter.workbench.replay.comparison import AgainTally, Comparison, MeasuredAgain, ReplayResult
 from stadimeter.workbench.replay.opening import Recording, read_recording
-from stadimeter.workbench.replay.replay import Comparison, Replayed, ReplayResult, replayed_record
+from stadimeter.workbench.replay.replay import Replayed, ReplayRun, replay_run, replayed_record, uncollected
 from stadimeter.workbench.replay.replay_diff import EventChange, ReplayDiff, RuleChange, compare
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
-from stadimeter.workbench.replay.replay_run import ReplayRun, replay_run, uncollected
 
 
 def register(app: typer.Typer) -> None:

@@ -24,5 +24,6 @@ def rounded_duration(seconds: float) -> str:
         return "ever"
     for unit, unit_s in _LONG_UNITS:
         if seconds >= 2 * unit_s:
-            return f"{seconds / unit_s:.3g} {unit}"
+            figure = seconds / unit_s
+            return f"{figure:.3g} {unit}" if figure < 999.5 else f"{figure:.0f} {unit}"
     return f"{max(0.0, seconds):.1f} s"

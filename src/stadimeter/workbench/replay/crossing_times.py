@@ -1,4 +1,4 @@
-"""When a target truly crossed a distance, as well as a recording can tell afterwards.
+"""Times at which a target truly crossed a distance, as well as a recording can tell afterwards.
 
 A rule judges by what was known at the time; a recording also knows what came after. The measured distances are smoothed
 with as much of the future as of the past, which brings no delay, so what a rule was late by can be read off.

@@ -1,4 +1,4 @@
-"""What other rules would have changed: events that come, go and move, and what each rule comes to."""
+"""The difference between two sets of rules over one recording: events that come, go and move, figures of each rule."""
 
 from __future__ import annotations
 
