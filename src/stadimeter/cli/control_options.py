@@ -1,4 +1,4 @@
-"""What the commands for a running instance have in common: which instance, who asks, and how it is told."""
+"""Options and output of the commands for a running instance."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ ConfigOption = Annotated[
 ]
 SocketOption = Annotated[
     Path | None,
-    typer.Option("--socket", metavar="PATH", help="Where the instance listens; found by itself if not said."),
+    typer.Option("--socket", metavar="PATH", help="The socket of the instance; by default it is found."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
-ByOption = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who says so; by default the login name.")]
+ByOption = Annotated[
+    str | None, typer.Option("--by", metavar="NAME", help="Who gives the command; by default the login name.")
+]
 WhyOption = Annotated[str, typer.Option("--why", metavar="TEXT", help="Why; it is recorded with the event.")]
 
 
@@ -63,6 +65,6 @@ def who(by: str | None) -> str:
         return f"user {os.getuid()}"
 
 
-def tell(data: Any, words: str, *, as_json: bool) -> None:
+def print_answer(data: Any, words: str, *, as_json: bool) -> None:
     """Print an answer."""
     typer.echo(json.dumps(data, ensure_ascii=False) if as_json else words)

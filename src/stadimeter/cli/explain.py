@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from stadimeter.app.control.explanation_data import as_data
-from stadimeter.cli.control_options import JsonOption, SocketOption, asked, tell
+from stadimeter.cli.control_options import JsonOption, SocketOption, asked, print_answer
 from stadimeter.cli.exits import told_plainly
 from stadimeter.config.units import parse_duration
 from stadimeter.core.decision import Decision
@@ -69,7 +69,7 @@ def explain_command(
     with told_plainly():
         if journal is None:
             answer = asked("explain", {"rule": rule, **_moment(at)}, config, socket)
-            tell(answer, "\n".join(_in_words(each) for each in answer["rules"]), as_json=as_json)
+            print_answer(answer, "\n".join(_in_words(each) for each in answer["rules"]), as_json=as_json)
             return
         run = replay_run(read_recording(journal), config)
         explanation, since_s = explain_recording(run, rule, at)

@@ -140,7 +140,7 @@ def format_speed(speed_mps: float | None, sigma_mps: float | None = None, unit: 
 
 
 def format_closing(closing_mps: float | None, sigma_mps: float | None = None, unit: LengthUnit = METRE) -> str:
-    """Say whether a target comes nearer, and how fast.
+    """Write the speed of approach and its direction.
 
     Args:
         closing_mps: Speed of approach, positive when the distance shrinks; None if unknown.
@@ -216,7 +216,7 @@ def format_age(age_s: float) -> str:
 
 
 def format_place(candidate: RejectedCandidate) -> str:
-    """Say how large a candidate is, and where.
+    """Write the size and the position of a candidate.
 
     Returns:
         Such as ``24 px at 310, 120``.
@@ -226,10 +226,10 @@ def format_place(candidate: RejectedCandidate) -> str:
 
 
 def format_best(reason: str, rejected: Sequence[RejectedCandidate]) -> str:
-    """Say what looked most like the target, and which test it failed.
+    """Write which candidate looked most like the target, and which test it failed.
 
     Args:
-        reason: What stands beside it: a test that is told there already is not told again.
+        reason: The words beside it: a test that they name is not named again.
         rejected: What was looked at, the most like the target first.
 
     Returns:

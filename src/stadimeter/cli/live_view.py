@@ -208,7 +208,7 @@ def grant_rows(free: int, claims: Sequence[tuple[str, int]], most: dict[str, int
 
     Args:
         claims: Who wants how many more, the most important claim first.
-        most: Nobody named here gets more than this in all.
+        most: The upper limits of some of them.
 
     Returns:
         How many rows each got. Headings come all together or not at all.
@@ -272,7 +272,7 @@ def _stacked(blocks: Sequence[Block], rows: int, indent: int) -> list[Text]:
 
 
 def with_more(lines: list[Text], count: int) -> list[Text]:
-    """Say in the last line how many there are that are not shown, if any."""
+    """Write into the last line how many more there are, if not all are shown."""
     if lines and len(lines) < count:
         lines[-1] = Text(f" and {count - len(lines) + 1} more", "italic dim")
     return lines

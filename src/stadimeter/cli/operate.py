@@ -16,7 +16,7 @@ from stadimeter.cli.control_options import (
     SocketOption,
     WhyOption,
     asked,
-    tell,
+    print_answer,
     who,
 )
 from stadimeter.cli.exits import told_plainly
@@ -163,7 +163,7 @@ def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
         data = asked("reload", {}, config, socket, CHECK_WAIT_S)
     for warning in data["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
-    tell(data, f"reloaded: {in_words(data)}", as_json=as_json)
+    print_answer(data, f"reloaded: {in_words(data)}", as_json=as_json)
 
 
 def status(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
@@ -177,13 +177,13 @@ def status(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
     """
     with told_plainly():
         data = asked("status", {}, config, socket)
-    tell(data, "\n".join(_lines(data)), as_json=as_json)
+    print_answer(data, "\n".join(_lines(data)), as_json=as_json)
 
 
 def _operate(op: str, args: Mapping[str, object], config: Path | None, socket: Path | None, *, as_json: bool) -> None:
     with told_plainly():
         data = asked(op, args, config, socket)
-    tell(data, data["words"], as_json=as_json)
+    print_answer(data, data["words"], as_json=as_json)
 
 
 def _rule(rule: str | None, *, every: bool) -> str:

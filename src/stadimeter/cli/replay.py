@@ -53,8 +53,8 @@ def replay_command(
 
     Takes what was observed, decides again with the rules of CONFIG, and prints the events and how many decisions are
     the recorded ones. With the configuration of the recording, all of them are. With changed rules, this shows what
-    they would have done; with --diff, against what others would have done: events that come, go and move, how often
-    each rule changes, how late it is, and how near the target came while it was silent.
+    they would have done; with --diff, compared with other rules: events that come, go and move, and for each rule its
+    transitions, latency, false alarms, and how near the target came while it was silent.
 
     **Examples**
 
@@ -90,7 +90,7 @@ def replay_command(
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """What came of a replay; what was not asked for is None, or nothing."""
+    """The results of a replay; those that were not asked for are None, or empty."""
 
     result: ReplayResult
     diff: ReplayDiff | None
@@ -151,7 +151,7 @@ def _warnings(source: Recording, run: ReplayRun, result: ReplayResult) -> Iterat
         yield f"{source.path}: {end}; the {result.cycles} whole cycles are used"
     missing = sorted(set(run.configuration.plan.targets) - result.targets)
     if result.frames and missing:
-        yield f"{source.path}: in no frame anybody looked for {', '.join(repr(name) for name in missing)}"
+        yield f"{source.path}: no frame was searched for {', '.join(repr(name) for name in missing)}"
     if run.from_images and result.frames < result.recorded_frames:
         yield (
             f"{source.path}: only {result.frames} of {result.recorded_frames} frames are recorded with their pictures; "
@@ -184,15 +184,15 @@ def _lines(outcome: _Outcome, *, same_rules: bool) -> Iterator[str]:
 
 
 SHOWN_CHANGES = 40
-"""So many events that changed are listed; ``--json`` has all of them."""
+"""At most this many events that changed are listed; ``--json`` has all of them."""
 
 _FIGURES: tuple[tuple[str, Callable[[RuleFigures], str]], ...] = (
     ("raised", lambda rule: str(rule.raised)),
-    ("raised or cleared, a minute", lambda rule: f"{rule.transitions_per_minute:.2f}"),
-    ("late, in the middle", lambda rule: _seconds(rule.late_median_s)),
-    ("late, at worst", lambda rule: _seconds(rule.late_worst_s)),
+    ("transitions a minute", lambda rule: f"{rule.transitions_per_minute:.2f}"),
+    ("latency, median", lambda rule: _seconds(rule.late_median_s)),
+    ("latency, worst", lambda rule: _seconds(rule.late_worst_s)),
     ("crossings missed", lambda rule: _count(rule.missed)),
-    ("raised without a crossing", lambda rule: _count(rule.unfounded)),
+    ("false alarms", lambda rule: _count(rule.unfounded)),
     ("nearest while silent", lambda rule: _metres(rule.least_distance_m)),
 )
 
@@ -221,8 +221,8 @@ def again_lines(targets: Iterable[MeasuredAgain]) -> Iterator[str]:
         if target.differs_median_m is None or target.differs_most_m is None:
             yield f"{target.target}: {found}."
             continue
-        apart = f"{target.differs_median_m * 1000:.1f} mm in the middle, {target.differs_most_m * 1000:.1f} mm at most"
-        yield f"{target.target}: {found}; the distances differ by {apart}."
+        apart = f"median {target.differs_median_m * 1000:.1f} mm, at most {target.differs_most_m * 1000:.1f} mm"
+        yield f"{target.target}: {found}; difference of the distances: {apart}."
 
 
 def diff_lines(diff: ReplayDiff) -> Iterator[str]:

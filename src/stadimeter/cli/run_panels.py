@@ -108,7 +108,7 @@ def why(decision: Decision, rule: str) -> str:
 
 
 def _drives(trace: RuleTrace, outputs: Sequence[OutputTrace]) -> tuple[str, str]:
-    """Say what a rule has to do with its output, or what keeps it quiet, and in which style."""
+    """Return the part of a rule in its output, or what inhibits it, and a style."""
     if trace.gates:
         return ", ".join(trace.gates), "yellow"
     if trace.output is None:

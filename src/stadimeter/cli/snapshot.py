@@ -60,7 +60,7 @@ RATE_WINDOW_S = 2.0
 """The rate of frames is counted over this time."""
 
 EVENTS_MAX = 100
-"""So many events are remembered: no terminal has the rows for more."""
+"""Limit of remembered events: no terminal has the rows for more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,14 +116,14 @@ class RunHistory:
 
     @property
     def frame_rate_hz(self) -> float:
-        """How many frames a second came of late; 0 if none came."""
+        """Frames a second, of late; 0 if none came."""
         if len(self._captured_s) < 2 or self._captured_s[-1] <= self._captured_s[0]:
             return 0.0
         return (len(self._captured_s) - 1) / (self._captured_s[-1] - self._captured_s[0])
 
     @property
     def frame_age_s(self) -> float | None:
-        """How old the newest frame is; None before the first."""
+        """Age of the newest frame; None before the first."""
         return None if self._newest_frame_s is None else max(0.0, self._now_s - self._newest_frame_s)
 
     @property
@@ -133,7 +133,7 @@ class RunHistory:
 
     @property
     def tilts_rad(self) -> Mapping[str, float]:
-        """How far each target that is flat, and was measured in the newest frame, is turned away."""
+        """Tilt of each flat target that was measured in the newest frame."""
         return self._tilts_rad
 
     @property
@@ -162,7 +162,7 @@ def _adds_something(last: Sample, sample: Sample) -> bool:
 
 
 class LookedAt:
-    """What was looked at in the newest frame of a run, for each target that was not measured in it."""
+    """The rejected candidates in the newest frame, for each target that was not measured in it."""
 
     def __init__(self) -> None:
         self._by_target: Mapping[str, Sequence[RejectedCandidate]] = {}

@@ -40,7 +40,7 @@ PLOT_WIDTH_MIN = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StripChart:
-    """How a strip chart looks.
+    """A chart of distance over time.
 
     Attributes:
         width: Its columns, axis and labels included.
@@ -148,12 +148,12 @@ class DotCanvas:
 
     @property
     def width_dots(self) -> int:
-        """How many dots are side by side."""
+        """Dots side by side."""
         return self._width * self._dots_across
 
     @property
     def height_dots(self) -> int:
-        """How many dots are one above the other."""
+        """Dots one above the other."""
         return self._height * self._dots_down
 
     def dots_of_row(self, position: float) -> int:
@@ -297,7 +297,7 @@ class Point:
 
 @dataclass(slots=True, kw_only=True)
 class Bin:
-    """What one column shows: the distances of its time, and the band of their standard deviations."""
+    """One column: the distances of its time, and the band of their standard deviations."""
 
     low_m: float = math.inf
     high_m: float = -math.inf

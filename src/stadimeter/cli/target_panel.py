@@ -39,7 +39,7 @@ BIG_WIDTH, BIG_ROWS = 48, 14
 """From this size on there is room for large digits."""
 
 WHY_FROM_ROWS, WHY_ROWS = 7, 4
-"""From so many rows on, why a target is not measured has lines of its own; at most so many."""
+"""From this height on the reason why a target is not measured has lines of its own; and at most this many."""
 
 
 def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
@@ -100,8 +100,10 @@ class _Figures:
         if self._track.status is TrackStatus.TRACKING:
             return []
         best = format_best(self._track.reason, self._snapshot.looked_at.get(self._track.target, ()))
-        told = ((self._track.reason, "italic yellow"), (best, "dim"))
-        lines = [Text(f" {line}", style) for words, style in told for line in _wrapped(self._words(words), width - 2)]
+        reasons = ((self._track.reason, "italic yellow"), (best, "dim"))
+        lines = [
+            Text(f" {line}", style) for words, style in reasons for line in _wrapped(self._words(words), width - 2)
+        ]
         return lines[:rows]
 
     def _distance(self) -> Text:

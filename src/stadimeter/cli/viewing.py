@@ -1,4 +1,4 @@
-"""How a run is shown while it goes on: the live view, lines, or nothing but troubles."""
+"""Views of a run while it goes on (the live view, lines, or troubles alone), and its summary at the end."""
 
 from __future__ import annotations
 
@@ -26,17 +26,15 @@ if TYPE_CHECKING:
 View = Literal["live", "plain", "json"]
 _NO_SCREEN = nullcontext()
 
+WAITING_MAX = 300
+"""Cycles that may wait to be shown: about ten seconds of a camera."""
+
+STOP_WAIT_S = 1.0
+
 
 @contextmanager
 def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
-    """Show a run.
-
-    Args:
-        unit: The unit of distances.
-
-    Yields:
-        Nothing; the view ends with the context.
-    """
+    """Show a run until the context ends; `unit` is that of distances."""
     if view == "live":
         live = live_view_of(loop, title, unit)
         with _fed(loop, live.update, live):
@@ -47,7 +45,7 @@ def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
         with _fed(loop, plain.update):
             yield
         return
-    loop.listeners.append(_TroubleTeller(loop))
+    loop.listeners.append(_TroubleLines(loop))
     yield
 
 
@@ -73,11 +71,7 @@ def _fed(
 
 
 def live_view_of(loop: Loop, title: str, unit: str) -> LiveView:
-    """Return the live view of a run.
-
-    Args:
-        unit: The unit of distances.
-    """
+    """Return the live view of a run, not shown yet; `unit` is that of distances."""
     from stadimeter.cli.live_view import LiveView  # noqa: PLC0415 - it takes long, and few runs show it
 
     return LiveView(
@@ -93,8 +87,8 @@ def _is_unicode(stream: TextIO) -> bool:
     return "utf" in (stream.encoding or "").lower()
 
 
-class _TroubleTeller:
-    """Tells on standard error what is wrong outside the loop, once for each change."""
+class _TroubleLines:
+    """Writes to standard error what is wrong outside the loop, once for each change."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -131,12 +125,6 @@ def _limits_m(rule: AnyRule) -> tuple[float, ...]:
             return ()
 
 
-WAITING_MAX = 300
-"""So many cycles wait to be shown; about ten seconds of a camera."""
-
-STOP_WAIT_S = 1.0
-
-
 class ViewThread:
     """Hands cycles to a view in another thread.
 
@@ -147,7 +135,7 @@ class ViewThread:
 
     Attributes:
         dropped: How many cycles were not shown, because the view did not keep up.
-        failure: What ended the view, such as a pipe that nobody reads any more.
+        failure: The error that ended the view, such as a pipe whose reader is gone.
     """
 
     def __init__(
@@ -229,8 +217,7 @@ def in_words(summary: dict[str, Any]) -> str:
         lines.append(f"Events: {_listed(summary['events'])}.")
     if summary["cycle_ms"]["p50"] is not None:
         lines.append(
-            f"Work in a cycle: {summary['cycle_ms']['p50']:.1f} ms in the middle, 95 in 100 below "
-            f"{summary['cycle_ms']['p95']:.1f} ms."
+            f"Cycle time: median {summary['cycle_ms']['p50']:.1f} ms, p95 {summary['cycle_ms']['p95']:.1f} ms."
         )
     return "\n".join(lines)
 
