@@ -6,14 +6,18 @@ OLD_VENV := .venv-opencv-4.10
 ARGS ?=
 # On every core, the tests of one file together: they share what is costly to prepare.
 SPREAD := -n auto --dist loadfile
+UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo test test-long test-opencv-4.10 check bench bench-rules bench-safety pictures format clean
+.PHONY: help demo quick test test-long test-opencv-4.10 check bench bench-rules bench-safety pictures format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
 demo: $(VENV)/.app ## a simulated world: watch a ball being measured, followed and reported
 	$(BIN)/stadimeter demo $(ARGS)
+
+quick: $(VENV)/.dev ## run the unit tests of core, config and ranging with few examples: half a minute
+	HYPOTHESIS_PROFILE=quick $(BIN)/pytest $(SPREAD) -m "not long and not hardware" $(UNIT) $(ARGS)
 
 test: $(VENV)/.dev ## run the tests; ARGS="-k name" passes arguments to pytest
 	$(BIN)/pytest $(SPREAD) -m "not long and not hardware" $(ARGS)

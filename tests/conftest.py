@@ -17,12 +17,25 @@ import stadimeter  # noqa: F401 - before OpenCV, which asks only once how many p
 # so that a change is judged by what it changes; everywhere else new ones are tried each time.
 settings.register_profile("here", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
-settings.load_profile("ci" if os.environ.get("CI") else "here")
+settings.register_profile("quick", deadline=None, max_examples=10)  # `make quick`: for the inner loop of development
+PROFILE = os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "here")
+settings.load_profile(PROFILE)
 
 # Programs that tests start find `support` as well.
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
 
 REAL_PICTURES = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Cap the examples of tests that ask for more than the quick profile has; elsewhere what they ask for counts."""
+    if PROFILE != "quick":
+        return
+    for item in items:
+        test = getattr(item, "obj", None)
+        own = getattr(test, "_hypothesis_internal_use_settings", None)
+        if own is not None and own.max_examples > settings.default.max_examples:
+            test._hypothesis_internal_use_settings = settings(own, max_examples=settings.default.max_examples)
 
 
 @pytest.fixture(autouse=True)

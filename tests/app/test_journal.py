@@ -20,8 +20,8 @@ from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.replay import replay
 from support.observing import Rehearsal, measured
+from support.replaying import replay
 
 PLAN = Plan(
     targets=("ball",),

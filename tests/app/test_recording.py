@@ -31,8 +31,8 @@ from stadimeter.core.target import BallSize
 from stadimeter.errors import DriverUnavailableError, JournalError
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.replay.recording_reader import decoded_frame, read_mcap
-from stadimeter.workbench.replay.replay import replay
 from support.observing import Rehearsal
+from support.replaying import replay
 
 PLAN = Plan(
     targets=("ball",),

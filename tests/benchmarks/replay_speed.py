@@ -24,9 +24,9 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.recording_options import Keeping, kept
 from stadimeter.config.loader import load_configuration
+from stadimeter.workbench.replay.comparison import Comparison
 from stadimeter.workbench.replay.opening import read_recording
-from stadimeter.workbench.replay.replay import Comparison
-from stadimeter.workbench.replay.replay_run import replay_run, uncollected
+from stadimeter.workbench.replay.replay import replay_run, uncollected
 
 RULES = (3, 10)
 HOUR_FRAMES = 30 * 3600

@@ -273,7 +273,7 @@ def _one_run(policies: _Policies, random: np.random.Generator, run_s: float, sco
 def markdown(scores: Scores) -> str:
     """Return the scores as a Markdown table."""
     head = ("policy", "raised or cleared a minute, at T", "false raises a minute, at T + 3 σ", "late at 2 m/s: mean")
-    return table((*head, "late: 95 in 100 below"), [_row(what, list(each.values())) for what, each in scores.items()])
+    return table((*head, "late: p95"), [_row(what, list(each.values())) for what, each in scores.items()])
 
 
 def _row(what: str, scores: Sequence[Score]) -> tuple[str, ...]:

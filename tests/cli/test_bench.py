@@ -23,7 +23,7 @@ def test_it_prints_a_line_for_each_detector_and_size(shown):
 def test_it_names_the_computer_and_tells_latency_and_memory(shown):
     assert "OpenCV threads" in shown.output
     assert "stadimeter 0" in shown.output
-    assert "From frame to actuator: " in shown.output
+    assert "Latency from frame to actuator: median " in shown.output
     assert "Memory: " in shown.output
 
 

@@ -11,9 +11,9 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorder import Recorder
+from stadimeter.cli.explain import seconds_ago, seconds_since_the_beginning
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.replay.explaining import seconds_ago, seconds_since_the_beginning
 
 CONFIG = """
 [camera]

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadimeter.cli.candidates import format_best, format_place
 from stadimeter.cli.explanation import explanation, explanation_record
+from stadimeter.cli.formatting import format_best, format_place
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.sigma_parts import SigmaParts

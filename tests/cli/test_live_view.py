@@ -12,9 +12,8 @@ import pytest
 from rich.console import Console
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.cli.big_digits import big_digits
-from stadimeter.cli.live_screen import grant_rows
-from stadimeter.cli.live_view import LiveView
+from stadimeter.cli.live_view import LiveView, grant_rows
+from stadimeter.cli.target_panel import big_digits
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.decision import Event, EventKind, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.detection import RejectedCandidate

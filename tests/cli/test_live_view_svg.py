@@ -7,11 +7,11 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+from live_view_svg import save_svg
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.cli.big_digits import big_digits
 from stadimeter.cli.live_view import LiveView
-from stadimeter.cli.live_view_svg import save_svg
+from stadimeter.cli.target_panel import big_digits
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -212,12 +212,12 @@ def test_two_instances_of_one_configuration_listen_at_two_places(terminal):
     assert list((terminal.folder / "r" / "stadimeter").iterdir()) == []
 
 
-def test_a_reload_takes_over_what_changed_and_keeps_the_rest(terminal):
+def test_a_reload_applies_changed_rules_and_keeps_the_state_of_the_others(terminal):
     instance = terminal.start()
     terminal.type("ack", "near")
     terminal.write(NEAR, FAR)
     done = terminal.type("reload")
-    assert (done.returncode, done.stdout) == (0, "taken over: 1 rule kept; added: far\n")
+    assert (done.returncode, done.stdout) == (0, "reloaded: 1 rule kept; added: far\n")
     instance.wait_for("far raised")
     status = json.loads(terminal.type("status", "--json").stdout)
     assert [(rule["rule"], rule["status"], rule["acknowledged"]) for rule in status["rules"]] == [

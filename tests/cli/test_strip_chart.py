@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.cli.chart_scale import chart_scale
 from stadimeter.cli.formatting import FOOT
 from stadimeter.cli.glyphs import ASCII, UNICODE
-from stadimeter.cli.run_history import Sample
-from stadimeter.cli.strip_chart import LIMIT, LINE, StripChart
+from stadimeter.cli.snapshot import Sample
+from stadimeter.cli.strip_chart import LIMIT, LINE, StripChart, chart_scale
 
 
 def samples(distances_m: list[float | None], period_s: float = 0.1, sigma_m: float = 0.0) -> list[Sample]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.config.describing.describe import describe, duration
+from stadimeter.config.describing.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.condition import AnyOf, Not, RuleCondition
 from stadimeter.core.plan import BaseOutput, LevelOutput
@@ -323,7 +323,7 @@ observe = true
     assert "Tells people through `phone` (simulated)." in sentences
     assert "`near` drives `buzzer` in turns of 100% for 0.2 s and 0% for 0.3 s, 3 times when" in sentences[-2]
     assert sentences[-2].endswith(
-        "When raised, 1.5 min later notifies `phone` unless somebody has acknowledged it. "
+        "When raised, 90 s later notifies `phone` unless somebody has acknowledged it. "
         "When raised sends `door/alert`. "
         "When it clears drives `motor` at 50% for 2 s. "
         "When raised stops `base`. "
@@ -334,13 +334,6 @@ observe = true
         "Keeps quiet while `quiet` is active."
     )
     assert sentences[-1].endswith("Is only observed: it drives nothing and sends nothing.")
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"), [(0.2, "0.2 s"), (59, "59 s"), (60, "1 min"), (90, "1.5 min"), (100, "100 s"), (28800, "8 h")]
-)
-def test_durations_are_written_in_the_unit_that_people_would_use(seconds: float, words: str) -> None:
-    assert duration(seconds) == words
 
 
 def test_a_rule_whose_condition_says_what_it_is_about_need_not_name_a_target(tmp_path: Path) -> None:

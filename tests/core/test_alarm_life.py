@@ -201,7 +201,7 @@ def test_one_shot_shelving_ends_when_the_alarm_has_returned_to_normal():
     [
         ({"severity": Severity.SAFETY}, 60, "near: a safety rule cannot be kept quiet"),
         ({"shelve_max_s": 0.0}, 60, "near: its configuration does not let it be shelved (shelve_max)"),
-        ({"shelve_max_s": 60.0}, 61, "near: 61 s is not a time above zero and up to 60 s, the longest for 'near'"),
+        ({"shelve_max_s": 60.0}, 61, "near: 61 s is not a time above zero and up to 1 min, the longest for 'near'"),
         ({}, float("nan"), "near: nan s is not a time above zero and up to 8 h, the longest for 'near'"),
         ({}, -1, "near: -1 s is not a time above zero and up to 8 h, the longest for 'near'"),
     ],

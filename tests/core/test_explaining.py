@@ -116,7 +116,7 @@ def test_a_rule_that_safety_holds_back_says_why():
 @pytest.mark.parametrize(
     ("action", "words"),
     [
-        ("shelve", "kept quiet: shelved by Ada for another 480 min"),
+        ("shelve", "kept quiet: shelved by Ada for another 8 h"),
         ("take-out", "kept quiet: out of service"),
     ],
 )

@@ -26,8 +26,8 @@ from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import ConfigError, JournalError
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.replay.recording_reader import McapRecording
-from stadimeter.workbench.replay.replay import replay
 from support.observing import Rehearsal
+from support.replaying import replay
 
 PLAN = Plan(
     targets=("ball",),

@@ -14,7 +14,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.track import TrackStatus
 from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
-from stadimeter.workbench.replay.replay import replay
+from support.replaying import replay
 from support.simulated_run import LENS
 
 # The ball's size is not known; with 6.4 cm and 600 px it moves between about 0.5 and 1 m.

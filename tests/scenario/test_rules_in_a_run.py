@@ -6,7 +6,7 @@ import pytest
 
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorder import Recorder
-from stadimeter.workbench.replay.replay import replay
+from support.replaying import replay
 from support.simulated_run import SIMULATED_BALL
 
 STANDING = (

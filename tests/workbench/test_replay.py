@@ -15,8 +15,9 @@ from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.keeping import kept
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.replay import decisions, replay
+from stadimeter.workbench.replay.replay import decisions
 from support.observing import Rehearsal
+from support.replaying import replay
 
 
 def plan(below_m=1.0):

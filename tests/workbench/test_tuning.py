@@ -13,11 +13,19 @@ from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.tuning import candidates as tuning_candidates
 from stadimeter.workbench.tuning import proposing as tuning
 from stadimeter.workbench.tuning.candidates import Settings, beginnings, tuned_rule
-from stadimeter.workbench.tuning.noise import noise_of, sights_of, stretches_of
-from stadimeter.workbench.tuning.places import clearance_of, place_of, quiet_frames, truth_of
+from stadimeter.workbench.tuning.noise import noise_of, series_of, stretches_of
 from stadimeter.workbench.tuning.proposing import Beginning, Ending, chosen_beginning, chosen_ending, tune
 from stadimeter.workbench.tuning.rates import Rate
-from stadimeter.workbench.tuning.trials import Turn, ended_s, late_s, raises_apart
+from stadimeter.workbench.tuning.trials import (
+    Transition,
+    clearance_of,
+    distance_at,
+    ended_s,
+    late_s,
+    quiet_frames,
+    raises_apart,
+    truth_of,
+)
 from support.noisy_journal import KnownNoise, write_noisy_journal
 
 CONFIGURATION = """
@@ -69,7 +77,7 @@ USUAL = KnownNoise()
 
 
 def seen(folder: Path, where_m, noise=USUAL, **how):
-    return sights_of(
+    return series_of(
         read_recording(write_noisy_journal(folder / "run.jsonl", where_m, noise, **how)), "ball", "distance"
     )
 
@@ -94,9 +102,9 @@ def test_stretches_in_which_it_is_waved_about_are_left_out(tmp_path):
     def where_m(at_s):
         return 2.0 + (0.4 * np.sin(4 * at_s) if at_s > 60 else 0.0)
 
-    sights = seen(tmp_path, where_m, seconds=90)
-    found = noise_of([sights])
-    assert len(found.calm) < len(stretches_of(sights))
+    series = seen(tmp_path, where_m, seconds=90)
+    found = noise_of([series])
+    assert len(found.calm) < len(stretches_of(series))
     assert found.ratio == pytest.approx(1.0, rel=0.25)
 
 
@@ -111,9 +119,9 @@ def test_a_recording_of_another_target_says_which_it_has(tmp_path):
 
 
 def test_a_pause_in_a_recording_is_no_stretch(tmp_path):
-    sights = seen(tmp_path, lambda _: 2.0, seconds=40)
-    late = sights.times_s > 20
-    paused = replace(sights, times_s=sights.times_s + 100.0 * late)
+    series = seen(tmp_path, lambda _: 2.0, seconds=40)
+    late = series.times_s > 20
+    paused = replace(series, times_s=series.times_s + 100.0 * late)
     assert all(stretch.duration_s < 6 for stretch in stretches_of(paused))
 
 
@@ -122,27 +130,27 @@ def test_places_and_clearances_are_the_same_thing_on_both_sides_of_a_limit(tmp_p
     for name in ("near", "far"):
         tuned = tuned_rule(configuration, name)
         for clearance in (-1.5, 0.0, 0.5, 3.0):
-            at_m = place_of(tuned, noise, clearance)
+            at_m = distance_at(tuned, noise, clearance)
             assert clearance_of(tuned, noise, at_m) == pytest.approx(clearance)
-    assert place_of(tuned_rule(configuration, "near"), noise, 1000.0) is None
+    assert distance_at(tuned_rule(configuration, "near"), noise, 1000.0) is None
 
 
 def test_a_target_that_truly_comes_is_no_quiet_time_nor_is_a_marked_event(tmp_path, configuration):
     tuned = tuned_rule(configuration, "near")
-    sights = seen(tmp_path, lambda at_s: 1.5 if 60 < at_s < 70 else 2.5, seconds=120)
-    noise = noise_of([sights])
-    quiet = quiet_frames(sights, tuned, noise, [])
-    assert not quiet[(sights.times_s > 61) & (sights.times_s < 69)].any()
-    assert quiet[sights.times_s < 55].all()
-    marked = quiet_frames(sights, tuned, noise, [30.0])
-    assert not marked[(sights.times_s > 26) & (sights.times_s < 34)].any()
+    series = seen(tmp_path, lambda at_s: 1.5 if 60 < at_s < 70 else 2.5, seconds=120)
+    noise = noise_of([series])
+    quiet = quiet_frames(series, tuned, noise, [])
+    assert not quiet[(series.times_s > 61) & (series.times_s < 69)].any()
+    assert quiet[series.times_s < 55].all()
+    marked = quiet_frames(series, tuned, noise, [30.0])
+    assert not marked[(series.times_s > 26) & (series.times_s < 34)].any()
 
 
 def test_where_a_target_was_is_not_known_when_it_was_not_seen_at_all(tmp_path):
-    sights = seen(tmp_path, lambda _: 2.0, seconds=20)
-    gone = (sights.times_s > 5) & (sights.times_s < 10)
-    truth_m = truth_of(replace(sights, figures_m=np.where(gone, np.nan, sights.figures_m)))
-    assert np.isnan(truth_m[(sights.times_s > 6) & (sights.times_s < 9)]).all()
+    series = seen(tmp_path, lambda _: 2.0, seconds=20)
+    gone = (series.times_s > 5) & (series.times_s < 10)
+    truth_m = truth_of(replace(series, figures_m=np.where(gone, np.nan, series.figures_m)))
+    assert np.isnan(truth_m[(series.times_s > 6) & (series.times_s < 9)]).all()
     assert np.isfinite(truth_m[~gone]).all()
 
 
@@ -182,9 +190,9 @@ def test_what_ten_minutes_support_is_never_called_once_a_day(tmp_path, configura
 
 @pytest.mark.long
 def test_the_same_seed_gives_the_same_proposal(tmp_path, configuration, quick):
-    sights = seen(tmp_path, lambda _: 2.15, seconds=60)
+    series = seen(tmp_path, lambda _: 2.15, seconds=60)
     tuned = tuned_rule(configuration, "near")
-    first, again = (tune(tuned, configuration.plan, [sights], wanted_a_day=10, speed_mps=2, seed=3) for _ in range(2))
+    first, again = (tune(tuned, configuration.plan, [series], wanted_a_day=10, speed_mps=2, seed=3) for _ in range(2))
     assert first.beginnings == again.beginnings
     assert first.endings == again.endings
 
@@ -202,7 +210,7 @@ def test_an_alarm_on_a_target_that_goes_away_is_tuned_too(tmp_path, configuratio
 
 
 def test_a_target_that_stands_where_the_alarm_is_right_cannot_tell_of_false_alarms(tmp_path, configuration, quick):
-    with pytest.raises(JournalError, match=r"nearer than 2\.00 m, where 'near' is right"):
+    with pytest.raises(JournalError, match=r"nearer than 2\.00 m, where an alarm of 'near' is a true one"):
         tune(
             tuned_rule(configuration, "near"),
             configuration.plan,
@@ -230,8 +238,14 @@ def test_raises_that_happened_in_the_recording_count_against_a_setting(tmp_path,
 
 
 def test_of_two_limits_the_one_nearer_to_the_target_is_tuned(configuration):
-    assert (tuned_rule(configuration, "there", 0.8).limit_m, tuned_rule(configuration, "there", 0.8).side) == (1.0, -1)
-    assert (tuned_rule(configuration, "there", 6.0).limit_m, tuned_rule(configuration, "there", 6.0).side) == (5.0, 1)
+    assert (tuned_rule(configuration, "there", 0.8).threshold_m, tuned_rule(configuration, "there", 0.8).side) == (
+        1.0,
+        -1,
+    )
+    assert (tuned_rule(configuration, "there", 6.0).threshold_m, tuned_rule(configuration, "there", 6.0).side) == (
+        5.0,
+        1,
+    )
 
 
 def test_a_safety_alarm_is_never_told_to_wait(configuration):
@@ -275,23 +289,23 @@ def test_the_earliest_ending_that_does_not_flap_is_chosen():
     assert chosen_ending(tried[:1]) is tried[0]
 
 
-def turns(*changes):
-    return [Turn(at_s=at_s, is_raise=is_raise) for at_s, is_raise in changes]
+def transitions(*changes):
+    return [Transition(at_s=at_s, is_raise=is_raise) for at_s, is_raise in changes]
 
 
 def test_lateness_counts_from_the_crossing_and_early_is_not_late():
-    assert late_s(turns((0.2, True))) == 0.2
-    assert late_s(turns((-0.2, True))) == 0.0
-    assert late_s(turns((-0.2, True), (-0.1, False), (0.3, True))) == 0.3
-    assert late_s(turns((-0.2, True), (0.1, False))) == 0.0
+    assert late_s(transitions((0.2, True))) == 0.2
+    assert late_s(transitions((-0.2, True))) == 0.0
+    assert late_s(transitions((-0.2, True), (-0.1, False), (0.3, True))) == 0.3
+    assert late_s(transitions((-0.2, True), (0.1, False))) == 0.0
     assert late_s([]) == float("inf")
 
 
 def test_an_alarm_is_over_when_it_is_over_for_good():
-    assert ended_s(turns((-2, True), (0.4, False))) == 0.4
-    assert ended_s(turns((-2, True), (-1, False))) == 0.0
-    assert ended_s(turns((-2, True))) == float("inf")
+    assert ended_s(transitions((-2, True), (0.4, False))) == 0.4
+    assert ended_s(transitions((-2, True), (-1, False))) == 0.0
+    assert ended_s(transitions((-2, True))) == float("inf")
 
 
 def test_raises_in_quick_succession_are_one():
-    assert raises_apart(turns((0, True), (0.1, False), (0.2, True), (5, False), (6, True)), 1.0) == 2
+    assert raises_apart(transitions((0, True), (0.1, False), (0.2, True), (5, False), (6, True)), 1.0) == 2

@@ -10,10 +10,10 @@ from stadimeter.workbench.tuning.rates import Count, at_most, rate_at, slope_of
 HOUR_S = 3600.0
 
 
-def counts_of(most, shift=0.0, places=(-1.0, 0.0, 1.0, 2.0, 3.0)):
+def counts_of(most, shift=0.0, points=(-1.0, 0.0, 1.0, 2.0, 3.0)):
     """Return what is counted in an hour of something that falls off to a twentieth with each step."""
     return [
-        Count(clearance=at, raises=min(most, round(most * 20 ** -(at + shift))), duration_s=HOUR_S) for at in places
+        Count(clearance=at, raises=min(most, round(most * 20 ** -(at + shift))), duration_s=HOUR_S) for at in points
     ]
 
 

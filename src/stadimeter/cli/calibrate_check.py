@@ -51,7 +51,7 @@ def check(
 ) -> None:
     """Say how wrong a camera file is, from new pictures of a target at known distances.
 
-    Take the pictures as for `calibrate distance`, but not the same ones. Each error is told in per cent, and in
+    Take the pictures as for `calibrate distance`, but not the same ones. Each error is given in per cent, and in
     standard deviations of what the camera file, the picture and the tape together allow.
 
     **Example**

@@ -1,4 +1,4 @@
-"""What the commands for a running instance have in common: which instance, who asks, and how it is told."""
+"""Options and output of the commands for a running instance."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ ConfigOption = Annotated[
 ]
 SocketOption = Annotated[
     Path | None,
-    typer.Option("--socket", metavar="PATH", help="Where the instance listens; found by itself if not said."),
+    typer.Option("--socket", metavar="PATH", help="The socket of the instance; by default it is found."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
-ByOption = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who says so; by default the login name.")]
+ByOption = Annotated[
+    str | None, typer.Option("--by", metavar="NAME", help="Who gives the command; by default the login name.")
+]
 WhyOption = Annotated[str, typer.Option("--why", metavar="TEXT", help="Why; it is recorded with the event.")]
 
 
@@ -36,14 +38,9 @@ def asked(
     """Ask the running instance that is meant.
 
     Args:
-        op: What is wanted.
-        args: The details.
         config: The configuration of the instance; None if there is but one.
         socket: Where it listens; None to find out.
         wait_s: How long to wait for the answer.
-
-    Returns:
-        The data of its answer.
 
     Raises:
         ControlError: None runs, several do, or it refuses.
@@ -68,12 +65,6 @@ def who(by: str | None) -> str:
         return f"user {os.getuid()}"
 
 
-def tell(data: Any, words: str, *, as_json: bool) -> None:
-    """Print an answer.
-
-    Args:
-        data: The answer.
-        words: The same for people.
-        as_json: Which of them.
-    """
+def print_answer(data: Any, words: str, *, as_json: bool) -> None:
+    """Print an answer."""
     typer.echo(json.dumps(data, ensure_ascii=False) if as_json else words)

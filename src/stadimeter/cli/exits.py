@@ -1,4 +1,4 @@
-"""Exit codes, and how errors are told: one clear line each on standard error, never a traceback for what a user did."""
+"""Exit codes, and errors as one clear line each on standard error, never a traceback for what a user did."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ DONE = 0
 NOT_FOUND = 1
 WRONG = 2
 
-_NOBODY_READS = frozenset({errno.EPIPE, errno.EIO})
-"""Whoever read our output has enough, such as `head`; or the terminal is gone."""
+_READER_GONE = frozenset({errno.EPIPE, errno.EIO})
+"""The reader of our output has enough, such as `head`; or the terminal is gone."""
 
 MOST_SHOWN = 100
 """More lines than this are not read, and a file that is no configuration may have ten thousand errors."""
@@ -25,11 +25,7 @@ MOST_SHOWN = 100
 
 @contextmanager
 def told_plainly() -> Iterator[None]:
-    """Turn every error that stadimeter raises on purpose into its lines on standard error and exit code 2.
-
-    Yields:
-        Nothing.
-    """
+    """Turn every error that stadimeter raises on purpose into its lines on standard error and exit code 2."""
     try:
         yield
     except ConfigError as error:
@@ -43,7 +39,7 @@ def told_plainly() -> Iterator[None]:
             typer.echo(f"error: {line}", err=True)
         raise typer.Exit(WRONG) from error
     except OSError as error:
-        if error.errno not in _NOBODY_READS:
+        if error.errno not in _READER_GONE:
             raise
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nothing is left to write to at exit
         raise typer.Exit(DONE) from None

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from stadimeter.cli.candidates import format_place
-from stadimeter.cli.formatting import format_tilt
+from stadimeter.cli.formatting import format_place, format_tilt
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement
 from stadimeter.ranging.sigma_parts import SigmaParts

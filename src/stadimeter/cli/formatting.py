@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stadimeter.config.units import FOOT_M, INCH_M
+from stadimeter.core.detection import RejectedCandidate
 from stadimeter.errors import ConfigError
 
 UNKNOWN = "—"
@@ -81,7 +83,6 @@ def distance_figures(distance_m: float | None, sigma_m: float | None, unit: Leng
 
     Args:
         distance_m: The distance, or None if there is none.
-        sigma_m: Its standard deviation, if known.
         unit: The unit to show.
 
     Returns:
@@ -139,7 +140,7 @@ def format_speed(speed_mps: float | None, sigma_mps: float | None = None, unit: 
 
 
 def format_closing(closing_mps: float | None, sigma_mps: float | None = None, unit: LengthUnit = METRE) -> str:
-    """Say whether a target comes nearer, and how fast.
+    """Write the speed of approach and its direction.
 
     Args:
         closing_mps: Speed of approach, positive when the distance shrinks; None if unknown.
@@ -212,6 +213,33 @@ def format_time(time_s: float) -> str:
 def format_age(age_s: float) -> str:
     """Write the age of a frame: ``34 ms``, and from one second on ``2.1 s``."""
     return f"{round(age_s * 1000)} ms" if age_s < 1 else f"{_fixed(age_s, 1)} s"
+
+
+def format_place(candidate: RejectedCandidate) -> str:
+    """Write the size and the position of a candidate.
+
+    Returns:
+        Such as ``24 px at 310, 120``.
+    """
+    x, y = candidate.centre_px
+    return f"{candidate.size_px:.0f} px at {x:.0f}, {y:.0f}"
+
+
+def format_best(reason: str, rejected: Sequence[RejectedCandidate]) -> str:
+    """Write which candidate looked most like the target, and which test it failed.
+
+    Args:
+        reason: The words beside it: a test that they name is not named again.
+        rejected: What was looked at, the most like the target first.
+
+    Returns:
+        Such as ``looked at 24 px at 310, 120: edge scatters by 2.1 px, limit 1.0 px``; empty if nothing was.
+    """
+    if not rejected:
+        return ""
+    best = rejected[0]
+    words = f"looked at {format_place(best)}"
+    return words if not best.reason or best.reason in reason else f"{words}: {best.reason}"
 
 
 def _decimals_of(sigma: float, decimals_max: int) -> int:

@@ -20,23 +20,13 @@ class Glyphs:
 
     Attributes:
         ascii_only: Whether everything must be ASCII.
-        line: Draws headings.
         bar: The full part of a bar.
         bar_rest: The empty part of a bar.
         left_end: The left end of the bearing's scale.
-        right_end: Its right end.
-        middle: Its middle.
         mark: Where the target is on it.
         beyond_left: The target is further to the left than the scale.
         beyond_right: It is further to the right.
-        forwards: A base drives forwards.
-        backwards: It drives backwards.
-        standing: It stands.
-        turns_left: It turns to the left.
-        turns_right: It turns to the right.
         axis: The vertical axis of a chart.
-        tick: A labelled place on it.
-        corner: Its lower end.
         dots: The states of a rule: idle, pending, active, clearing, latched, returned, unknown.
     """
 
@@ -78,11 +68,7 @@ class Glyphs:
         """Return a line cut or filled to a width.
 
         Args:
-            text: The line; it is changed.
             width: How many columns it shall take.
-
-        Returns:
-            The same line.
         """
         text.truncate(width, overflow="crop" if self.ascii_only else "ellipsis", pad=True)
         return text
@@ -94,3 +80,18 @@ ASCII = Glyphs(
     beyond_left="<", beyond_right=">", forwards="^", backwards="v", standing="#", turns_left="<", turns_right=">",
     axis="|", tick="+", corner="+", dots=".o*o#!?",
 )  # fmt: skip
+
+
+def heading(name: str, width: int, glyphs: Glyphs, *details: tuple[str, str]) -> Text:
+    """Return a line across the screen with a name in it.
+
+    Args:
+        name: What comes below.
+        width: How many columns the line takes.
+        details: More words behind the name, each with its style.
+    """
+    line = Text.assemble((f"{glyphs.line} ", "dim"), (glyphs.words(name), "bold"), " ")
+    for words, style in details:
+        line.append(glyphs.words(words), style).append(" ")
+    line.append(glyphs.line * max(0, width - line.cell_len), "dim")
+    return glyphs.fit(line, width)

@@ -17,7 +17,7 @@ class Commands(LazyGroup):
     """Every command, in the order of the help."""
 
     LAZY: ClassVar[Mapping[str, LazyCommand]] = {
-        "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until told to stop."),
+        "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped."),
         "demo": LazyCommand(
             "stadimeter.cli.run", "Watch a simulated ball being measured, followed and reported. Needs no hardware."
         ),
@@ -32,34 +32,33 @@ class Commands(LazyGroup):
         "test": LazyCommand(
             "stadimeter.cli.test_rules", "Run the tests of a configuration. Nothing is opened and nothing moves."
         ),
-        "explain": LazyCommand(
-            "stadimeter.cli.explain", "Say why a rule does what it does, and why it does not do more."
-        ),
+        "explain": LazyCommand("stadimeter.cli.explain", "Explain why a rule acts, or why it does not."),
         "replay": LazyCommand(
             "stadimeter.cli.replay", "Run rules over a recording. Nothing is opened and nothing moves."
         ),
         "tune": LazyCommand(
-            "stadimeter.cli.tune", "Propose the probability, the delays and the band of an alarm, from recordings."
+            "stadimeter.cli.tune", "Propose the probability, delays and hysteresis of an alarm, from recordings."
         ),
         "status": LazyCommand(
-            "stadimeter.cli.reload", "Print what every rule of a running instance is doing, and why."
+            "stadimeter.cli.operate", "Print the state of every rule of a running instance, and the reason."
         ),
         "reload": LazyCommand(
-            "stadimeter.cli.reload", "Have a running instance take over its changed configuration, without a restart."
+            "stadimeter.cli.operate",
+            "Apply the edited configuration of a running instance without a restart, if it passes `check`.",
         ),
         "ack": LazyCommand(
-            "stadimeter.cli.operate", "Acknowledge an alarm of a running instance: somebody has seen it."
+            "stadimeter.cli.operate", "Acknowledge an alarm of a running instance: a person has seen it."
         ),
         "reset": LazyCommand(
-            "stadimeter.cli.operate", "End an alarm of a running instance that latched. Its condition must be over."
+            "stadimeter.cli.operate", "End a latched alarm of a running instance. Its condition must be over."
         ),
         "shelve": LazyCommand(
             "stadimeter.cli.operate",
-            "Keep a rule of a running instance quiet for a while: it goes on judging, but drives nothing.",
+            "Shelve a rule of a running instance: for a while it is still evaluated, but drives nothing.",
         ),
         "unshelve": LazyCommand("stadimeter.cli.operate", "Let a shelved rule of a running instance act again."),
         "take-out": LazyCommand(
-            "stadimeter.cli.operate", "Take a rule of a running instance out of service, until somebody puts it back."
+            "stadimeter.cli.operate", "Take a rule of a running instance out of service, until it is put back."
         ),
         "put-back": LazyCommand("stadimeter.cli.operate", "Put a rule of a running instance back into service."),
         "schema": LazyCommand(

@@ -1,12 +1,14 @@
-"""Commands that tell a running instance what people have seen and want: ``ack``, ``reset``, ``shelve`` and others."""
+"""Commands for a running instance: operator commands such as ``ack`` and ``shelve``, and ``reload`` and ``status``."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from stadimeter.app.control.client import in_words
 from stadimeter.cli.control_options import (
     ByOption,
     ConfigOption,
@@ -14,7 +16,7 @@ from stadimeter.cli.control_options import (
     SocketOption,
     WhyOption,
     asked,
-    tell,
+    print_answer,
     who,
 )
 from stadimeter.cli.exits import told_plainly
@@ -24,61 +26,84 @@ from stadimeter.errors import ConfigError, Problem
 RuleName = Annotated[str | None, typer.Argument(metavar="RULE", help="The rule, by its name in the configuration.")]
 All = Annotated[bool, typer.Option("--all", help="Every rule that it applies to, instead of RULE.")]
 
+CHECK_WAIT_S = 60.0
+"""A configuration with many targets takes a small computer some seconds to check."""
 
-def register(app: typer.Typer) -> None:
-    """Add the commands.
+ON_ONE_RULE: Mapping[str, str] = {
+    "ack": """Acknowledge an alarm of a running instance: a person has seen it.
 
-    Args:
-        app: The command line.
-    """
-    app.command("ack")(ack)
-    app.command("reset")(reset)
-    app.command("shelve")(shelve)
-    app.command("unshelve")(unshelve)
-    app.command("take-out")(take_out)
-    app.command("put-back")(put_back)
-
-
-def ack(
-    rule: RuleName = None,
-    every: All = False,
-    by: ByOption = None,
-    why: WhyOption = "",
-    config: ConfigOption = None,
-    socket: SocketOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Acknowledge an alarm of a running instance: somebody has seen it.
-
-    For rules with `ack = "required"`. Who acknowledged it, when and why is an event like any other.
+    For rules with `ack = "required"`. An event records who acknowledged it, when and why.
 
     **Example**
 
     - `stadimeter ack too-close --why "moved the ladder"`
 
     **Exit code**: 0 done; 2 there is nothing to acknowledge, no such rule, or no running instance.
-    """
-    _operate("ack", {"rule": _rule(rule, every=every), "by": who(by), "why": why}, config, socket, as_json=as_json)
-
-
-def reset(
-    rule: RuleName = None,
-    every: All = False,
-    by: ByOption = None,
-    why: WhyOption = "",
-    config: ConfigOption = None,
-    socket: SocketOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """End an alarm of a running instance that latched. Its condition must be over.
+    """,
+    "reset": """End a latched alarm of a running instance. Its condition must be over.
 
     **Example**
 
     - `stadimeter reset too-close`
 
     **Exit code**: 0 done; 2 it is not latched, its condition still holds, no such rule, or no running instance.
-    """
-    _operate("reset", {"rule": _rule(rule, every=every), "by": who(by), "why": why}, config, socket, as_json=as_json)
+    """,
+    "unshelve": """Let a shelved rule of a running instance act again.
+
+    **Example**
+
+    - `stadimeter unshelve --all`
+
+    **Exit code**: 0 done; 2 it is not shelved, no such rule, or no running instance.
+    """,
+    "take-out": """Take a rule of a running instance out of service, until it is put back.
+
+    The rule is still evaluated, but drives nothing and notifies no one, also after a restart. A rule of severity
+    `safety` cannot be taken out.
+
+    **Example**
+
+    - `stadimeter take-out too-close --why "the door is being repaired"`
+
+    **Exit code**: 0 done; 2 it is a safety rule, no such rule, or no running instance.
+    """,
+    "put-back": """Put a rule of a running instance back into service.
+
+    **Example**
+
+    - `stadimeter put-back too-close`
+
+    **Exit code**: 0 done; 2 it is not out of service, no such rule, or no running instance.
+    """,
+}
+"""The operator commands that take a rule and nothing else, each with its help."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    for op, words in ON_ONE_RULE.items():
+        app.command(op, help=words)(_on_one_rule(op))
+    app.command("shelve")(shelve)
+    app.command("reload")(reload)
+    app.command("status")(status)
+
+
+def _on_one_rule(op: str) -> Callable[..., None]:
+    """Return the function of an operator command; its arguments are those of the command line."""
+
+    def command(
+        rule: RuleName = None,
+        every: All = False,
+        by: ByOption = None,
+        why: WhyOption = "",
+        config: ConfigOption = None,
+        socket: SocketOption = None,
+        as_json: JsonOption = False,
+    ) -> None:
+        args = {"rule": _rule(rule, every=every), "by": who(by), "why": why}
+        _operate(op, args, config, socket, as_json=as_json)
+
+    return command
 
 
 def shelve(
@@ -97,9 +122,10 @@ def shelve(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Keep a rule of a running instance quiet for a while: it goes on judging, but drives nothing.
+    """Shelve a rule of a running instance: for a while it is still evaluated, but drives nothing.
 
-    It tells nobody either, and comes back by itself. A rule of severity `safety` cannot be shelved.
+    It notifies no one either, and acts again by itself when the time is over. A rule of severity `safety` cannot be
+    shelved.
 
     **Example**
 
@@ -118,73 +144,46 @@ def shelve(
         _operate("shelve", args, config, socket, as_json=as_json)
 
 
-def unshelve(
-    rule: RuleName = None,
-    every: All = False,
-    by: ByOption = None,
-    why: WhyOption = "",
-    config: ConfigOption = None,
-    socket: SocketOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Let a shelved rule of a running instance act again.
+def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
+    """Apply the edited configuration of a running instance without a restart, if it passes `check`.
+
+    If anything is wrong with the file, nothing changes. Rules that mean the same as before keep their state: an alarm
+    stays active, acknowledged or shelved. A changed rule starts afresh, and the alarm of a removed rule clears.
+
+    The camera, targets, actuators, the base and the messenger cannot be changed while they are in use: the answer
+    names the keys that need a restart, and then nothing is changed at all.
 
     **Example**
 
-    - `stadimeter unshelve --all`
+    - `stadimeter reload`
 
-    **Exit code**: 0 done; 2 it is not shelved, no such rule, or no running instance.
+    **Exit code**: 0 reloaded; 2 the file is wrong or needs a restart, or no instance runs.
     """
-    _operate("unshelve", {"rule": _rule(rule, every=every), "by": who(by), "why": why}, config, socket, as_json=as_json)
+    with told_plainly():
+        data = asked("reload", {}, config, socket, CHECK_WAIT_S)
+    for warning in data["warnings"]:
+        typer.echo(f"warning: {warning}", err=True)
+    print_answer(data, f"reloaded: {in_words(data)}", as_json=as_json)
 
 
-def take_out(
-    rule: RuleName = None,
-    every: All = False,
-    by: ByOption = None,
-    why: WhyOption = "",
-    config: ConfigOption = None,
-    socket: SocketOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Take a rule of a running instance out of service, until somebody puts it back.
-
-    It goes on judging, but drives nothing and tells nobody, also after a restart. A rule of severity `safety` cannot
-    be taken out.
+def status(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
+    """Print the state of every rule of a running instance, and the reason.
 
     **Example**
 
-    - `stadimeter take-out too-close --why "the door is being repaired"`
+    - `stadimeter status`
 
-    **Exit code**: 0 done; 2 it is a safety rule, no such rule, or no running instance.
+    **Exit code**: 0 done; 2 no instance runs, or several do.
     """
-    _operate("take-out", {"rule": _rule(rule, every=every), "by": who(by), "why": why}, config, socket, as_json=as_json)
+    with told_plainly():
+        data = asked("status", {}, config, socket)
+    print_answer(data, "\n".join(_lines(data)), as_json=as_json)
 
 
-def put_back(
-    rule: RuleName = None,
-    every: All = False,
-    by: ByOption = None,
-    why: WhyOption = "",
-    config: ConfigOption = None,
-    socket: SocketOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Put a rule of a running instance back into service.
-
-    **Example**
-
-    - `stadimeter put-back too-close`
-
-    **Exit code**: 0 done; 2 it is not out of service, no such rule, or no running instance.
-    """
-    _operate("put-back", {"rule": _rule(rule, every=every), "by": who(by), "why": why}, config, socket, as_json=as_json)
-
-
-def _operate(op: str, args: dict[str, object], config: Path | None, socket: Path | None, *, as_json: bool) -> None:
+def _operate(op: str, args: Mapping[str, object], config: Path | None, socket: Path | None, *, as_json: bool) -> None:
     with told_plainly():
         data = asked(op, args, config, socket)
-    tell(data, data["words"], as_json=as_json)
+    print_answer(data, data["words"], as_json=as_json)
 
 
 def _rule(rule: str | None, *, every: bool) -> str:
@@ -204,3 +203,18 @@ def _for_s(text: str | None) -> float | None:
     if for_s == 0:
         raise ConfigError([Problem(f"{text!r} is no time at all", key="--for")])
     return for_s
+
+
+def _lines(data: Mapping[str, Any]) -> Iterator[str]:
+    yield "outputs may act" if data["safety"] == "active" else f"outputs are safe: {data['safety_reason']}"
+    for target in data["targets"]:
+        distance_m = target["distance_m"]
+        yield f"{target['target']}: {target['status']}" + ("" if distance_m is None else f", {distance_m:.2f} m")
+    for each in data["deliveries"]:
+        if each["waiting"] or each["given_up"]:
+            yield f"{each['to']}: not delivered yet: {each['waiting']}, given up: {each['given_up']}"
+    for rule in data["rules"]:
+        marks = [] if rule["acknowledged"] else ["unacknowledged"]
+        marks += ["first of its group"] if rule["first_out"] else []
+        marked = ", ".join([rule["status"], *marks, *rule["gates"]])
+        yield f"{rule['rule']}: {marked}: {rule['reason']}"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.cli.candidates import LookedAt, format_best
 from stadimeter.cli.formatting import (
+    format_best,
     format_distance,
     format_level,
     format_speed,
@@ -15,6 +15,7 @@ from stadimeter.cli.formatting import (
     length_unit,
 )
 from stadimeter.cli.glyphs import ASCII, UNICODE
+from stadimeter.cli.snapshot import LookedAt
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.decision import Event, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.track import Track
@@ -57,11 +58,7 @@ class PlainView:
         self._looked_at = LookedAt()
 
     def update(self, record: CycleRecord) -> None:
-        """Write what there is to say about a cycle.
-
-        Args:
-            record: The cycle.
-        """
+        """Write what there is to say about a cycle."""
         now_s = record.observation.now_s
         self._looked_at.add(record)
         if self._started_s is None:

@@ -32,7 +32,7 @@ RecordImages = Annotated[
 ]
 ImageRate = Annotated[
     float | None,
-    typer.Option("--image-rate", min=0.01, metavar="HZ", help="Record at most so many pictures a second."),
+    typer.Option("--image-rate", min=0.01, metavar="HZ", help="Upper limit of recorded pictures a second."),
 ]
 ImageQuality = Annotated[
     int, typer.Option("--image-quality", min=1, max=100, metavar="PERCENT", help="Of their JPEGs; 95 measures best.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,22 +13,17 @@ import typer
 
 from stadimeter.app.recordings.journal import Journal, JournalWriter, sha256_of
 from stadimeter.cli.exits import NOT_FOUND, told_plainly
-from stadimeter.cli.replay_words import again_lines, comparison_lines, diff_lines, event_line
+from stadimeter.core.decision import Event
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.measured_again import AgainTally, MeasuredAgain
+from stadimeter.workbench.replay.comparison import AgainTally, Comparison, MeasuredAgain, ReplayResult
 from stadimeter.workbench.replay.opening import Recording, read_recording
-from stadimeter.workbench.replay.replay import Comparison, Replayed, ReplayResult, replayed_record
-from stadimeter.workbench.replay.replay_diff import ReplayDiff, compare
-from stadimeter.workbench.replay.replay_figures import Tally
-from stadimeter.workbench.replay.replay_run import ReplayRun, replay_run, uncollected
+from stadimeter.workbench.replay.replay import Replayed, ReplayRun, replay_run, replayed_record, uncollected
+from stadimeter.workbench.replay.replay_diff import EventChange, ReplayDiff, RuleChange, compare
+from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command."""
     app.command("replay")(replay_command)
 
 
@@ -58,8 +53,8 @@ def replay_command(
 
     Takes what was observed, decides again with the rules of CONFIG, and prints the events and how many decisions are
     the recorded ones. With the configuration of the recording, all of them are. With changed rules, this shows what
-    they would have done; with --diff, against what others would have done: events that come, go and move, how often
-    each rule changes, how late it is, and how near the target came while it was silent.
+    they would have done; with --diff, compared with other rules: events that come, go and move, and for each rule its
+    transitions, latency, false alarms, and how near the target came while it was silent.
 
     **Examples**
 
@@ -95,7 +90,7 @@ def replay_command(
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """What came of a replay; what was not asked for is None, or nothing."""
+    """The results of a replay; those that were not asked for are None, or empty."""
 
     result: ReplayResult
     diff: ReplayDiff | None
@@ -156,7 +151,7 @@ def _warnings(source: Recording, run: ReplayRun, result: ReplayResult) -> Iterat
         yield f"{source.path}: {end}; the {result.cycles} whole cycles are used"
     missing = sorted(set(run.configuration.plan.targets) - result.targets)
     if result.frames and missing:
-        yield f"{source.path}: in no frame anybody looked for {', '.join(repr(name) for name in missing)}"
+        yield f"{source.path}: no frame was searched for {', '.join(repr(name) for name in missing)}"
     if run.from_images and result.frames < result.recorded_frames:
         yield (
             f"{source.path}: only {result.frames} of {result.recorded_frames} frames are recorded with their pictures; "
@@ -186,3 +181,88 @@ def _lines(outcome: _Outcome, *, same_rules: bool) -> Iterator[str]:
         yield from again_lines(outcome.again)
     else:
         yield from comparison_lines(outcome.result, same_rules=same_rules)
+
+
+SHOWN_CHANGES = 40
+"""At most this many events that changed are listed; ``--json`` has all of them."""
+
+_FIGURES: tuple[tuple[str, Callable[[RuleFigures], str]], ...] = (
+    ("raised", lambda rule: str(rule.raised)),
+    ("transitions a minute", lambda rule: f"{rule.transitions_per_minute:.2f}"),
+    ("latency, median", lambda rule: _seconds(rule.late_median_s)),
+    ("latency, worst", lambda rule: _seconds(rule.late_worst_s)),
+    ("crossings missed", lambda rule: _count(rule.missed)),
+    ("false alarms", lambda rule: _count(rule.unfounded)),
+    ("nearest while silent", lambda rule: _metres(rule.least_distance_m)),
+)
+
+
+def event_line(event: Event) -> str:
+    """Return an event in a line."""
+    return f"{event.at_s:9.3f} s  {event.kind.value:<16} {event.source:<16} {event.reason}"
+
+
+def comparison_lines(result: ReplayResult, *, same_rules: bool) -> Iterator[str]:
+    """Return in lines how decisions compare with the recorded ones.
+
+    Args:
+        same_rules: Whether the rules were those of the recording.
+    """
+    rules = "the configuration of the recording" if same_rules else "another configuration than the recording's"
+    yield f"{result.cycles} cycles, {result.identical} decisions identical, with {rules}."
+    for difference in result.differences:
+        yield f"differs at {difference.now_s:.3f} s (cycle {difference.cycle}): {', '.join(difference.what)}"
+
+
+def again_lines(targets: Iterable[MeasuredAgain]) -> Iterator[str]:
+    """Return in lines how what was measured again compares with what was recorded."""
+    for target in targets:
+        found = f"found in {target.found_again} of {target.frames} pictures, {target.found_before} when recorded"
+        if target.differs_median_m is None or target.differs_most_m is None:
+            yield f"{target.target}: {found}."
+            continue
+        apart = f"median {target.differs_median_m * 1000:.1f} mm, at most {target.differs_most_m * 1000:.1f} mm"
+        yield f"{target.target}: {found}; difference of the distances: {apart}."
+
+
+def diff_lines(diff: ReplayDiff) -> Iterator[str]:
+    """Return what other rules change, in lines."""
+    for change in diff.changes[:SHOWN_CHANGES]:
+        yield _change_line(change)
+    if len(diff.changes) > SHOWN_CHANGES:
+        yield f"… and {len(diff.changes) - SHOWN_CHANGES} more; --json has all of them"
+    counts = {kind: sum(change.change == kind for change in diff.changes) for kind in ("added", "lost", "moved")}
+    counted = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    yield f"{diff.same} events are the same, {counted}, in {diff.minutes:.1f} minutes."
+    for rule in diff.rules:
+        yield from _rule_lines(rule)
+
+
+def _change_line(change: EventChange) -> str:
+    by = f"by {change.by_s:+.3f} s" if change.change == "moved" else ""
+    return f"{change.change:<5} {by:<14} {event_line(change.event)}"
+
+
+def _rule_lines(change: RuleChange) -> Iterator[str]:
+    yield ""
+    yield f"{change.rule:<28} {'old':>10} {'new':>10}"
+    for name, shown in _FIGURES:
+        old, new = (_shown(shown, figures) for figures in (change.old, change.new))
+        if {old, new} != {"-"}:
+            yield f"  {name:<26} {old:>10} {new:>10}"
+
+
+def _shown(shown: Callable[[RuleFigures], str], figures: RuleFigures | None) -> str:
+    return "-" if figures is None else shown(figures)
+
+
+def _seconds(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{seconds:.2f} s"
+
+
+def _metres(metres: float | None) -> str:
+    return "-" if metres is None else f"{metres:.2f} m"
+
+
+def _count(count: int | None) -> str:
+    return "-" if count is None else str(count)

@@ -25,9 +25,8 @@ from stadimeter.cli.recording_options import (
     RecordImages,
     kept,
 )
-from stadimeter.cli.run_summary import in_words, summarise
 from stadimeter.cli.service_options import NoState, Serving, SocketFile, StateFile, TrustClock, served
-from stadimeter.cli.viewing import View, show
+from stadimeter.cli.viewing import View, in_words, show, summarise
 from stadimeter.config.loader import load_configuration
 
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, a TOML file.")]
@@ -68,7 +67,7 @@ def run(
     unit: Unit = "m",
     as_json: Annotated[bool, typer.Option("--json", help="Print nothing but one JSON object, at the end.")] = False,
 ) -> None:
-    """Measure, decide and act, until told to stop.
+    """Measure, decide and act, until stopped.
 
     Opens the camera and every output that CONFIG names, and runs its rules on every frame. Prints a line a second,
     and each event at once. A recording ends when its frames do; Ctrl-C and SIGTERM stop every output first and then
@@ -76,7 +75,7 @@ def run(
     service, which has no terminal, SIGHUP says to read CONFIG again, as `stadimeter reload` does.
 
     Alarms of a live camera are remembered: after a restart they go on as if nothing had happened. A running instance
-    can be told things with `stadimeter ack`, `shelve` and so on.
+    takes operator commands: `stadimeter ack`, `shelve` and so on.
 
     **Examples**
 

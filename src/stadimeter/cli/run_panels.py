@@ -99,10 +99,6 @@ def _rule_block(
 def why(decision: Decision, rule: str) -> str:
     """Return why a rule does what it does: the sentence of ``stadimeter explain``.
 
-    Args:
-        decision: What was decided.
-        rule: The rule's name.
-
     Returns:
         The sentence; the reason alone where the decision was read from a file.
     """
@@ -112,7 +108,7 @@ def why(decision: Decision, rule: str) -> str:
 
 
 def _drives(trace: RuleTrace, outputs: Sequence[OutputTrace]) -> tuple[str, str]:
-    """Say what a rule has to do with its output, or what keeps it quiet, and in which style."""
+    """Return the part of a rule in its output, or what inhibits it, and a style."""
     if trace.gates:
         return ", ".join(trace.gates), "yellow"
     if trace.output is None:

@@ -120,7 +120,7 @@ def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
     except ControlError as error:
         if serving.socket is not None:
             raise
-        loop.services.tell(f"warning: {error}; nobody can ask this run for anything")
+        loop.services.tell(f"warning: {error}; this run takes no operator commands")
     else:
         loop.services.control = Control(listener, Reloader(configuration), deliveries=loop.deliveries.figures)
 

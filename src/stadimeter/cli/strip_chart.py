@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from rich.text import Text
 
-from stadimeter.cli.chart_bins import Bin, binned, known_point
-from stadimeter.cli.chart_scale import ChartScale, chart_scale
-from stadimeter.cli.dot_canvas import DotCanvas, Layer
 from stadimeter.cli.formatting import METRE, LengthUnit
 from stadimeter.cli.glyphs import UNICODE, Glyphs
-from stadimeter.cli.run_history import WINDOW_S, Sample
+from stadimeter.cli.snapshot import WINDOW_S, Sample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layer:
+    """One kind of thing that is drawn.
+
+    Attributes:
+        style: The colour of cells where this layer is on top.
+        character: What stands for it in ASCII.
+    """
+
+    style: str
+    character: str
+
 
 BAND = Layer(style="blue", character=":")
 LIMIT = Layer(style="yellow", character="-")
@@ -28,15 +40,13 @@ PLOT_WIDTH_MIN = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StripChart:
-    """How a strip chart looks.
+    """A chart of distance over time.
 
     Attributes:
         width: Its columns, axis and labels included.
         height: Its rows, the axis of time included; below 3 nothing can be drawn.
         unit: The unit of the vertical axis.
         limits_m: Distances to draw as dotted lines.
-        window_s: How much time it shows.
-        glyphs: The characters to draw with.
     """
 
     width: int
@@ -113,3 +123,259 @@ class StripChart:
                     canvas.dot(x, y, BAND)
             for y in range(row(stretch.high_m), row(stretch.low_m) + 1):
                 canvas.dot(x, y, LINE)
+
+
+BRAILLE_BLANK = 0x2800
+BRAILLE_BITS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+"""The bit of each dot, by column and row in the cell, as Unicode numbers them (chapter 21.1, Braille)."""
+
+
+class DotCanvas:
+    """Dots in cells. A cell has the colour of the topmost layer in it.
+
+    Args:
+        layers: What will be drawn, lowest first.
+        ascii_only: Whether a cell holds one dot, shown as the character of the layer.
+    """
+
+    def __init__(self, width: int, height: int, layers: Iterable[Layer], *, ascii_only: bool = False) -> None:
+        self._layers = tuple(layers)
+        self._ascii_only = ascii_only
+        self._dots_across, self._dots_down = (1, 1) if ascii_only else (2, 4)
+        self._width, self._height = width, height
+        self._bits = [[0] * width for _ in range(height)]
+        self._top = [[-1] * width for _ in range(height)]
+
+    @property
+    def width_dots(self) -> int:
+        """Dots side by side."""
+        return self._width * self._dots_across
+
+    @property
+    def height_dots(self) -> int:
+        """Dots one above the other."""
+        return self._height * self._dots_down
+
+    def dots_of_row(self, position: float) -> int:
+        """Return the row of dots that is nearest to a place between rows of cells.
+
+        Args:
+            position: 0 is the middle of the top row of cells, 1 that of the next, and so on.
+
+        Returns:
+            The row of dots, from the top, at most one outside of the canvas.
+        """
+        row = round(position * self._dots_down + (self._dots_down - 1) / 2)
+        return min(max(row, -1), self.height_dots)
+
+    def dot(self, x: int, y: int, layer: Layer) -> None:
+        """Set a dot; outside the canvas it does nothing.
+
+        Args:
+            x: Column of dots, from the left.
+            y: Row of dots, from the top.
+        """
+        if not (0 <= x < self.width_dots and 0 <= y < self.height_dots):
+            return
+        column, row = x // self._dots_across, y // self._dots_down
+        self._bits[row][column] |= BRAILLE_BITS[x % self._dots_across][y % self._dots_down]
+        self._top[row][column] = max(self._top[row][column], self._layers.index(layer))
+
+    def rows(self) -> list[Text]:
+        """Return the picture, one text for each row of cells."""
+        return [
+            Text.assemble(*(self._cell(bits, top) for bits, top in zip(bits_row, top_row, strict=True)))
+            for bits_row, top_row in zip(self._bits, self._top, strict=True)
+        ]
+
+    def _cell(self, bits: int, top: int) -> tuple[str, str]:
+        if top < 0:
+            return " ", ""  # not the blank of braille: some fonts draw circles for it
+        layer = self._layers[top]
+        return (layer.character if self._ascii_only else chr(BRAILLE_BLANK + bits)), layer.style
+
+
+FACTORS = (1, 2, 5)
+FINE_FACTORS = (1, 2, 3, 4, 5, 6, 8)
+"""With few rows a step that is too large wastes half of them, so less round ones are taken too."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChartScale:
+    """A scale over rows of characters.
+
+    Attributes:
+        low: The figure at the bottom row, in the unit that is shown.
+        step: From one label to the next, in the same unit.
+        rows_per_step: How many rows apart labels are.
+    """
+
+    low: float
+    step: float
+    rows: int
+    rows_per_step: int
+
+    def position(self, value: float) -> float:
+        """Return how many rows below the top row a figure is.
+
+        Args:
+            value: The figure, in the unit that is shown.
+
+        Returns:
+            0 at the middle of the top row, ``rows - 1`` at the middle of the bottom row, and outside of these for
+            figures that are not on the scale.
+        """
+        return self.rows - 1 - (value - self.low) / self.step * self.rows_per_step
+
+    def labels(self) -> Iterator[tuple[int, str]]:
+        """Yield each label with its row, counted from the top."""
+        decimals = max(0, -math.floor(math.log10(self.step) + 1e-9))
+        for number, row in enumerate(range(self.rows - 1, -1, -self.rows_per_step)):
+            yield row, f"{self.low + number * self.step:.{decimals}f}"
+
+
+def chart_scale(values: Iterable[float], span_min: float, rows: int) -> ChartScale:
+    """Choose a scale that holds all figures and does not wobble with every new one.
+
+    Args:
+        values: The figures to show, finite; without any, the scale begins at 0.
+        span_min: The scale spans at least this much, so that noise does not fill it.
+        rows: How many rows of characters there are, two or more.
+
+    Returns:
+        The scale. It never goes below 0, for it is for distances.
+    """
+    shown = [max(0.0, value) for value in values] or [0.0]
+    lowest, highest = min(shown), max(shown)
+    missing = max(0.0, span_min - (highest - lowest)) / 2
+    lowest, highest = max(0.0, lowest - missing), highest + missing
+    steps_max = max(1, (rows - 1) // 2)  # a label in every other row is as many as can be read
+    factors = FINE_FACTORS if steps_max <= 3 else FACTORS
+    for step in _round_steps((highest - lowest) / steps_max, factors):
+        low = math.floor(lowest / step + 1e-9) * step
+        steps = max(1, math.ceil((highest - low) / step - 1e-9))
+        if steps <= steps_max:
+            break
+    return ChartScale(low=low, step=step, rows=rows, rows_per_step=(rows - 1) // steps)
+
+
+def _round_steps(least: float, factors: tuple[int, ...]) -> Iterator[float]:
+    """Yield some multiples of the powers of ten, upwards from ``least``."""
+    power = math.floor(math.log10(least))
+    while True:
+        for factor in factors:
+            if (step := factor * 10.0**power) >= least * (1 - 1e-9):
+                yield step
+        power += 1
+
+
+JOIN_S = 1.0
+"""Distances further apart than this are not joined: the loop stood still, and nothing is known of the time between."""
+
+FARTHEST_M = 1e5
+"""No camera measures further than this; such a figure would only squeeze all others together."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Point:
+    """A distance that is known."""
+
+    at_s: float
+    distance_m: float
+    sigma_m: float
+
+    @property
+    def low_m(self) -> float:
+        """The lower edge of the band."""
+        return self.distance_m - self.sigma_m
+
+    @property
+    def high_m(self) -> float:
+        """The upper edge of the band."""
+        return self.distance_m + self.sigma_m
+
+
+@dataclass(slots=True, kw_only=True)
+class Bin:
+    """One column: the distances of its time, and the band of their standard deviations."""
+
+    low_m: float = math.inf
+    high_m: float = -math.inf
+    band_low_m: float = math.inf
+    band_high_m: float = -math.inf
+
+    def add(self, point: Point) -> None:
+        """Stretch to hold a point."""
+        self.low_m = min(self.low_m, point.distance_m)
+        self.high_m = max(self.high_m, point.distance_m)
+        self.band_low_m = min(self.band_low_m, point.low_m)
+        self.band_high_m = max(self.band_high_m, point.high_m)
+
+
+def binned(samples: Iterable[Sample], bin_s: float) -> dict[int, Bin]:
+    """Sort distances into columns of time.
+
+    Columns are fixed in time, so what was drawn once moves to the left but never changes its shape.
+
+    Args:
+        samples: The distances, oldest first. One without a distance makes a gap.
+        bin_s: How much time a column stands for.
+
+    Returns:
+        The columns that show something, by the number of `bin_s` since time 0.
+    """
+    bins: dict[int, Bin] = {}
+    for run in _runs(samples):
+        before: Point | None = None
+        for point in _dense(run, bin_s):
+            index = math.floor(point.at_s / bin_s)
+            if before is not None and index not in bins:
+                bins.setdefault(index, Bin()).add(before)  # so that a step is drawn as a line, not as two dots
+            bins.setdefault(index, Bin()).add(point)
+            before = point
+    return bins
+
+
+def _runs(samples: Iterable[Sample]) -> Iterator[list[Point]]:
+    """Split distances where there is a gap."""
+    run: list[Point] = []
+    for sample in samples:
+        point = known_point(sample)
+        if run and (point is None or point.at_s - run[-1].at_s > JOIN_S):
+            yield run
+            run = []
+        if point is not None:
+            run.append(point)
+    if run:
+        yield run
+
+
+def known_point(sample: Sample) -> Point | None:
+    """Return a sample as a point to draw.
+
+    Returns:
+        The point; None if it holds no distance that can be drawn. Its standard deviation is at most the distance, so
+        that the band never reaches below zero nor far above everything else.
+    """
+    distance_m, sigma_m = sample.distance_m, sample.sigma_m
+    if distance_m is None or not 0 <= distance_m <= FARTHEST_M:
+        return None
+    return Point(at_s=sample.at_s, distance_m=distance_m, sigma_m=min(sigma_m, distance_m) if sigma_m > 0 else 0.0)
+
+
+def _dense(run: Sequence[Point], bin_s: float) -> Iterator[Point]:
+    """Fill up with points on the straight line between two, so that no column of a run stays empty."""
+    yield run[0]
+    for one, other in pairwise(run):
+        steps = max(1, math.ceil((other.at_s - one.at_s) / bin_s))
+        for step in range(1, steps):
+            yield _mixed(one, other, step / steps)
+        yield other
+
+
+def _mixed(one: Point, other: Point, share: float) -> Point:
+    return Point(
+        at_s=one.at_s + share * (other.at_s - one.at_s),
+        distance_m=one.distance_m + share * (other.distance_m - one.distance_m),
+        sigma_m=one.sigma_m + share * (other.sigma_m - one.sigma_m),
+    )

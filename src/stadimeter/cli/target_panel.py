@@ -7,22 +7,21 @@ import textwrap
 
 from rich.text import Text
 
-from stadimeter.cli.big_digits import big_digits
-from stadimeter.cli.candidates import format_best
 from stadimeter.cli.formatting import (
     FOOT,
     UNKNOWN,
     LengthUnit,
     distance_figures,
     format_bearing,
+    format_best,
     format_closing,
     format_distance,
     format_feet_and_inches,
     format_tilt,
     format_time,
 )
-from stadimeter.cli.glyphs import Glyphs
-from stadimeter.cli.snapshot import Snapshot, heading
+from stadimeter.cli.glyphs import Glyphs, heading
+from stadimeter.cli.snapshot import Snapshot
 from stadimeter.cli.strip_chart import StripChart
 from stadimeter.core.track import Track, TrackStatus
 
@@ -40,18 +39,11 @@ BIG_WIDTH, BIG_ROWS = 48, 14
 """From this size on there is room for large digits."""
 
 WHY_FROM_ROWS, WHY_ROWS = 7, 4
-"""From so many rows on, why a target is not measured has lines of its own; at most so many."""
+"""From this height on the reason why a target is not measured has lines of its own; and at most this many."""
 
 
 def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
     """Show one target in the room that there is.
-
-    Args:
-        snapshot: All that is shown.
-        track: The target's track.
-        width: How many columns there are.
-        rows: How many rows there are.
-        glyphs: The characters to draw with.
 
     Returns:
         At most `rows` lines.
@@ -108,8 +100,10 @@ class _Figures:
         if self._track.status is TrackStatus.TRACKING:
             return []
         best = format_best(self._track.reason, self._snapshot.looked_at.get(self._track.target, ()))
-        told = ((self._track.reason, "italic yellow"), (best, "dim"))
-        lines = [Text(f" {line}", style) for words, style in told for line in _wrapped(self._words(words), width - 2)]
+        reasons = ((self._track.reason, "italic yellow"), (best, "dim"))
+        lines = [
+            Text(f" {line}", style) for words, style in reasons for line in _wrapped(self._words(words), width - 2)
+        ]
         return lines[:rows]
 
     def _distance(self) -> Text:
@@ -153,7 +147,6 @@ def bearing_scale(bearing_rad: float | None, glyphs: Glyphs, width: int = 17) ->
 
     Args:
         bearing_rad: Its bearing, positive to the right; None if unknown.
-        glyphs: The characters to draw with.
         width: How many columns the scale takes, an odd number.
 
     Returns:
@@ -169,3 +162,36 @@ def bearing_scale(bearing_rad: float | None, glyphs: Glyphs, width: int = 17) ->
     mark = glyphs.mark if abs(share) <= 1 else glyphs.beyond_right if share > 0 else glyphs.beyond_left
     before, after = "".join(cells[:place]), "".join(cells[place + 1 :])
     return Text.assemble((before, "dim"), (mark, "bold bright_cyan"), (after, "dim"))
+
+
+_DIGITS = {
+    "0": ("█▀█", "█ █", "▀▀▀"),
+    "1": ("▀█ ", " █ ", "▀▀▀"),
+    "2": ("▀▀█", "█▀▀", "▀▀▀"),
+    "3": ("▀▀█", " ▀█", "▀▀▀"),
+    "4": ("█ █", "▀▀█", "  ▀"),
+    "5": ("█▀▀", "▀▀█", "▀▀▀"),
+    "6": ("█▀▀", "█▀█", "▀▀▀"),
+    "7": ("▀▀█", "  █", "  ▀"),
+    "8": ("█▀█", "█▀█", "▀▀▀"),
+    "9": ("█▀█", "▀▀█", "▀▀▀"),
+    ".": (" ", " ", "▀"),
+    "-": ("  ", "▀▀", "  "),
+    "—": ("   ", "▀▀▀", "   "),
+}
+
+
+def big_digits(number: str) -> tuple[str, str, str]:
+    """Write a number large.
+
+    Args:
+        number: Made of digits, a point and a minus sign, or the dash that stands for no number.
+
+    Returns:
+        Three rows of the same width.
+
+    Raises:
+        KeyError: There is something else in it.
+    """
+    rows = [" ".join(_DIGITS[character][row] for character in number) for row in range(3)]
+    return rows[0], rows[1], rows[2]

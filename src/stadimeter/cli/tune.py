@@ -16,21 +16,18 @@ from stadimeter.app.recordings.recorded_configuration import load_recorded
 from stadimeter.cli.exits import NOT_FOUND, told_plainly
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_duration, parse_speed
+from stadimeter.core.durations import rounded_duration
 from stadimeter.core.rule import OnDelay
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.tuning.candidates import Settings, Tuned, tuned_rule
-from stadimeter.workbench.tuning.noise import Sights, sights_of
+from stadimeter.workbench.tuning.noise import Series, series_of
 from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words
 from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
 from stadimeter.workbench.tuning.rates import DAY_S
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command."""
     app.command("tune")(tune_command)
 
 
@@ -45,18 +42,19 @@ def tune_command(
         typer.Option("--config", metavar="CONFIG", help="The configuration with the rule; else that of the recording."),
     ] = None,
     false_alarms_per_day: Annotated[
-        float, typer.Option("--false-alarms-per-day", min=1e-3, max=1e4, metavar="N", help="At most so many a day.")
+        float,
+        typer.Option("--false-alarms-per-day", min=1e-3, max=1e4, metavar="N", help="Accepted false alarms."),
     ] = 1.0,
     closing_speed: Annotated[
-        str, typer.Option("--closing-speed", metavar="SPEED", help="How fast a target comes, for lateness.")
+        str, typer.Option("--closing-speed", metavar="SPEED", help="Speed of an approaching target, for latency.")
     ] = "2 m/s",
     events: Annotated[
         list[str] | None,
         typer.Option(
             "--event",
             metavar="TIME",
-            help='When the alarm was right to be raised, such as "42 s" after the beginning of the recording, besides '
-            "when its target had clearly crossed the limit. May be given more than once.",
+            help='Time of a true alarm, such as "42 s" after the beginning of the recording, besides the times when '
+            "the target had clearly crossed the threshold. May be given more than once.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Other random numbers.")] = 0,
@@ -65,13 +63,13 @@ def tune_command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, with all that was tried.")] = False,
 ) -> None:
-    """Propose the probability, the delays and the band of an alarm, from recordings.
+    """Propose the probability, delays and hysteresis of an alarm, from recordings.
 
-    Takes the noise of the recordings, as it was, and tries some dozens of settings on it: how often a day the alarm
-    would be raised for nothing while its target stands where it mostly stood, how late it is for a target that comes,
-    whether it flaps at the limit, and how long it holds on. Proposes the earliest that is seldom enough raised for
-    nothing. Says what the recordings alone support, and what rests on the noise going on as it was. Takes some seconds;
-    opens nothing, moves nothing, and changes no file.
+    Tries some dozens of settings on the noise of the recordings: false alarms a day while the target stands where it
+    mostly stood, latency for a target that approaches, chattering (raising and clearing again and again) at the
+    threshold, and the time until the alarm ends. Proposes the settings with the least latency that keep to the wanted
+    false alarms a day. States which rate the recordings alone support, and which one rests on the noise going on as it
+    was. Takes some seconds; opens nothing, moves nothing, and changes no file.
 
     **Examples**
 
@@ -79,21 +77,21 @@ def tune_command(
 
     - `stadimeter tune near quiet.jsonl --config config/distance-alert.toml --plot near.png`
 
-    **Exit code**: 0 done; 1 no setting is expected to be raised so seldom, the best is printed; 2 something is wrong
-    with the rule, a recording or the configuration, or the plot cannot be drawn.
+    **Exit code**: 0 done; 1 no setting keeps to the wanted rate of false alarms, the best is printed; 2 an error in
+    the rule, a recording or the configuration, or the plot cannot be drawn.
     """
     _require_png(plot)
     with told_plainly():
         speed_mps = _speed(closing_speed)
         configuration = load_configuration(config) if config is not None else _recorded(recordings[0])
-        tuned, sights = _read(configuration, rule, recordings)
+        tuned, series = _read(configuration, rule, recordings)
         proposal = tune(
             tuned,
             configuration.plan,
-            sights,
+            series,
             wanted_a_day=false_alarms_per_day,
             speed_mps=speed_mps,
-            events_s=_events(events or [], sights),
+            events_s=_events(events or [], series),
             seed=seed,
         )
         _show(proposal, configuration, plot, as_json=as_json)
@@ -132,31 +130,31 @@ def _speed(text: str) -> float:
     return speed_mps
 
 
-def _events(texts: Sequence[str], sights: Sequence[Sights]) -> list[float]:
-    if texts and len(sights) > 1:
+def _events(texts: Sequence[str], series: Sequence[Series]) -> list[float]:
+    if texts and len(series) > 1:
         raise typer.BadParameter("with several recordings, it is not clear in which", param_hint="--event")
     try:
-        return [_event_s(text, sights[0]) for text in texts]
+        return [_event_s(text, series[0]) for text in texts]
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--event") from error
 
 
-def _event_s(text: str, sights: Sights) -> float:
-    after_s, lasts_s = parse_duration(text), float(sights.times_s[-1] - sights.times_s[0])
+def _event_s(text: str, series: Series) -> float:
+    after_s, lasts_s = parse_duration(text), float(series.times_s[-1] - series.times_s[0])
     if after_s > lasts_s:
         raise ValueError(f"{text!r} is after the end of the recording, which is {lasts_s:.1f} s long")
-    return float(sights.times_s[0]) + after_s
+    return float(series.times_s[0]) + after_s
 
 
-def _read(configuration: Configuration, name: str, paths: Sequence[Path]) -> tuple[Tuned, list[Sights]]:
+def _read(configuration: Configuration, name: str, paths: Sequence[Path]) -> tuple[Tuned, list[Series]]:
     tuned = tuned_rule(configuration, name)
     condition = tuned.condition
-    sights = [sights_of(read_recording(path), condition.target, condition.quantity) for path in paths]
-    return tuned_rule(configuration, name, _typical_m(sights)), sights
+    series = [series_of(read_recording(path), condition.target, condition.quantity) for path in paths]
+    return tuned_rule(configuration, name, _typical_m(series)), series
 
 
-def _typical_m(sights: Sequence[Sights]) -> float | None:
-    seen = sorted(figure_m for each in sights for figure_m in each.figures_m.tolist() if math.isfinite(figure_m))
+def _typical_m(series: Sequence[Series]) -> float | None:
+    seen = sorted(figure_m for each in series for figure_m in each.figures_m.tolist() if math.isfinite(figure_m))
     return seen[len(seen) // 2] if seen else None
 
 
@@ -171,32 +169,26 @@ def _tell(proposal: Proposal, configuration: Configuration) -> None:
 
 
 def _noise(proposal: Proposal, configuration: Configuration) -> Iterator[str]:
-    noise, tuned = proposal.noise, proposal.tuned
-    limit_m, correlation = tuned.limit_m, configuration.plan.tracking.correlation
+    noise, tuned, standing = proposal.noise, proposal.tuned, proposal.points
+    threshold_m, correlation = tuned.threshold_m, configuration.plan.tracking.correlation
+    recorded, calm, quiet = map(rounded_duration, (noise.recorded_s, noise.calm_s, standing.quiet_s))
     yield (
-        f"Recorded: {_time(noise.recorded_s)}, {1 / noise.frame_s:.0f} frames a second, {_time(noise.calm_s)} of it "
-        f"with '{tuned.condition.target}' calm. Without a true alarm: {_time(proposal.places.quiet_s)}, mostly at "
-        f"{proposal.places.median_m:.2f} m, {proposal.places.clearances.min():.1f} standard deviations or more from "
-        f"{limit_m:.2f} m."
+        f"Recorded: {recorded}, {1 / noise.frame_s:.0f} frames a second; '{tuned.condition.target}' steady for {calm} "
+        f"of it. Without a true alarm: {quiet}, median distance {standing.median_m:.2f} m, "
+        f"{standing.clearances.min():.1f} standard deviations or more from the threshold {threshold_m:.2f} m."
     )
     yield (
-        f"Noise: ± {noise.true_m(limit_m):.3f} m at {limit_m:.2f} m, {noise.ratio:.2f} times what is stated; "
-        f"correlated by {noise.correlation:.2f} from frame to frame ([tracking] has {correlation:.2f}); "
-        f"{100 * noise.gross:.1f} % of measurements grossly wrong, {100 * noise.missing:.1f} % of frames without one."
+        f"Noise: ± {noise.true_m(threshold_m):.3f} m at {threshold_m:.2f} m, {noise.ratio:.2f} times what is stated; "
+        f"correlation from frame to frame {noise.correlation:.2f} ([tracking] has {correlation:.2f}); "
+        f"outliers {100 * noise.gross:.1f} % of measurements; no measurement in {100 * noise.missing:.1f} % of frames."
     )
-
-
-def _time(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 def _begin_table(proposal: Proposal) -> Table:
     table = Table(title="When it begins", title_justify="left")
     for heading in ("", "probability", "on-delay"):
         table.add_column(heading)
-    for heading in ("false alarms a day", "at most (95 %)", "in the recordings", "late", "95 in 100 below"):
+    for heading in ("false alarms a day", "at most (95 %)", "in the recordings", "mean latency", "p95 latency"):
         table.add_column(heading, justify="right")
     for each in worth_showing(proposal):
         table.add_row(
@@ -213,14 +205,7 @@ def _begin_table(proposal: Proposal) -> Table:
 
 
 def worth_showing(proposal: Proposal) -> list[Beginning]:
-    """Return the settings that no others beat in both, the rule's own and the proposed ones; earliest first.
-
-    Args:
-        proposal: What tuning came to.
-
-    Returns:
-        The settings.
-    """
+    """Return the settings that no others beat in both figures, the rule's own and the proposed; earliest first."""
     kept: list[Beginning] = []
     least = float("inf")
     for each in sorted(proposal.beginnings, key=lambda each: (each.late_s, each.rate.a_day)):
@@ -233,9 +218,9 @@ def worth_showing(proposal: Proposal) -> list[Beginning]:
 
 def _end_table(proposal: Proposal) -> Table:
     table = Table(title="When it ends", title_justify="left")
-    for heading in ("", "band", "off-delay"):
+    for heading in ("", "hysteresis", "off-delay"):
         table.add_column(heading)
-    for heading in ("flaps a minute at the limit", "ends after"):
+    for heading in ("chatters a minute at the threshold", "ends after"):
         table.add_column(heading, justify="right")
     for each in sorted(proposal.endings, key=lambda each: (each.settings.deadband_sigmas, each.settings.off_delay_s)):
         table.add_row(
@@ -302,27 +287,27 @@ def _claims(proposal: Proposal) -> Iterator[str]:
         yield f"Expected: {rate}, if the noise goes on as it was recorded."
     else:
         yield (
-            f"No setting that was tried is expected to keep to {wanted:g} false alarms a day. "
-            f"This is the best: {rate}. A limit further from where the target stands, or less noise, would help."
+            f"No setting that was tried is expected to keep to {wanted:g} false alarms a day. The best: {rate}. "
+            "A threshold further from where the target stands, or less noise, would help."
         )
     if proposal.is_extrapolated:
         yield "The target stood further away than where false alarms could be counted; the figures are extrapolated."
     if not proposal.is_supported:
-        needed_s = 3.0 / wanted * DAY_S
+        needed, quiet = map(rounded_duration, (3.0 / wanted * DAY_S, proposal.points.quiet_s))
         yield (
             f"The recordings alone support no better than {_a_day(proposal.supported_a_day)} a day with 95 % "
-            f"confidence: {begin.recorded_raises} in {_time(proposal.places.quiet_s)}. For {wanted:g} a day, "
-            f"{_time(needed_s)} without a true alarm would have to be recorded."
+            f"confidence: {begin.recorded_raises} in {quiet}. "
+            f"For {wanted:g} a day, record {needed} without a true alarm."
         )
     if proposal.end.flaps_a_minute > FLAPS_A_MINUTE:
-        yield "It flaps at the limit whatever is tried; a fixed `deadband` would help."
+        yield "It chatters at the threshold with every setting that was tried; a fixed `deadband` would help."
 
 
 def _figures(proposal: Proposal) -> dict[str, Any]:
-    noise, places = proposal.noise, proposal.places
+    noise, points = proposal.noise, proposal.points
     return {
         "rule": proposal.tuned.rule.name,
-        "limit_m": proposal.tuned.limit_m,
+        "limit_m": proposal.tuned.threshold_m,
         "wanted_a_day": proposal.wanted_a_day,
         "closing_speed_mps": proposal.speed_mps,
         "reached": proposal.is_reached,
@@ -333,15 +318,15 @@ def _figures(proposal: Proposal) -> dict[str, Any]:
             "recorded_s": noise.recorded_s,
             "calm_s": noise.calm_s,
             "frame_s": noise.frame_s,
-            "sigma_at_limit_m": noise.true_m(proposal.tuned.limit_m),
+            "sigma_at_limit_m": noise.true_m(proposal.tuned.threshold_m),
             "ratio_to_stated": noise.ratio,
             "correlation": noise.correlation,
             "gross": noise.gross,
             "missing": noise.missing,
         },
-        "quiet_s": places.quiet_s,
-        "standing_m": places.median_m,
-        "clearance_sigmas": float(places.clearances.min()),
+        "quiet_s": points.quiet_s,
+        "standing_m": points.median_m,
+        "clearance_sigmas": float(points.clearances.min()),
         "proposed": _begin_figures(proposal.begin) | _end_figures(proposal.end),
         "toml": list(_toml(proposal))[1:],
         "beginnings": [_begin_figures(each) for each in proposal.beginnings],

@@ -1,18 +1,21 @@
-"""How a run is shown while it goes on: the live view, lines, or nothing but troubles."""
+"""Views of a run while it goes on (the live view, lines, or troubles alone), and its summary at the end."""
 
 from __future__ import annotations
 
+import queue
 import sys
-from collections.abc import Callable, Iterator
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import TYPE_CHECKING, Literal, TextIO
+from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 import typer
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.health import Health, percentile
 from stadimeter.app.loop import Loop
 from stadimeter.cli.plain_view import PlainView
-from stadimeter.cli.view_thread import STOP_WAIT_S, ViewThread
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
@@ -23,20 +26,15 @@ if TYPE_CHECKING:
 View = Literal["live", "plain", "json"]
 _NO_SCREEN = nullcontext()
 
+WAITING_MAX = 300
+"""Cycles that may wait to be shown: about ten seconds of a camera."""
+
+STOP_WAIT_S = 1.0
+
 
 @contextmanager
 def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
-    """Show a run.
-
-    Args:
-        loop: The run.
-        view: How.
-        title: What runs.
-        unit: The unit of distances.
-
-    Yields:
-        Nothing; the view ends with the context.
-    """
+    """Show a run until the context ends; `unit` is that of distances."""
     if view == "live":
         live = live_view_of(loop, title, unit)
         with _fed(loop, live.update, live):
@@ -47,7 +45,7 @@ def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
         with _fed(loop, plain.update):
             yield
         return
-    loop.listeners.append(_TroubleTeller(loop))
+    loop.listeners.append(_TroubleLines(loop))
     yield
 
 
@@ -73,16 +71,7 @@ def _fed(
 
 
 def live_view_of(loop: Loop, title: str, unit: str) -> LiveView:
-    """Return the live view of a run.
-
-    Args:
-        loop: The run.
-        title: What runs.
-        unit: The unit of distances.
-
-    Returns:
-        The view, not shown yet.
-    """
+    """Return the live view of a run, not shown yet; `unit` is that of distances."""
     from stadimeter.cli.live_view import LiveView  # noqa: PLC0415 - it takes long, and few runs show it
 
     return LiveView(
@@ -98,8 +87,8 @@ def _is_unicode(stream: TextIO) -> bool:
     return "utf" in (stream.encoding or "").lower()
 
 
-class _TroubleTeller:
-    """Tells on standard error what is wrong outside the loop, once for each change."""
+class _TroubleLines:
+    """Writes to standard error what is wrong outside the loop, once for each change."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -114,9 +103,6 @@ class _TroubleTeller:
 
 def chart_limits_m(plan: Plan) -> dict[str, list[float]]:
     """Return the distances at which rules begin, for marking them in a chart.
-
-    Args:
-        plan: The rules.
 
     Returns:
         For each target the distances in metres, nearest first.
@@ -137,3 +123,113 @@ def _limits_m(rule: AnyRule) -> tuple[float, ...]:
             return (rule.distance_m,)
         case _:
             return ()
+
+
+class ViewThread:
+    """Hands cycles to a view in another thread.
+
+    Args:
+        update: Shows one cycle; it may block for as long as it likes.
+        screen: Is entered before the first cycle and left after the last, in the same thread: giving a terminal back
+            may block as well.
+
+    Attributes:
+        dropped: How many cycles were not shown, because the view did not keep up.
+        failure: The error that ended the view, such as a pipe whose reader is gone.
+    """
+
+    def __init__(
+        self, update: Callable[[CycleRecord], None], screen: AbstractContextManager[object] | None = None
+    ) -> None:
+        self.dropped = 0
+        self.failure: Exception | None = None
+        self._update = update
+        self._screen = screen or nullcontext()
+        self._waiting: queue.Queue[CycleRecord | None] = queue.Queue(WAITING_MAX)
+        self._thread = threading.Thread(target=self._run, name="view", daemon=True)
+
+    def start(self) -> None:
+        """Begin to show."""
+        self._thread.start()
+
+    def submit(self, record: CycleRecord) -> None:
+        """Hand a cycle over, and return at once.
+
+        Raises:
+            Exception: What ended the view.
+        """
+        if self.failure is not None:
+            raise self.failure
+        try:
+            self._waiting.put_nowait(record)
+        except queue.Full:
+            self.dropped += 1
+
+    def stop(self, wait_s: float = STOP_WAIT_S) -> None:
+        """Show what waits, and end. A view that blocks is left behind: its thread is a daemon.
+
+        Args:
+            wait_s: How long to wait for it.
+        """
+        until_s = time.monotonic() + wait_s
+        try:
+            self._waiting.put(None, timeout=wait_s)
+        except queue.Full:
+            return
+        self._thread.join(max(0.0, until_s - time.monotonic()))
+
+    def _run(self) -> None:
+        try:
+            with self._screen:
+                while (record := self._waiting.get()) is not None:
+                    self._update(record)
+        except Exception as error:  # noqa: BLE001 - the loop raises it, in its own thread
+            self.failure = error
+
+
+def summarise(health: Health, ending: str) -> dict[str, Any]:
+    """Return the figures of a run.
+
+    Returns:
+        What ``run --json`` prints: counts, and times in milliseconds.
+    """
+    return {
+        "ended": ending,
+        "cycles": health.cycles,
+        "frames": health.frames,
+        "tracks": {target: dict(counts) for target, counts in health.track_statuses.items()},
+        "events": dict(health.events),
+        "data_age_ms": _milliseconds(health.data_ages_s),
+        "cycle_ms": _milliseconds(health.cycle_times_s),
+    }
+
+
+def in_words(summary: dict[str, Any]) -> str:
+    """Return the figures of a run as a few lines.
+
+    Args:
+        summary: What `summarise` returned.
+    """
+    lines = [f"Ended: {summary['ended'] or 'unknown'}. {summary['frames']} frames in {summary['cycles']} cycles."]
+    for target, counts in summary["tracks"].items():
+        lines.append(f"{target}: {_listed(counts)}.")
+    if summary["events"]:
+        lines.append(f"Events: {_listed(summary['events'])}.")
+    if summary["cycle_ms"]["p50"] is not None:
+        lines.append(
+            f"Cycle time: median {summary['cycle_ms']['p50']:.1f} ms, p95 {summary['cycle_ms']['p95']:.1f} ms."
+        )
+    return "\n".join(lines)
+
+
+def _listed(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items())
+
+
+def _milliseconds(seconds: Iterable[float]) -> dict[str, float | None]:
+    ordered = sorted(seconds)
+    return {name: _rounded_ms(percentile(ordered, share)) for name, share in (("p50", 0.5), ("p95", 0.95))}
+
+
+def _rounded_ms(seconds: float | None) -> float | None:
+    return None if seconds is None else round(seconds * 1000, 3)

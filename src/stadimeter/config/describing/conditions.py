@@ -24,6 +24,7 @@ from stadimeter.core.condition import (
     leaves,
 )
 from stadimeter.core.conditions.words import days, time_of_day
+from stadimeter.core.durations import duration
 
 _OF_FIGURES = (
     DistanceCondition, DirectionCondition, ClosingCondition, TimeToContactCondition, SeparationCondition,
@@ -136,7 +137,7 @@ def _contact(condition: TimeToContactCondition) -> str:
 def _circumstance(condition: PresenceCondition | CountCondition | RuleCondition | ScheduleCondition) -> str:
     match condition:
         case PresenceCondition():
-            since = f" for {_lasting(condition.for_s)}" if condition.for_s else ""
+            since = f" for {duration(condition.for_s)}" if condition.for_s else ""
             return f"`{condition.target}` is {'in' if condition.seen else 'out of'} sight{since}"
         case CountCondition():
             return f"{_number(condition)} {_of(condition.targets)} in sight"
@@ -202,15 +203,8 @@ def _speed(speed_mps: float) -> str:
     return f"{speed_mps:.2f} m/s"
 
 
-def _lasting(duration_s: float) -> str:
-    """Write a duration in the largest unit that it is a whole number of."""
-    unit_s, unit = next((each for each in _LONG if duration_s >= each[0] and duration_s % each[0] == 0), (1.0, "s"))
-    return f"{duration_s / unit_s:g} {unit}"
-
-
 def _seconds(duration_s: float) -> str:
     return f"{duration_s:g} s"
 
 
 _UNITS: dict[_Said, str] = {length: "m", _speed: "m/s", _seconds: "s"}
-_LONG = ((3600.0, "h"), (60.0, "min"))

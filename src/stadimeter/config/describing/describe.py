@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from stadimeter.config.describing.conditions import begins, ends, length, needs_figures
 from stadimeter.config.loader import Configuration
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.durations import duration
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnDelay, Pattern, RampRule, SequenceStep
 
@@ -190,18 +191,6 @@ def _consequences(rule: AlarmRule, verb: Verb) -> str:
         Sentences, each with a space before it; empty for a plain alarm.
     """
     return "".join(f" {sentence}." for sentence in _sentences(rule, verb))
-
-
-def duration(seconds: float) -> str:
-    """Write a duration in the largest unit that leaves it a short number.
-
-    Returns:
-        Such as ``0.2 s``, ``5 min`` or ``8 h``.
-    """
-    for unit, size_s in (("h", 3600.0), ("min", 60.0)):
-        if seconds >= size_s and (seconds / size_s * 2).is_integer():
-            return f"{seconds / size_s:g} {unit}"
-    return f"{seconds:g} s"
 
 
 def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:

@@ -11,9 +11,9 @@ from stadimeter.core.alarms.table import LATCHED, TRANSITIONS, Trigger
 from stadimeter.core.alarms.turn import AlarmTurn
 from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import EventKind, Severity
+from stadimeter.core.durations import duration
 from stadimeter.core.operator import Answer, OperatorAction, OperatorCommand
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.rules.words import duration
 
 Refusal = str
 """Why something is not done; empty if it is."""

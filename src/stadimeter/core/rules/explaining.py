@@ -5,7 +5,6 @@ A decision keeps all that this takes, so any moment of a run or of its journal c
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,6 +16,7 @@ from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.evidence import Evidence, evidence
 from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
+from stadimeter.core.durations import rounded_duration
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.judging import RuleStep
 from stadimeter.core.rules.reasons import Reasons
@@ -116,12 +116,12 @@ _PHASES = {
 
 
 def _where(state: AlarmState, now_s: float) -> str:
-    ago = f" {_duration(now_s - state.raised_at_s)} ago" if state.raised_at_s is not None else ""
+    ago = f" {rounded_duration(now_s - state.raised_at_s)} ago" if state.raised_at_s is not None else ""
     return _PHASES[state.phase].format(ago=ago)
 
 
 def _unseen(state: AlarmState, words: str, now_s: float) -> str:
-    unseen = f"there is nothing to judge by for {_duration(now_s - (state.unknown_since_s or now_s))}: {words}"
+    unseen = f"there is nothing to judge by for {rounded_duration(now_s - (state.unknown_since_s or now_s))}: {words}"
     if state.phase in LATCHED or state.phase is Phase.RETURNED:
         return f"{_where(state, now_s)}; {unseen}"
     return f"{'held as it was, raised' if state.is_active else 'not raised'}, since {unseen}"
@@ -131,11 +131,11 @@ def _timers(rule: AlarmRule, state: AlarmState) -> Iterator[str]:
     timers, delay = state.timers, rule.on_delay
     if not state.is_active and (timers.held_last or timers.held_s or any(timers.recent)):
         if delay.hold_s:
-            yield f"held for {_duration(timers.held_s)} of the {_duration(delay.hold_s)} that it takes"
+            yield f"held for {rounded_duration(timers.held_s)} of the {rounded_duration(delay.hold_s)} that it takes"
         if delay.frames:
             yield f"held in {sum(timers.recent)} of the newest {delay.of_frames} frames; it takes {delay.frames}"
     if timers.ended_s and state.is_active:
-        yield f"ended for {_duration(timers.ended_s)} of the {_duration(rule.off_delay_s)} that it takes"
+        yield f"ended for {rounded_duration(timers.ended_s)} of the {rounded_duration(rule.off_delay_s)} that it takes"
 
 
 def _turning_points(rule: AlarmRule, state: AlarmState, known: Known) -> Iterator[str]:
@@ -156,7 +156,7 @@ def _gates(rule: AlarmRule, state: AlarmState, known: Known) -> Iterator[str]:
     if gates.shelved_until_s is not None:
         by = f" by {gates.shelved_by}" if gates.shelved_by else ""
         until = " at most" if gates.is_one_shot else ""
-        yield f"shelved{by} for another {_duration(gates.shelved_until_s - now_s)}{until}"
+        yield f"shelved{by} for another {rounded_duration(gates.shelved_until_s - now_s)}{until}"
     if gates.is_suppressed and rule.suppress_when is not None:
         yield f"suppressed: {conditions.in_words(rule.suppress_when, known, gates.leaves, is_active=True)}"
     if gates.is_out_of_service:
@@ -187,7 +187,7 @@ def _consequence(
 def _untold(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
     if state.owes_notice and state.notified_at_s is not None:
         left_s = state.notified_at_s + rule.cooldown_s - now_s
-        yield f"nobody is told for another {_duration(max(0.0, left_s))} (cooldown)"
+        yield f"nobody is told for another {rounded_duration(max(0.0, left_s))} (cooldown)"
 
 
 def _commanded(rule: AnyRule, decision: Decision, output: OutputTrace) -> Iterator[str]:
@@ -201,13 +201,3 @@ def _commanded(rule: AnyRule, decision: Decision, output: OutputTrace) -> Iterat
         yield f"but '{output.winner}' commands '{output.output}', with a higher priority than {rule.priority}"
     if decision.safety is not SafetyMode.ACTIVE and output.winner != "safety":
         yield f"outputs are kept safe: {decision.safety_reason}"
-
-
-def _duration(seconds: float) -> str:
-    """Return a duration as people read it."""
-    seconds = max(0.0, seconds)
-    if not math.isfinite(seconds):
-        return "ever"
-    if seconds < 120:
-        return f"{seconds:.1f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

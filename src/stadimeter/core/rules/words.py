@@ -15,18 +15,3 @@ def metres(value_m: float, sigma_m: float) -> str:
     """
     digits = 2 if sigma_m >= 0.01 else 3
     return f"{value_m:.{digits}f} m ± {sigma_m:.{digits}f}"
-
-
-def duration(seconds: float) -> str:
-    """Return a duration as people write it, to the last bit.
-
-    Args:
-        seconds: In seconds.
-
-    Returns:
-        Such as ``8 h``, ``30 min`` or ``90.5 s``.
-    """
-    for unit, unit_s, least_s in (("h", 3600, 3600), ("min", 60, 120)):
-        if seconds >= least_s and seconds % unit_s == 0:
-            return f"{seconds / unit_s:g} {unit}"
-    return f"{seconds:g} s"

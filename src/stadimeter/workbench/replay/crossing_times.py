@@ -1,4 +1,4 @@
-"""When a target truly crossed a distance, as well as a recording can tell afterwards.
+"""Times at which a target truly crossed a distance, as well as a recording can tell afterwards.
 
 A rule judges by what was known at the time; a recording also knows what came after. The measured distances are smoothed
 with as much of the future as of the past, which brings no delay, so what a rule was late by can be read off.
@@ -31,8 +31,6 @@ class Stay:
     """A time through which a target was where a condition holds.
 
     Attributes:
-        from_s: Since when.
-        to_s: Until when.
         is_entered: Whether the recording shows how it began; not where it was there from the first.
     """
 
@@ -46,8 +44,6 @@ def stays(at_s: Sequence[float], distances_m: Sequence[float], condition: Distan
 
     Args:
         at_s: When distances were measured, in order.
-        distances_m: The distances.
-        condition: The condition.
 
     Returns:
         The times, in order.

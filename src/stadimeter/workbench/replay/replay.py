@@ -2,85 +2,41 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.keeping.resumption import read_resumption
-from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.cycle_json import RecordedCycle
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, load_recorded, to_be_recorded
+from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.decide import State, decide, initial_state
-from stadimeter.core.decision import Decision, Event
+from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
+from stadimeter.core.rules.keeping import carried_over
 from stadimeter.errors import JournalError, StateError
 from stadimeter.workbench.replay.opening import Recording
 
-SHOWN_DIFFERENCES = 10
 BATCH_CYCLES = 32
-LOOKED_INTO = 1000
-"""So many decisions that differ are compared field by field; of more than these only the bytes are."""
-
-
-@dataclass(slots=True, kw_only=True)
-class Difference:
-    """A cycle in which the decision is not the recorded one.
-
-    Attributes:
-        cycle: The cycle, counted from 0.
-        now_s: Its time on the run's clock.
-        what: Which parts of the decision differ.
-    """
-
-    cycle: int
-    now_s: float
-    what: tuple[str, ...]
-
-
-@dataclass(slots=True, kw_only=True)
-class ReplayResult:
-    """What came of a replay.
-
-    Attributes:
-        cycles: How many cycles there were.
-        identical: In how many the decision was the recorded one, to the last bit.
-        events: The events of the replay.
-        recorded_events: The events of the recording.
-        differences: The first cycles that differ.
-        frames: How many frames were decided on.
-        recorded_frames: How many were when it was recorded.
-        targets: The targets that were looked for.
-    """
-
-    cycles: int = 0
-    identical: int = 0
-    events: list[Event] = field(default_factory=list)
-    recorded_events: list[Event] = field(default_factory=list)
-    differences: list[Difference] = field(default_factory=list)
-    frames: int = 0
-    recorded_frames: int = 0
-    targets: set[str] = field(default_factory=set)
-
 
 Replayed = tuple[RecordedCycle, Observation, Decision]
 
-
 TakeOver = Callable[[State, RecordedConfiguration], State]
-"""Goes on with another configuration, as a run does that is told to reload it."""
+"""Returns the state with which to go on by another configuration, as a run does at a reload."""
 
 
 def first_state(recording: Recording, plan: Plan) -> State:
-    """Return the state with which a replay begins: with what the run took over from an earlier one.
+    """Return the state with which a replay begins: the snapshot that the run restored, if any.
 
     Args:
-        recording: The recording.
         plan: The rules, which need not be those of the recording.
 
-    Returns:
-        The state.
-
     Raises:
-        JournalError: What was taken over is damaged.
+        JournalError: The snapshot is damaged.
     """
     state = initial_state(plan)
     if not recording.header.resumed:
@@ -95,9 +51,8 @@ def decisions(recording: Recording, plan: Plan, take_over: TakeOver | None = Non
     """Decide again on everything that was observed.
 
     Args:
-        recording: The recording.
         plan: The rules, which need not be those of the recording.
-        take_over: What to do where another configuration was taken over; None to go on with these rules.
+        take_over: Applied where the run reloaded its configuration; None to go on with these rules.
 
     Yields:
         Each cycle, what was observed in it, and what is decided now.
@@ -119,7 +74,7 @@ def decisions(recording: Recording, plan: Plan, take_over: TakeOver | None = Non
 def _batches(recording: Recording) -> Iterator[list[tuple[RecordedCycle, Observation]]]:
     """Yield the cycles and what was observed in them, some at a time.
 
-    Reading, deciding and comparing each keep the processor's caches to themselves for a while: a replay takes an eighth
+    Reading, deciding and comparing by turns of this length keep the processor's caches warm: a replay takes an eighth
     less time.
     """
     batch: list[tuple[RecordedCycle, Observation]] = []
@@ -135,99 +90,82 @@ def _batches(recording: Recording) -> Iterator[list[tuple[RecordedCycle, Observa
     yield batch
 
 
-def replay(recording: Recording, plan: Plan) -> ReplayResult:
-    """Decide again on everything that was observed, and compare.
-
-    Args:
-        recording: The recording.
-        plan: The rules, which need not be those of the recording.
-
-    Returns:
-        What came of it.
-
-    Raises:
-        JournalError: The recording is damaged.
-    """
-    comparison = Comparison()
-    for replayed in decisions(recording, plan):
-        comparison.add(*replayed)
-    return comparison.result
-
-
-class Comparison:
-    """Compares decisions with recorded ones.
-
-    Most recorded decisions need not be read for that: one that was written by this version is the same if its bytes
-    are. Where bytes differ, the decision may still be the same, written by another version, so it is read. Once
-    hundreds of cycles differ there are other rules, and where the recording is known to be of this version's writing,
-    other bytes are enough.
-
-    Attributes:
-        result: What came of the comparison so far.
-    """
-
-    def __init__(self) -> None:
-        self.result = ReplayResult()
-        self._encoder = CycleEncoder(repeats_rules=True)
-        self._different = 0
-        self._is_ours = True
-
-    def add(self, cycle: RecordedCycle, observation: Observation, decision: Decision) -> None:
-        """Add one cycle.
-
-        Args:
-            cycle: What was recorded.
-            observation: What was observed in it.
-            decision: What is decided now.
-
-        Raises:
-            JournalError: The recorded cycle is damaged.
-        """
-        result = self.result
-        if observation.frame is not None:
-            result.frames += 1
-            result.targets.update([measured.target for measured in observation.measurements])
-        result.recorded_frames += cycle.has_frame()
-        result.events += decision.events
-        if self._is_same(cycle, decision):
-            result.identical += 1
-            result.recorded_events += decision.events
-        else:
-            self._different += 1
-            result.recorded_events += cycle.events()
-            if len(result.differences) < SHOWN_DIFFERENCES:
-                what = _differing(decision, cycle.record().decision)
-                result.differences.append(Difference(cycle=result.cycles, now_s=observation.now_s, what=what))
-        result.cycles += 1
-
-    def _is_same(self, cycle: RecordedCycle, decision: Decision) -> bool:
-        if cycle.rules_json == self._encoder.rules_json(
-            decision.rules
-        ) and cycle.decision_json() == self._encoder.decision_json(decision):
-            return True
-        if self._is_ours and self._different > LOOKED_INTO:
-            return False
-        recorded = cycle.record().decision
-        self._is_ours = self._is_ours and cycle.decision_json() == CycleEncoder(repeats_rules=True).decision_json(
-            recorded
-        )
-        return decision == recorded
-
-
 def replayed_record(cycle: Replayed) -> CycleRecord:
-    """Return a cycle of a replay for a journal: nothing was applied, and nothing is timed.
-
-    Args:
-        cycle: The cycle.
-
-    Returns:
-        The record, the same each time.
-    """
+    """Return a cycle of a replay for a journal: nothing was applied, and nothing is timed, so it is always the same."""
     _, observation, decision = cycle
     return CycleRecord(observation=observation, decision=decision, applied=(), timings_s={})
 
 
-def _differing(decision: Decision, recorded: Decision) -> tuple[str, ...]:
-    return tuple(
-        name for name in Decision.__slots__ if name != "reasons" and getattr(decision, name) != getattr(recorded, name)
-    )
+@dataclass(frozen=True, slots=True)
+class ReplayRun:
+    """Decides over a recording by one configuration. It may be gone through any number of times, always the same.
+
+    Attributes:
+        configuration: The configuration that it begins with.
+        is_recorded: Whether that is the recording's own: then recorded reloads are followed.
+        from_images: Whether to measure again in the recorded pictures.
+    """
+
+    recording: Recording
+    configuration: Configuration
+    is_recorded: bool = False
+    from_images: bool = False
+
+    @property
+    def to_be_recorded(self) -> RecordedConfiguration:
+        """The configuration as a journal of this replay holds it."""
+        if self.is_recorded:
+            return self.recording.header.recorded_configuration
+        return to_be_recorded(self.configuration)
+
+    def __iter__(self) -> Iterator[Replayed]:
+        """Return each cycle, what is observed in it, and what is decided now.
+
+        Raises:
+            JournalError: The recording is damaged, or has no pictures to measure in.
+            StadimeterError: The configuration cannot measure in its pictures.
+        """
+        take_over = self._reloaded if self.is_recorded else None
+        if not self.from_images:
+            return decisions(self.recording, self.configuration.plan, take_over)
+        from stadimeter.workbench.replay.recording_reader import McapRecording  # noqa: PLC0415 - it needs OpenCV
+        from stadimeter.workbench.replay.redetection import redetected  # noqa: PLC0415 - likewise
+
+        if not isinstance(self.recording, McapRecording):
+            how = "record one with `stadimeter run CONFIG --record FILE.mcap`"
+            raise JournalError(f"{self.recording.path} is a journal, and has no pictures to measure in; {how}")
+        if not self.recording.has_images():
+            how = "it was made with `--record-images none`, or ends before the first"
+            raise JournalError(f"{self.recording.path} has no pictures to measure in: {how}")
+        return redetected(self.recording, self.configuration, take_over)
+
+    def _reloaded(self, state: State, recorded: RecordedConfiguration) -> State:
+        return carried_over(state, load_recorded(recorded, self.recording.path).plan).state
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Switch the garbage collector off: a replay leaves no circular references, and the search takes 5 % of it."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def replay_run(recording: Recording, config: Path | None, *, from_images: bool = False) -> ReplayRun:
+    """Prepare a replay.
+
+    Args:
+        config: The configuration; None for that of the recording.
+        from_images: Whether to measure again in the recorded pictures.
+
+    Raises:
+        ConfigError: The configuration cannot be used.
+    """
+    if config is not None:
+        return ReplayRun(recording, load_configuration(config), is_recorded=False, from_images=from_images)
+    loaded = load_recorded(recording.header.recorded_configuration, recording.path)
+    return ReplayRun(recording, loaded, is_recorded=True, from_images=from_images)

@@ -1,4 +1,4 @@
-"""What other rules would have changed: events that come, go and move, and what each rule comes to."""
+"""The difference between two sets of rules over one recording: events that come, go and move, figures of each rule."""
 
 from __future__ import annotations
 
@@ -37,9 +37,7 @@ class RuleChange:
     """What a rule comes to with both sets of rules.
 
     Attributes:
-        rule: The rule's name.
         old: With the old ones; None if there is no such rule.
-        new: With the new ones; likewise.
     """
 
     rule: str
@@ -53,9 +51,6 @@ class ReplayDiff:
 
     Attributes:
         changes: The events that are not the same, in order of time.
-        same: How many events are.
-        rules: What each rule comes to.
-        minutes: How long the recording is.
     """
 
     changes: tuple[EventChange, ...]
@@ -74,15 +69,7 @@ class ReplayDiff:
 
 
 def compare(old: Tally, new: Tally) -> ReplayDiff:
-    """Compare two replays of one recording.
-
-    Args:
-        old: With the old rules.
-        new: With the new rules.
-
-    Returns:
-        What is different.
-    """
+    """Compare two replays of one recording."""
     changes: list[EventChange] = []
     same = 0
     old_events, new_events = _by_subject(old.events), _by_subject(new.events)

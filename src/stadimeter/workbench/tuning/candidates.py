@@ -22,12 +22,12 @@ OFF_DELAYS_S = (0.0, 0.5, 1.0, 2.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What can be tuned of an alarm.
+    """The settings of an alarm that can be tuned.
 
     Attributes:
-        probability: How likely its condition must be to begin; None compares the figures alone.
+        probability: The probability of its condition from which it begins; None compares the figures alone.
         on_delay: How long it must hold first.
-        deadband_sigmas: How far the target must come back, in standard deviations.
+        deadband_sigmas: Hysteresis: how far the target must come back, in standard deviations.
         off_delay_s: How long its condition must no longer hold.
     """
 
@@ -42,15 +42,13 @@ class Tuned:
     """The alarm that is tuned.
 
     Attributes:
-        rule: The alarm as it is.
-        condition: Its condition.
-        limit_m: The limit that the target may cross.
-        side: 1 if the alarm is raised by a target that is nearer than the limit, -1 if by one that is further.
+        threshold_m: The limit that the target may cross.
+        side: 1 if the alarm is raised by a target that is nearer than the threshold, -1 if by one that is further.
     """
 
     rule: AlarmRule
     condition: DistanceCondition
-    limit_m: float
+    threshold_m: float
     side: int
 
     @property
@@ -64,15 +62,7 @@ class Tuned:
         )
 
     def with_settings(self, settings: Settings, name: str) -> AlarmRule:
-        """Return the alarm with other settings, and without all that does not say when it is raised.
-
-        Args:
-            settings: The settings.
-            name: What it is called.
-
-        Returns:
-            The alarm.
-        """
+        """Return the alarm with other settings, and without all that does not say when it is raised."""
         on, off = settings.probability, self.condition.probability_off
         condition = replace(
             self.condition,
@@ -83,15 +73,7 @@ class Tuned:
         return self._alarm(name, condition, settings.on_delay, settings.off_delay_s)
 
     def ending_at_once(self, settings: Settings, name: str) -> AlarmRule:
-        """Return the alarm with these settings, but as soon over as it can be: so it can be raised often, and counted.
-
-        Args:
-            settings: The settings.
-            name: What it is called.
-
-        Returns:
-            The alarm.
-        """
+        """Return the alarm with these settings, but ending as soon as it can: so it is raised often enough to count."""
         on = settings.probability
         condition = replace(
             self.condition,
@@ -117,9 +99,6 @@ class Tuned:
 def beginnings(tuned: Tuned) -> list[Settings]:
     """Return the settings to try for when the alarm begins: those that it has first.
 
-    Args:
-        tuned: The alarm.
-
     Returns:
         The settings; a safety alarm does not wait.
     """
@@ -136,9 +115,6 @@ def endings(begin: Settings) -> list[Settings]:
 
     Args:
         begin: The settings for when it begins.
-
-    Returns:
-        The settings.
     """
     tried = [
         replace(begin, deadband_sigmas=band, off_delay_s=off_s)
@@ -155,12 +131,7 @@ def tuned_rule(configuration: Configuration, name: str, typical_m: float | None 
     """Return the alarm to tune.
 
     Args:
-        configuration: The configuration.
-        name: The rule's name.
-        typical_m: Where the target mostly is. Of two limits, the one that is nearer to that is tuned.
-
-    Returns:
-        The alarm.
+        typical_m: The usual distance of the target. Of two thresholds, the one that is nearer to it is tuned.
 
     Raises:
         ConfigError: There is no such rule, or it is none on a distance alone.
@@ -172,13 +143,13 @@ def tuned_rule(configuration: Configuration, name: str, typical_m: float | None 
     if not isinstance(rule, AlarmRule) or not isinstance(rule.condition, DistanceCondition):
         what = f"the rule '{name}' is none that a distance alone raises: only such alarms can be tuned"
         raise ConfigError([_problem(configuration, what, "its `when` must be above, below or between, and no more")])
-    limit_m, side = _limit(rule.condition, typical_m)
-    return Tuned(rule=rule, condition=rule.condition, limit_m=limit_m, side=side)
+    threshold_m, side = _limit(rule.condition, typical_m)
+    return Tuned(rule=rule, condition=rule.condition, threshold_m=threshold_m, side=side)
 
 
 def _limit(condition: DistanceCondition, typical_m: float | None) -> tuple[float, int]:
     limits = [(condition.below_m, 1), (condition.above_m, -1)]
-    there = [(limit_m, side) for limit_m, side in limits if limit_m is not None]
+    there = [(threshold_m, side) for threshold_m, side in limits if threshold_m is not None]
     return min(there, key=lambda each: 0.0 if typical_m is None else abs(math.log(each[0] / typical_m)))
 
 

@@ -1,9 +1,9 @@
-"""What recordings tell of the noise of a target's distance, and of where the target was.
+"""The noise of a target's distance in recordings, told from the movement of the target.
 
 Noise is what is left when the target's own movement is taken away. A target that moves as it likes cannot be told from
 noise, so only calm stretches are used: some seconds in which a straight line fits about as well as it does elsewhere.
-Of those come the noise, frame by frame, in units of the standard deviation that each measurement stated. How large it
-truly is, how long it lasts, and how often it is grossly wrong or missing, is nowhere assumed: it is replayed as it was.
+They give the noise, frame by frame, in units of the standard deviation that each measurement stated. Nothing is
+assumed about its true size, its correlation, its outliers and its gaps: it is replayed as it was.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.opening import Recording
 
 STRETCH_S = 5.0
-"""So long is a stretch: many times what noise lasts, and short enough for a target that never stands for long."""
+"""Length of a stretch: many times as long as noise lasts, and short enough for a target that never stands for long."""
 GAP_S = 1.0
 """After a pause of this long, a new stretch begins."""
 SEEN_SHARE = 0.5
@@ -42,11 +42,10 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Sights:
-    """What one recording holds of a target, a frame each.
+class Series:
+    """The measurements of a target in one recording, a frame each.
 
     Attributes:
-        times_s: Capture times.
         figures_m: The distances, or depths; NaN in frames without the target.
         noises_m: The standard deviation that was stated for the part that differs from frame to frame.
         scale: The rest of the stated standard deviation, as a share of the distance.
@@ -65,9 +64,9 @@ class Stretch:
     Attributes:
         begins_s: The capture time of its first frame.
         steps_s: The time since the frame before, for each frame.
-        first_m: Where the target was at its beginning, by the line that fits.
-        last_m: Where it was at its end.
-        errors: How far each measurement is from the line, in standard deviations as stated; NaN without one.
+        first_m: The distance at its beginning, by the line that fits.
+        last_m: The distance at its end.
+        errors: The distance of each measurement from the line, in standard deviations as stated; NaN without one.
         spread: The standard deviation of the errors, those that are grossly wrong left out.
     """
 
@@ -86,18 +85,17 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Noise:
-    """What recordings tell of the noise.
+    """The noise of recordings.
 
     Attributes:
         stretches: All stretches in which the target was there.
-        calm: The calm ones of them.
-        recorded_s: How long the recordings are, the time without the target included.
-        frame_s: The time from frame to frame, on the median.
-        stated_per_m2: The stated standard deviation of the noise divided by the square of the distance, on the median.
+        recorded_s: Length of the recordings, the time without the target included.
+        frame_s: Median time from frame to frame.
+        stated_per_m2: Median of the stated standard deviation of the noise divided by the square of the distance.
         scale: The part of the stated standard deviation that no filter reduces, as a share of the distance.
-        ratio: How many times as large as stated the noise truly is.
+        ratio: The true standard deviation of the noise over the stated one.
         correlation: Of the noise from one frame to the next.
-        gross: The share of measurements that are grossly wrong.
+        gross: The share of outliers among the measurements.
         missing: The share of frames without a measurement.
     """
 
@@ -114,7 +112,7 @@ class Noise:
 
     @property
     def calm_s(self) -> float:
-        """How much time the calm stretches are."""
+        """Length of the calm stretches together, in seconds."""
         return sum(stretch.duration_s for stretch in self.calm)
 
     def stated_m(self, distance_m: float) -> float:
@@ -126,13 +124,8 @@ class Noise:
         return self.ratio * self.stated_m(distance_m)
 
 
-def sights_of(recording: Recording, target: str, quantity: Quantity) -> Sights:
-    """Read what a recording holds of a target.
-
-    Args:
-        recording: The recording.
-        target: The target's name.
-        quantity: Distance or depth.
+def series_of(recording: Recording, target: str, quantity: Quantity) -> Series:
+    """Read the measurements of a target from a recording.
 
     Returns:
         What was measured, in the order of the frames.
@@ -153,7 +146,7 @@ def sights_of(recording: Recording, target: str, quantity: Quantity) -> Sights:
     _, first = np.unique([row[0] for row in rows], return_index=True)  # a frame that came twice counts once
     table = np.array(rows)[first]
     shares = table[:, 3][np.isfinite(table[:, 3])]
-    return Sights(
+    return Series(
         times_s=table[:, 0],
         figures_m=table[:, 1],
         noises_m=table[:, 2],
@@ -181,11 +174,11 @@ def _nothing_of(recording: Recording, target: str, frames: int, known: set[str])
     return f"{recording.path}: the rule watches '{target}', which this recording does not have; {has}"
 
 
-def noise_of(recordings: Sequence[Sights]) -> Noise:
+def noise_of(recordings: Sequence[Series]) -> Noise:
     """Tell the noise from the target's movement.
 
     Args:
-        recordings: What was measured of the target in each recording.
+        recordings: The measurements of the target in each recording.
 
     Returns:
         What is known of the noise.
@@ -193,7 +186,7 @@ def noise_of(recordings: Sequence[Sights]) -> Noise:
     Raises:
         JournalError: The target was never calm for long enough.
     """
-    stretches = [stretch for sights in recordings for stretch in stretches_of(sights)]
+    stretches = [stretch for series in recordings for stretch in stretches_of(series)]
     calm = _calm(stretches)
     calm_s = sum(stretch.duration_s for stretch in calm)
     if calm_s < CALM_LEAST_S:
@@ -205,16 +198,16 @@ def noise_of(recordings: Sequence[Sights]) -> Noise:
     errors = np.concatenate([stretch.errors for stretch in calm])
     ratio = max(_spread(errors), 1e-3)
     seen = np.isfinite(errors)
-    steps_s = np.concatenate([np.diff(sights.times_s) for sights in recordings])
-    figures_m = np.concatenate([sights.figures_m for sights in recordings])
-    noises_m = np.concatenate([sights.noises_m for sights in recordings])
+    steps_s = np.concatenate([np.diff(series.times_s) for series in recordings])
+    figures_m = np.concatenate([series.figures_m for series in recordings])
+    noises_m = np.concatenate([series.noises_m for series in recordings])
     return Noise(
         stretches=tuple(stretches),
         calm=tuple(calm),
-        recorded_s=sum(float(sights.times_s[-1] - sights.times_s[0]) for sights in recordings),
+        recorded_s=sum(float(series.times_s[-1] - series.times_s[0]) for series in recordings),
         frame_s=float(np.median(steps_s)),
         stated_per_m2=float(np.nanmedian(noises_m / figures_m**2)),
-        scale=float(np.median([sights.scale for sights in recordings])),
+        scale=float(np.median([series.scale for series in recordings])),
         ratio=ratio,
         correlation=_correlation([stretch.errors for stretch in calm], ratio),
         gross=float(np.mean(np.abs(errors[seen]) > GROSS_SIGMAS * ratio)),
@@ -222,21 +215,18 @@ def noise_of(recordings: Sequence[Sights]) -> Noise:
     )
 
 
-def stretches_of(sights: Sights) -> list[Stretch]:
+def stretches_of(series: Series) -> list[Stretch]:
     """Cut a recording into stretches in which the target was there.
-
-    Args:
-        sights: What was measured.
 
     Returns:
         The stretches, in order.
     """
-    steps_s = np.diff(sights.times_s, prepend=sights.times_s[0] - _usual_step_s(sights.times_s))
+    steps_s = np.diff(series.times_s, prepend=series.times_s[0] - _usual_step_s(series.times_s))
     return [
-        _stretch(sights, part, steps_s)
-        for run in _runs(sights.times_s)
-        for part in _parts(sights.times_s, run)
-        if np.mean(np.isfinite(sights.figures_m[part])) >= SEEN_SHARE
+        _stretch(series, part, steps_s)
+        for run in _runs(series.times_s)
+        for part in _parts(series.times_s, run)
+        if np.mean(np.isfinite(series.figures_m[part])) >= SEEN_SHARE
     ]
 
 
@@ -261,11 +251,11 @@ def _parts(times_s: Floats, run: slice) -> Iterable[slice]:
         first = end
 
 
-def _stretch(sights: Sights, part: slice, steps_s: Floats) -> Stretch:
-    times_s, figures_m = sights.times_s[part], sights.figures_m[part]
+def _stretch(series: Series, part: slice, steps_s: Floats) -> Stretch:
+    times_s, figures_m = series.times_s[part], series.figures_m[part]
     slope_mps, middle_m, middle_s = _robust_line(times_s, figures_m)
     line_m = middle_m + slope_mps * (times_s - middle_s)
-    errors = (figures_m - line_m) / sights.noises_m[part]
+    errors = (figures_m - line_m) / series.noises_m[part]
     return Stretch(
         begins_s=float(times_s[0]),
         steps_s=np.minimum(steps_s[part], GAP_S),

@@ -1,4 +1,4 @@
-"""Draws what tuning an alarm came to: false alarms a day against lateness, a dot for each setting that was tried."""
+"""The chart of `tune`: false alarms a day against latency, a dot for each setting that was tried."""
 
 from __future__ import annotations
 
@@ -34,7 +34,6 @@ def draw_plot(proposal: Proposal, path: Path) -> None:
     """Draw a chart of the settings for when the alarm begins.
 
     Args:
-        proposal: What tuning came to.
         path: The PNG file; an old one is replaced.
 
     Raises:
@@ -118,11 +117,11 @@ def _label(axes: Axes, proposal: Proposal) -> None:
     axes.set_yscale("log")
     axes.set_ylim(LEAST_A_DAY, MOST_A_DAY)
     axes.set_xlim(left=0)
-    axes.set_xlabel(f"late for a target at {proposal.speed_mps:g} m/s, on the mean, in seconds")
-    axes.set_ylabel("raised for nothing, times a day\n(dot: likeliest; line: up to the 95 % limit)")
+    axes.set_xlabel(f"mean latency for a target at {proposal.speed_mps:g} m/s, in seconds")
+    axes.set_ylabel("false alarms a day\n(dot: estimate; line: up to the 95 % limit)")
     side = "nearer than" if tuned.side > 0 else "further than"
-    tried = f"Each dot is a probability, {PROBABILITIES[0]:g} to {PROBABILITIES[-1]:g}"
-    axes.set_title(f"'{tuned.rule.name}': {side} {tuned.limit_m:g} m. {tried}", loc="left")
+    tried = f"Each dot is a probability threshold, {PROBABILITIES[0]:g} to {PROBABILITIES[-1]:g}"
+    axes.set_title(f"'{tuned.rule.name}': {side} {tuned.threshold_m:g} m. {tried}", loc="left")
     axes.grid(color="#dddddd")
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,12 +1,12 @@
-"""Proposes settings of an alarm from recordings: raised for nothing as seldom as is asked for, no later than needed.
+"""Proposes settings of an alarm from recordings: no more false alarms than asked for, no more latency than needed.
 
-When an alarm begins (its probability and its on-delay) is a trade of false alarms against lateness, and when it ends
-(its band and its off-delay) is one of flapping against holding on. The two hardly touch each other, so they are tried
-one after the other: a few dozen settings in all, the same noise for each.
+When an alarm begins (probability, on-delay) trades false alarms against latency. When it ends (hysteresis, off-delay)
+trades chattering against holding on. The two hardly depend on each other, so they are searched one after the other: a
+few dozen settings in all, the same noise for each.
 
-What a recording supports by itself is little: in ten quiet minutes there is no difference between an alarm that is
-raised for nothing once a day and one that never is. So two figures are told apart: what the recordings alone support,
-and what is to be expected if the noise goes on as it was recorded.
+A recording by itself supports little: ten quiet minutes cannot tell an alarm with one false alarm a day from one with
+none. So two figures are kept apart: the rate that the recordings alone support, and the rate to expect if the noise
+goes on as it was recorded.
 """
 
 from __future__ import annotations
@@ -20,17 +20,29 @@ import numpy as np
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.workbench.tuning.candidates import Settings, Tuned, beginnings, endings
-from stadimeter.workbench.tuning.noise import Noise, Sights, noise_of
-from stadimeter.workbench.tuning.places import Places, Truths, place_of, places_of, quiet_frames
+from stadimeter.workbench.tuning.noise import Noise, Series, noise_of
 from stadimeter.workbench.tuning.rates import DAY_S, Count, Rate, at_most, rate_at, slope_of
-from stadimeter.workbench.tuning.trials import AFTER_S, Trials, Turn, ended_s, judged, late_s, raises_apart
+from stadimeter.workbench.tuning.trials import (
+    AFTER_S,
+    OperatingPoints,
+    Transition,
+    Trials,
+    Truths,
+    distance_at,
+    ended_s,
+    judged,
+    late_s,
+    operating_points_of,
+    quiet_frames,
+    raises_apart,
+)
 
 CLEARANCES = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5)
 FRAMES_A_CLEARANCE = 3000
 CROSSINGS = 60
 HOVER_FRAMES = 8_000
 FLAPS_A_MINUTE = 0.1
-"""An alarm may be raised again so often while its target hovers at the threshold: once in ten minutes."""
+"""An alarm with its target at the threshold may end and begin again at most this often, or it chatters."""
 APART_S = 1.0
 """Raises that follow on each other at once are one."""
 ENDS_WITHIN_S = 5.0
@@ -41,17 +53,19 @@ AS_LATE_S = 0.002
 Tried = Mapping[str, Settings]
 """Settings by the name of the alarm that has them."""
 
+Crossings = dict[str, list[Sequence[Transition]]]
+"""The transitions of each alarm, by its name, once for each time that the target crossed its threshold."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beginning:
-    """What comes of the settings for when an alarm begins.
+    """Settings for when an alarm begins, and their figures.
 
     Attributes:
-        settings: The settings.
-        rate: How often a day it is raised for nothing, if the noise goes on as it was recorded.
-        recorded_raises: How often it would have been raised for nothing in the recordings.
-        late_s: How late it is, on the mean, for a target that comes at the closing speed.
-        late_p95_s: 95 in 100 are no later.
+        rate: False alarms a day, if the noise goes on as it was recorded.
+        recorded_raises: False alarms that the recordings would have had.
+        late_s: Mean latency for a target that comes at the closing speed.
+        late_p95_s: The 95th percentile of it.
     """
 
     settings: Settings
@@ -63,12 +77,11 @@ class Beginning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ending:
-    """What comes of the settings for when an alarm ends.
+    """Settings for when an alarm ends, and their figures.
 
     Attributes:
-        settings: The settings.
-        flaps_a_minute: How often it ends and begins again while the target hovers at the threshold.
-        ends_after_s: How long after the target has left it ends, on the mean, at the closing speed.
+        flaps_a_minute: Times that it ends and begins again while the target stays at the threshold.
+        ends_after_s: Mean time from the target's leaving, at the closing speed, to the end of the alarm.
     """
 
     settings: Settings
@@ -78,18 +91,14 @@ class Ending:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Proposal:
-    """What is proposed, and why.
+    """The proposed settings, and all that they rest on.
 
     Attributes:
-        tuned: The alarm.
-        noise: What the recordings tell of the noise.
-        wanted_a_day: How many false alarms a day were asked for.
-        speed_mps: The closing speed that lateness is for.
+        wanted_a_day: The false alarms a day that were asked for.
+        speed_mps: The closing speed that latency is for.
         beginnings: All that were tried, the rule's own first.
-        begin: The one that is proposed.
         endings: All that were tried, with the proposed beginning; the rule's own first.
-        end: The one that is proposed.
-        places: Where the target stood while no alarm was right.
+        points: Where the target stood while no alarm was right.
     """
 
     tuned: Tuned
@@ -100,33 +109,33 @@ class Proposal:
     begin: Beginning
     endings: tuple[Ending, ...]
     end: Ending
-    places: Places
+    points: OperatingPoints
 
     @property
     def is_reached(self) -> bool:
-        """Whether the proposal is expected to be raised for nothing no more often than was asked for."""
+        """Whether the proposal is expected to have no more false alarms than were asked for."""
         return self.begin.rate.a_day <= self.wanted_a_day
 
     @property
     def supported_a_day(self) -> float:
-        """What the recordings alone support, with 95 % confidence, of the proposal."""
-        return at_most(self.begin.recorded_raises) / self.places.quiet_s * DAY_S
+        """The 95 % upper limit of false alarms a day that the recordings alone give for the proposal."""
+        return at_most(self.begin.recorded_raises) / self.points.quiet_s * DAY_S
 
     @property
     def is_supported(self) -> bool:
-        """Whether the recordings alone support what was asked for."""
+        """Whether the recordings alone support the rate that was asked for."""
         return self.supported_a_day <= self.wanted_a_day
 
     @property
     def is_extrapolated(self) -> bool:
         """Whether the target stood further away than where false alarms could be counted."""
-        return float(self.places.clearances.min()) > CLEARANCES[-1]
+        return float(self.points.clearances.min()) > CLEARANCES[-1]
 
 
 def tune(  # noqa: PLR0913 - what is asked for
     tuned: Tuned,
     plan: Plan,
-    recordings: Sequence[Sights],
+    recordings: Sequence[Series],
     *,
     wanted_a_day: float,
     speed_mps: float,
@@ -136,28 +145,22 @@ def tune(  # noqa: PLR0913 - what is asked for
     """Propose settings.
 
     Args:
-        tuned: The alarm.
-        plan: How targets are tracked.
-        recordings: What was measured of its target.
-        wanted_a_day: How many false alarms a day are allowed.
-        speed_mps: How fast the target comes, for lateness.
+        wanted_a_day: The false alarms a day that are allowed.
+        speed_mps: The closing speed of the target, for latency.
         events_s: Capture times at which the alarm is right to be raised, besides those when the target has crossed the
-            limit clearly.
-        seed: What random numbers begin with. The same seed gives the same proposal.
-
-    Returns:
-        The proposal.
+            threshold clearly.
+        seed: The same seed gives the same proposal.
 
     Raises:
         JournalError: The recordings do not tell the noise, or have no time without a true alarm.
     """
     noise = noise_of(recordings)
-    quiet = [quiet_frames(sights, tuned, noise, events_s) for sights in recordings]
-    places = places_of(recordings, quiet, tuned, noise)
+    quiet = [quiet_frames(series, tuned, noise, events_s) for series in recordings]
+    points = operating_points_of(recordings, quiet, tuned, noise)
     search = _Search(tuned, plan, noise, speed_mps, np.random.default_rng(seed))
     recorded = partial(search.recorded_raises, recordings, quiet)
-    begins = search.beginnings(places, recorded)
-    begin = chosen_beginning(begins, wanted_a_day, places.quiet_s)
+    begins = search.beginnings(points, recorded)
+    begin = chosen_beginning(begins, wanted_a_day, points.quiet_s)
     ends = search.endings(begin.settings)
     return Proposal(
         tuned=tuned,
@@ -168,20 +171,16 @@ def tune(  # noqa: PLR0913 - what is asked for
         begin=begin,
         endings=tuple(ends),
         end=chosen_ending(ends),
-        places=places,
+        points=points,
     )
 
 
 def chosen_beginning(tried: Sequence[Beginning], wanted_a_day: float, quiet_s: float) -> Beginning:
-    """Return the earliest beginning that is seldom enough raised for nothing; if none is, the one most seldom raised.
+    """Return the earliest beginning with few enough false alarms; if there is none, the one with the fewest.
 
     Args:
-        tried: What was tried.
-        wanted_a_day: How many false alarms a day are allowed.
-        quiet_s: How much time the recordings have without a true alarm.
-
-    Returns:
-        The one to propose.
+        wanted_a_day: The false alarms a day that are allowed.
+        quiet_s: The time without a true alarm in the recordings.
     """
     most = wanted_a_day * quiet_s / DAY_S
     allowed = [each for each in tried if each.rate.a_day <= wanted_a_day and each.recorded_raises <= most]
@@ -191,14 +190,7 @@ def chosen_beginning(tried: Sequence[Beginning], wanted_a_day: float, quiet_s: f
 
 
 def chosen_ending(tried: Sequence[Ending]) -> Ending:
-    """Return the earliest ending that does not flap; if all do, the one that flaps least.
-
-    Args:
-        tried: What was tried.
-
-    Returns:
-        The one to propose.
-    """
+    """Return the earliest ending that does not chatter; if all do, the one that chatters least."""
     allowed = [each for each in tried if each.flaps_a_minute <= FLAPS_A_MINUTE]
     if not allowed:
         return min(tried, key=lambda each: each.flaps_a_minute)
@@ -216,14 +208,14 @@ class _Search:
         self._random = random
         self._trials = Trials(plan, noise, random)
 
-    def beginnings(self, places: Places, recorded: Callable[[Tried], Mapping[str, int]]) -> list[Beginning]:
+    def beginnings(self, points: OperatingPoints, recorded: Callable[[Tried], Mapping[str, int]]) -> list[Beginning]:
         tried = _named(beginnings(self._tuned))
         counts, late, raises = self._counts(tried, CLEARANCES), self._late(tried), recorded(tried)
-        slope, far = slope_of(counts.values()), self._far(tried, float(np.median(places.clearances)))
+        slope, far = slope_of(counts.values()), self._far(tried, float(np.median(points.clearances)))
         return [
             Beginning(
                 settings=settings,
-                rate=rate_at(counts[name], slope, places.clearances, far.get(name), self._random),
+                rate=rate_at(counts[name], slope, points.clearances, far.get(name), self._random),
                 recorded_raises=raises[name],
                 late_s=float(np.mean(late[name])),
                 late_p95_s=float(np.quantile(late[name], 0.95)),
@@ -231,24 +223,24 @@ class _Search:
             for name, settings in tried.items()
         ]
 
-    def recorded_raises(self, recordings: Sequence[Sights], quiet: Sequence[Truths], tried: Tried) -> Mapping[str, int]:
-        """Count how often each alarm would have been raised for nothing in the recordings."""
+    def recorded_raises(self, recordings: Sequence[Series], quiet: Sequence[Truths], tried: Tried) -> Mapping[str, int]:
+        """Count the false alarms that each alarm would have had in the recordings."""
         counts = dict.fromkeys(tried, 0)
-        for sights, is_quiet in zip(recordings, quiet, strict=True):
-            quiet_s = set(sights.times_s[is_quiet].tolist())
-            for name, turns in judged(self._plan, self._rules(tried), sights).items():
-                counts[name] += sum(turn.is_raise and turn.at_s in quiet_s for turn in turns)
+        for series, is_quiet in zip(recordings, quiet, strict=True):
+            quiet_s = set(series.times_s[is_quiet].tolist())
+            for name, transitions in judged(self._plan, self._rules(tried), series).items():
+                counts[name] += sum(transition.is_raise and transition.at_s in quiet_s for transition in transitions)
         return counts
 
     def endings(self, begin: Settings) -> list[Ending]:
         tried = _named(endings(begin))
-        hovering, duration_s = self._trials.standing(self._rules(tried), self._tuned.limit_m, HOVER_FRAMES)
+        hovering, duration_s = self._trials.standing(self._rules(tried), self._tuned.threshold_m, HOVER_FRAMES)
         ends = self._crossings(tried, -self._speed_mps, CROSSINGS // 2, ENDS_WITHIN_S)
         return [
             Ending(
                 settings=settings,
-                flaps_a_minute=sum(not turn.is_raise for turn in hovering[name]) / duration_s * 60,
-                ends_after_s=float(np.mean([min(ended_s(turns), ENDS_WITHIN_S) for turns in ends[name]])),
+                flaps_a_minute=sum(not transition.is_raise for transition in hovering[name]) / duration_s * 60,
+                ends_after_s=float(np.mean([min(ended_s(transitions), ENDS_WITHIN_S) for transitions in ends[name]])),
             )
             for name, settings in tried.items()
         ]
@@ -257,35 +249,37 @@ class _Search:
         return [self._tuned.with_settings(settings, name) for name, settings in tried.items()]
 
     def _far(self, tried: Tried, clearance: float) -> dict[str, Count]:
-        """Count where the target mostly stood, if that is further away than all places that are tried anyway."""
+        """Count at the median operating point, if that is further away than all clearances that are tried anyway."""
         if clearance <= CLEARANCES[-1]:
             return {}
         return {name: each[0] for name, each in self._counts(tried, (clearance,)).items() if each}
 
     def _counts(self, tried: Tried, clearances: Sequence[float]) -> dict[str, list[Count]]:
-        """Count how often each alarm is raised, of a target that stands in some places."""
+        """Count how often each alarm is raised by a target that stands still at some clearances."""
         rules = [self._tuned.ending_at_once(settings, name) for name, settings in tried.items()]
         counts: dict[str, list[Count]] = {name: [] for name in tried}
         for clearance in clearances:
-            at_m = place_of(self._tuned, self._noise, clearance)
+            at_m = distance_at(self._tuned, self._noise, clearance)
             if at_m is None:
                 break
-            turns, duration_s = self._trials.standing(rules, at_m, FRAMES_A_CLEARANCE)
-            for name, each in turns.items():
+            transitions, duration_s = self._trials.standing(rules, at_m, FRAMES_A_CLEARANCE)
+            for name, each in transitions.items():
                 raises = raises_apart(each, APART_S)
                 counts[name].append(Count(clearance=clearance, raises=raises, duration_s=duration_s))
         return counts
 
     def _late(self, tried: Tried) -> dict[str, list[float]]:
         crossings = self._crossings(tried, self._speed_mps, CROSSINGS, AFTER_S)
-        return {name: [min(late_s(turns), AFTER_S) for turns in each] for name, each in crossings.items()}
+        return {name: [min(late_s(transitions), AFTER_S) for transitions in each] for name, each in crossings.items()}
 
-    def _crossings(self, tried: Tried, speed_mps: float, times: int, after_s: float) -> dict[str, list[Sequence[Turn]]]:
+    def _crossings(
+        self, tried: Tried, speed_mps: float, times: int, after_s: float
+    ) -> dict[str, list[Sequence[Transition]]]:
         rules = self._rules(tried)
-        found: dict[str, list[Sequence[Turn]]] = {name: [] for name in tried}
+        found: Crossings = {name: [] for name in tried}
         for _ in range(times):
-            for name, turns in self._trials.crossing(rules, self._tuned.limit_m, speed_mps, after_s).items():
-                found[name].append(turns)
+            for name, transitions in self._trials.crossing(rules, self._tuned.threshold_m, speed_mps, after_s).items():
+                found[name].append(transitions)
         return found
 
 

@@ -1,10 +1,10 @@
-"""How often something rare happens: counts, how sure they are, and what they say of where nothing was counted.
+"""Rates of rare events: counts, their confidence, and extrapolation to where nothing was counted.
 
-An alarm is raised for nothing more seldom the further away from its threshold the target stands. It is counted at
-several clearances where it happens often enough to be counted, and where it gets seldom a straight line is laid through
-the logarithms: its slope is that of all settings together, its height that of each. What is normally distributed falls
-off faster than a line, so the line errs on the safe side. Gross errors do not fall off at all; where the target stood
-is therefore tried too, and what is counted there counts.
+False alarms get rarer the further away from its threshold the target stands. They are counted at several clearances
+where they are frequent enough, and where they get rare a straight line is laid through the logarithms: its slope is
+that of all settings together, its height that of each. A normal distribution falls off faster than a line, so the line
+errs on the safe side. Outliers do not fall off at all; the distance at which the target stood is therefore tried too,
+and the larger of the two rates holds.
 """
 
 from __future__ import annotations
@@ -20,23 +20,21 @@ from stadimeter.workbench.tuning.noise import Floats
 DAY_S = 86400.0
 SURE = 0.95
 DRAWS = 400
-"""So many times the counts are drawn anew, to see how sure the line is."""
+"""Bootstrap draws of the counts, for the confidence of the line."""
 
 _SIGMAS_OF_SURE = 1.645
 _HALF = 0.5
 """Where nothing was counted, half a count stands for it: the logarithm of zero is not a number."""
 OFTEN_SHARE = 0.5
-"""An alarm gets seldom where it is raised less than this share as often as anywhere."""
+"""An alarm gets rare where it is raised less than this share as often as anywhere."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Count:
-    """How often an alarm was raised while the target stood somewhere.
+    """The raises of an alarm while the target stood at one clearance.
 
     Attributes:
-        clearance: How far from the threshold, in standard deviations of the noise.
-        raises: How often.
-        duration_s: In how much time.
+        clearance: Distance from the threshold, in standard deviations of the noise.
     """
 
     clearance: float
@@ -46,11 +44,10 @@ class Count:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slope:
-    """How much more seldom an alarm is raised, for each standard deviation further away.
+    """The fall of the logarithm of a rate, for each standard deviation further away.
 
     Attributes:
         per_sigma: The change of the logarithm, zero or less.
-        sigma: Its standard deviation.
     """
 
     per_sigma: float
@@ -59,10 +56,9 @@ class Slope:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rate:
-    """How often a day an alarm is raised for nothing.
+    """False alarms a day.
 
     Attributes:
-        a_day: The likeliest figure.
         at_most_a_day: It is at most this, with 95 % confidence, as far as the counts go.
     """
 
@@ -71,10 +67,7 @@ class Rate:
 
 
 def at_most(count: int) -> float:
-    """Return the most events that are expected, with 95 % confidence, where so many were counted.
-
-    Args:
-        count: How many were counted.
+    """Return the most events that are expected, with 95 % confidence, where `count` were counted.
 
     Returns:
         The upper limit of a Poisson variable's mean; 3.0 for none, the "rule of three". The formula is that of Wilson
@@ -88,10 +81,7 @@ def slope_of(all_counts: Iterable[Sequence[Count]]) -> Slope:
     """Return the slope that all settings have together.
 
     Args:
-        all_counts: What was counted for each of them, by growing clearance.
-
-    Returns:
-        The slope.
+        all_counts: The counts of each of them, by growing clearance.
     """
     tails = [_tail(counts) for counts in all_counts]
     rise = spread = 0.0
@@ -107,17 +97,12 @@ def slope_of(all_counts: Iterable[Sequence[Count]]) -> Slope:
 def rate_at(
     counts: Sequence[Count], slope: Slope, clearances: Floats, far: Count | None, random: np.random.Generator
 ) -> Rate:
-    """Return how often a day an alarm is raised, of a target that stands in some places for as long in each.
+    """Return how often a day an alarm is raised by a target that spends the same time at each clearance.
 
     Args:
-        counts: What was counted, by growing clearance.
-        slope: How much more seldom it is raised further away.
-        clearances: How far from the threshold it stands, in standard deviations of the noise.
-        far: What was counted where it mostly stands, if that is further away than all else; else None.
-        random: Where chance comes from.
-
-    Returns:
-        The rate.
+        counts: By growing clearance.
+        clearances: Distances from the threshold, in standard deviations of the noise.
+        far: The count at the median clearance, if that is further away than all else; else None.
     """
     at, raises, duration_s = _tail(counts)
     nearer = np.array(
@@ -139,7 +124,7 @@ def rate_at(
 
 
 def _tail(counts: Sequence[Count]) -> tuple[Floats, Floats, Floats]:
-    """Return clearances, raises and durations, from where it gets seldom to where it is not raised any more.
+    """Return clearances, raises and durations, from where it gets rare to where it is never raised.
 
     Nearer than that it is raised about as often wherever the target stands, or more seldom because it hardly ever ends.
     """

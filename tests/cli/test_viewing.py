@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from stadimeter.cli.view_thread import WAITING_MAX, ViewThread
+from stadimeter.cli.viewing import WAITING_MAX, ViewThread
 
 
 def test_what_is_submitted_is_shown_in_order():

@@ -1,0 +1,162 @@
+"""How a replay compares with its recording: decisions to the last bit, and distances that are measured again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from statistics import median
+
+from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
+from stadimeter.core.decision import Decision, Event
+from stadimeter.core.observation import Observation
+
+SHOWN_DIFFERENCES = 10
+LOOKED_INTO = 1000
+"""At most this many decisions that differ are compared field by field; of later ones only the bytes are."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Difference:
+    """A cycle in which the decision is not the recorded one.
+
+    Attributes:
+        cycle: The cycle, counted from 0.
+        now_s: Its time on the run's clock.
+        what: The parts of the decision that differ.
+    """
+
+    cycle: int
+    now_s: float
+    what: tuple[str, ...]
+
+
+@dataclass(slots=True, kw_only=True)
+class ReplayResult:
+    """Counts and events of a replay beside those of its recording.
+
+    Attributes:
+        identical: Cycles in which the decision was the recorded one, to the last bit.
+        differences: The first cycles that differ.
+        frames: Frames that were decided on.
+        recorded_frames: The same when it was recorded.
+        targets: The targets that were looked for.
+    """
+
+    cycles: int = 0
+    identical: int = 0
+    events: list[Event] = field(default_factory=list)
+    recorded_events: list[Event] = field(default_factory=list)
+    differences: list[Difference] = field(default_factory=list)
+    frames: int = 0
+    recorded_frames: int = 0
+    targets: set[str] = field(default_factory=set)
+
+
+class Comparison:
+    """Compares decisions with recorded ones.
+
+    Most recorded decisions need not be parsed: one that this version wrote is the same if its bytes are. Where bytes
+    differ, another version may have written the same decision, so it is parsed. Past `LOOKED_INTO` differences the
+    rules are others, and where the recording is known to be of this version's writing, other bytes are enough.
+    """
+
+    def __init__(self) -> None:
+        self.result = ReplayResult()
+        self._encoder = CycleEncoder(repeats_rules=True)
+        self._different = 0
+        self._is_ours = True
+
+    def add(self, cycle: RecordedCycle, observation: Observation, decision: Decision) -> None:
+        """Add one cycle.
+
+        Raises:
+            JournalError: The recorded cycle is damaged.
+        """
+        result = self.result
+        if observation.frame is not None:
+            result.frames += 1
+            result.targets.update([measured.target for measured in observation.measurements])
+        result.recorded_frames += cycle.has_frame()
+        result.events += decision.events
+        if self._is_same(cycle, decision):
+            result.identical += 1
+            result.recorded_events += decision.events
+        else:
+            self._different += 1
+            result.recorded_events += cycle.events()
+            if len(result.differences) < SHOWN_DIFFERENCES:
+                what = _differing(decision, cycle.record().decision)
+                result.differences.append(Difference(cycle=result.cycles, now_s=observation.now_s, what=what))
+        result.cycles += 1
+
+    def _is_same(self, cycle: RecordedCycle, decision: Decision) -> bool:
+        if cycle.rules_json == self._encoder.rules_json(
+            decision.rules
+        ) and cycle.decision_json() == self._encoder.decision_json(decision):
+            return True
+        if self._is_ours and self._different > LOOKED_INTO:
+            return False
+        recorded = cycle.record().decision
+        self._is_ours = self._is_ours and cycle.decision_json() == CycleEncoder(repeats_rules=True).decision_json(
+            recorded
+        )
+        return decision == recorded
+
+
+def _differing(decision: Decision, recorded: Decision) -> tuple[str, ...]:
+    return tuple(
+        name for name in Decision.__slots__ if name != "reasons" and getattr(decision, name) != getattr(recorded, name)
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredAgain:
+    """One target in the pictures of a recording.
+
+    Attributes:
+        frames: Pictures in which it was looked for again.
+        found_before: Those of them in which it was measured when they were recorded.
+        found_again: Those of them in which it is measured now.
+        differs_median_m: Median difference of the two distances; None if it was never measured both times.
+        differs_most_m: The largest difference.
+    """
+
+    target: str
+    frames: int
+    found_before: int
+    found_again: int
+    differs_median_m: float | None = None
+    differs_most_m: float | None = None
+
+
+class AgainTally:
+    """Compares measurements through a replay."""
+
+    def __init__(self) -> None:
+        self._pairs: dict[str, list[tuple[float | None, float | None]]] = {}
+
+    def add(self, before: Observation, again: Observation) -> None:
+        """Add one cycle.
+
+        Args:
+            before: What was observed when it was recorded.
+        """
+        before_m = {measured.target: measured.distance_m for measured in before.measurements}
+        for measured in again.measurements:
+            pair = before_m.get(measured.target), measured.distance_m
+            self._pairs.setdefault(measured.target, []).append(pair)
+
+    def targets(self) -> tuple[MeasuredAgain, ...]:
+        """Return how each target compares."""
+        return tuple(_compared(target, pairs) for target, pairs in self._pairs.items())
+
+
+def _compared(target: str, pairs: list[tuple[float | None, float | None]]) -> MeasuredAgain:
+    apart_m = [abs(again_m - before_m) for before_m, again_m in pairs if before_m is not None and again_m is not None]
+    return MeasuredAgain(
+        target=target,
+        frames=len(pairs),
+        found_before=sum(before_m is not None for before_m, _ in pairs),
+        found_again=sum(again_m is not None for _, again_m in pairs),
+        differs_median_m=median(apart_m) if apart_m else None,
+        differs_most_m=max(apart_m, default=None),
+    )
