@@ -39,6 +39,20 @@ def test_a_command_loads_no_driver_that_nobody_named(name):
     assert among(loaded_by(f"import {Commands.LAZY[name].module}"), OF_DRIVERS) == []
 
 
+def test_a_run_loads_nothing_that_only_other_views_and_commands_need():
+    unused = ["rich", "asyncio", "mcap", "stadimeter.workbench", "stadimeter.app.recordings", "stadimeter.app.control"]
+    assert among(loaded_by("import stadimeter.cli.run"), unused) == []
+
+
+def test_the_collector_works_again_when_a_command_does():
+    script = "import gc, sys\nsys.argv = ['stadimeter', 'schema']\nfrom stadimeter.__main__ import main\n"
+    script += (
+        "try:\n    main()\nexcept SystemExit:\n    print(gc.isenabled(), gc.get_freeze_count() > 0, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stderr.split() == ["True", "True"]
+
+
 def test_measuring_loads_the_configuration_of_a_run_only_when_one_is_given():
     assert among(loaded_by("import stadimeter.cli.measure"), ["stadimeter.config.loader", "rich.progress"]) == []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -64,4 +65,7 @@ class LazyGroup(TyperGroup):
         import_module(self.LAZY[name].module).register(alone)
         command = typer.main.get_group(alone).commands[name]
         self.add_command(command)
+        if not gc.isenabled():  # `stadimeter.__main__` lets it rest while libraries are loaded, and those stay
+            gc.freeze()
+            gc.enable()
         return command

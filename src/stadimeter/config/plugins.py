@@ -140,17 +140,14 @@ class Plugin(Generic[OptionsT]):
     latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
 
 
+_all_installed = cache(entry_points)
+"""Every entry point. Looking for them reads a file of every installed package, so it is done once for all groups."""
+
+
 @cache
 def installed(group: str) -> tuple[EntryPoint, ...]:
-    """Return the entry points of a group. Looking for them reads a file of every installed package, so it is done once.
-
-    Args:
-        group: One of `GROUPS`.
-
-    Returns:
-        The entry points.
-    """
-    return tuple(entry_points(group=group))
+    """Return the entry points of a group, one of `GROUPS`."""
+    return tuple(_all_installed().select(group=group))
 
 
 def driver_names(group: str) -> tuple[str, ...]:
