@@ -27,7 +27,7 @@ AS_BEFORE = b'"as before"'
 _RECORD = TypeAdapter(CycleRecord)
 _OBSERVATION = TypeAdapter(Observation)
 _EVENTS = TypeAdapter(tuple[Event, ...])
-_RULES = TypeAdapter(tuple[RuleTrace, ...])
+_RULE = TypeAdapter(RuleTrace)
 _LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "rejected": True}
 _NO_EVENTS = b'"events":[],'
 _NO_FRAME = b'"frame":null,'
@@ -123,6 +123,7 @@ class CycleEncoder:
         self._repeats_rules = repeats_rules
         self._rules: tuple[RuleTrace, ...] | None = None
         self._rules_json = b"[]"
+        self._each: dict[int, tuple[RuleTrace, bytes]] = {}
 
     def encode(self, record: CycleRecord) -> bytes:
         """Write a cycle.
@@ -149,16 +150,15 @@ class CycleEncoder:
         return _DECIDED.dump_json((decision,), exclude=_DECIDED_LEFT_OUT)[len(b"[") : -len(b"}]")]
 
     def rules_json(self, rules: tuple[RuleTrace, ...]) -> bytes:
-        """Write what rules did; what did not change since the last time is not made again.
-
-        Args:
-            rules: What they did.
-
-        Returns:
-            The JSON.
-        """
+        """Write what rules did; what did not change since the last time is not made again."""
         if rules is not self._rules:
-            self._rules, self._rules_json = rules, _RULES.dump_json(rules)
+            # Of a hundred rules a few change at a time, and those that did not are the same objects: an identity
+            # stands for one object while that object is held, which the table does until the next change.
+            before, self._each = self._each, {}
+            for rule in rules:
+                known = before.get(id(rule))
+                self._each[id(rule)] = known if known is not None else (rule, _RULE.dump_json(rule))
+            self._rules, self._rules_json = rules, b"[" + b",".join([json for _, json in self._each.values()]) + b"]"
         return self._rules_json
 
 
