@@ -7,7 +7,7 @@ ARGS ?=
 # On every core, the tests of one file together: they share what is costly to prepare.
 SPREAD := -n auto --dist loadfile
 
-.PHONY: help demo test test-long test-opencv-4.10 check bench bench-rules bench-safety pictures format clean
+.PHONY: help demo test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -29,6 +29,9 @@ check: $(VENV)/.dev ## style, types and structure
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+gate: $(VENV)/.dev ## compare what start-up, memory and a cycle cost with the kept figures; ARGS=--keep keeps new ones
+	PYTHONPATH=tests $(BIN)/python tests/benchmarks/gate.py $(ARGS)
 
 format: $(VENV)/.dev ## put the code in order
 	$(BIN)/ruff check --fix

@@ -26,7 +26,6 @@ class Parts:
 
     Attributes:
         configuration: What they were built from.
-        clock: The run's clock.
         capture: Where frames come from.
         outputs: The outputs, in the order of the plan.
         messenger: Who tells other programs; None if nobody does.
@@ -56,11 +55,7 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
     stepped clock, on which each run is the same.
 
     Args:
-        configuration: The checked configuration.
         speed: How fast recordings and simulations run: 1 is real time, None as fast as the computer can.
-
-    Returns:
-        The parts.
 
     Raises:
         ConfigError: The configuration lacks a camera model.

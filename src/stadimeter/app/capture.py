@@ -31,9 +31,6 @@ class Capture(Protocol):
         Args:
             timeout_s: How long to wait for a live camera, in real seconds. A recording takes the time it takes.
 
-        Returns:
-            The frame.
-
         Raises:
             CaptureTimeoutError: None came; the message says why. Asking again may help.
             DeviceClosedError: The camera is not open.
@@ -66,8 +63,6 @@ class LiveCapture:
     `latest` raises and `trouble` tells.
 
     Args:
-        camera: The camera, closed.
-        clock: The run's clock.
         freeze: Tells new pictures from repeated ones; None for one with the usual limits.
         wait: Waits for an event, like ``threading.Event.wait``; another one is for tests.
     """
@@ -104,9 +99,6 @@ class LiveCapture:
 
         Args:
             timeout_s: How long to wait, in real seconds.
-
-        Returns:
-            The frame.
 
         Raises:
             CaptureTimeoutError: None came; the message says why.
@@ -149,11 +141,7 @@ class LiveCapture:
 
 
 class DirectCapture:
-    """Reads a recording or a simulation in the caller's thread: every frame counts.
-
-    Args:
-        camera: The camera, closed.
-    """
+    """Reads a recording or a simulation in the caller's thread: every frame counts."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -185,10 +173,6 @@ class DirectCapture:
 
 def capture_for(camera: Camera, clock: Clock) -> Capture:
     """Return the way to get frames from a camera.
-
-    Args:
-        camera: The camera, closed.
-        clock: The run's clock.
 
     Returns:
         A `LiveCapture` for a live camera, a `DirectCapture` for another.

@@ -54,9 +54,6 @@ class CaptureThread:
     driver, ends the thread and is kept in `failure`.
 
     Args:
-        camera: The camera, open.
-        clock: The run's clock.
-        freeze: Tells new pictures from repeated ones.
         wait: Waits for an event, like ``threading.Event.wait``, which it is unless in tests.
     """
 

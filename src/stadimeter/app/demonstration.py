@@ -11,9 +11,6 @@ from stadimeter.config.loader import Configuration, load_configuration
 def demo_configuration() -> Configuration:
     """Load the demonstration's configuration: ``config/demo.toml`` of the checkout, or its copy in a package.
 
-    Returns:
-        The configuration.
-
     Raises:
         ConfigError: It is damaged.
     """

@@ -42,11 +42,7 @@ class Deadline:
         """Return for how long something may be waited for.
 
         Args:
-            wish_s: For how long if there is time.
             keep_s: What must be left for others after that.
-
-        Returns:
-            Seconds.
         """
         return max(0.0, min(wish_s, self._by_s - time.monotonic() - keep_s))
 
@@ -59,7 +55,6 @@ def close_side_by_side(
     Args:
         lanes: What must be closed one after the other, by name.
         deadline: Until when. It may be set while we wait.
-        wish_s: How long to wait without one.
         keep_s: How much of the time must be left for others.
 
     Returns:

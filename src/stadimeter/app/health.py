@@ -37,11 +37,7 @@ class Health:
     cycle_times_s: deque[float] = field(default_factory=_latest)
 
     def add(self, record: CycleRecord) -> None:
-        """Take in one cycle.
-
-        Args:
-            record: The cycle.
-        """
+        """Take in one cycle."""
         self.cycles += 1
         for event in record.decision.events:
             self.events[event.kind.value] += 1
@@ -63,7 +59,6 @@ def percentile(ordered: Sequence[float], share: float) -> float | None:
     """Return the value that this share of the values does not exceed.
 
     Args:
-        ordered: The values, smallest first.
         share: From 0 to 1.
 
     Returns:

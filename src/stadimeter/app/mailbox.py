@@ -22,11 +22,7 @@ class Mailbox:
         return self._passed_over
 
     def put(self, frame: Frame) -> None:
-        """Put in a frame, in place of the one that is there. A closed mailbox takes none.
-
-        Args:
-            frame: The newest frame.
-        """
+        """Put in a frame, in place of the one that is there. A closed mailbox takes none."""
         with self._changed:
             if self._is_closed:
                 return

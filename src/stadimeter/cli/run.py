@@ -41,11 +41,7 @@ Unit = Annotated[Literal["m", "cm", "ft", "in"], typer.Option("--unit", help="Th
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands.
-
-    Args:
-        app: The command line.
-    """
+    """Add the commands."""
     app.command("run")(run)
     app.command("demo")(demo)
 
@@ -141,8 +137,6 @@ class Showing:
     """How a run is shown.
 
     Attributes:
-        view: How.
-        title: What runs.
         unit: The unit of distances.
     """
 

@@ -10,9 +10,6 @@ from stadimeter.core.rules.explaining import Explanation
 def as_data(explanation: Explanation) -> dict[str, Any]:
     """Return an explanation as JSON has it.
 
-    Args:
-        explanation: The explanation.
-
     Returns:
         Objects, lists, texts, finite numbers and null only.
     """

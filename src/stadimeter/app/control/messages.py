@@ -41,8 +41,6 @@ class RuleArgs(_Strict):
 
     Attributes:
         rule: The rule; empty for every rule that it applies to.
-        by: Who wants it.
-        why: Why.
     """
 
     rule: _Name = ""
@@ -138,9 +136,6 @@ class Reply:
     def line(self, transaction: Transaction) -> bytes:
         """Return it as it goes over the wire.
 
-        Args:
-            transaction: That of the request.
-
         Returns:
             One line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair.
         """
@@ -151,12 +146,6 @@ class Reply:
 
 def parse_request(line: bytes) -> Request:
     """Read a request.
-
-    Args:
-        line: One line.
-
-    Returns:
-        What is asked for.
 
     Raises:
         ControlError: It is none; the message says what is wrong with it.
@@ -169,9 +158,6 @@ def parse_request(line: bytes) -> Request:
 
 def transaction_of(line: bytes) -> Transaction:
     """Return the transaction of a request that may be wrong otherwise.
-
-    Args:
-        line: One line.
 
     Returns:
         The transaction; None if there is none to be found.
@@ -186,15 +172,7 @@ def transaction_of(line: bytes) -> Transaction:
 
 
 def operator_command(request: OperatorRequest | ShelveRequest, number: str) -> OperatorCommand:
-    """Return what an operator tells a rule, as the core sees it.
-
-    Args:
-        request: The request.
-        number: Identifies it.
-
-    Returns:
-        The command.
-    """
+    """Return what an operator tells a rule, as the core sees it."""
     args = request.args
     for_s, one_shot = (args.for_s, args.one_shot) if isinstance(args, ShelveArgs) else (None, False)
     return OperatorCommand(

@@ -46,7 +46,6 @@ class _Reload:
 
     Attributes:
         at_s: When, on the run's monotonic clock.
-        configuration: The configuration.
     """
 
     at_s: float
@@ -69,10 +68,6 @@ _RELOADED_BEGINS = b'{"reloaded":'
 def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
     """Write that another configuration was taken over while running.
 
-    Args:
-        at_s: When, on the run's monotonic clock.
-        configuration: The configuration.
-
     Returns:
         The JSON, on one line. It stands before the first cycle that the configuration decided.
     """
@@ -81,10 +76,6 @@ def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
 
 def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
     """Return the configuration that a line says was taken over.
-
-    Args:
-        line: The JSON.
-        place: Where it stands, for error messages.
 
     Returns:
         The configuration; None if the line says no such thing.
@@ -101,11 +92,7 @@ def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
 
 
 def cycle_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a cycle as `CycleEncoder` writes it.
-
-    Returns:
-        The schema.
-    """
+    """Return the JSON Schema of a cycle as `CycleEncoder` writes it."""
     schema = _RECORD.json_schema(mode="serialization")
     del schema["properties"]["rejected"], schema["$defs"]["Decision"]["properties"]["reasons"]
     return schema
@@ -126,23 +113,13 @@ class CycleEncoder:
         self._each: dict[int, tuple[RuleTrace, bytes]] = {}
 
     def encode(self, record: CycleRecord) -> bytes:
-        """Write a cycle.
-
-        Args:
-            record: The cycle.
-
-        Returns:
-            The JSON, on one line.
-        """
+        """Write a cycle."""
         is_as_before = record.decision.rules is self._rules
         rules = AS_BEFORE if is_as_before and not self._repeats_rules else self.rules_json(record.decision.rules)
         return _RECORD.dump_json(record, exclude=_LEFT_OUT)[: -len(b"}}")] + _RULES_KEY + rules + b"}}"
 
     def decision_json(self, decision: Decision) -> bytes:
         """Write a decision without its rules.
-
-        Args:
-            decision: The decision.
 
         Returns:
             The JSON, without the brace that closes it.
@@ -166,9 +143,7 @@ class RecordedCycle:
     """One cycle of a recording, read as far as it is asked for.
 
     Args:
-        line: The JSON.
         rules_before: The JSON of the rules of the cycle before.
-        place: Where it stands, for error messages.
         reloaded: The configuration that was taken over right before it, while running; None for none.
 
     Attributes:
@@ -190,9 +165,6 @@ class RecordedCycle:
     def observation(self) -> Observation:
         """Return what was observed.
 
-        Returns:
-            The observation.
-
         Raises:
             JournalError: The cycle is damaged.
         """
@@ -208,9 +180,6 @@ class RecordedCycle:
     def events(self) -> tuple[Event, ...]:
         """Return the recorded events.
 
-        Returns:
-            The events, mostly none.
-
         Raises:
             JournalError: The cycle is damaged.
         """
@@ -223,9 +192,6 @@ class RecordedCycle:
 
     def record(self) -> CycleRecord:
         """Return the whole cycle.
-
-        Returns:
-            The cycle.
 
         Raises:
             JournalError: It is damaged.
@@ -240,9 +206,6 @@ class RecordedCycle:
 
 def first_detail(error: ValidationError) -> str:
     """Return what is wrong with a value that was read, in words.
-
-    Args:
-        error: What pydantic says.
 
     Returns:
         The first thing that is wrong, and where.

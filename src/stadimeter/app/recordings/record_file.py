@@ -35,7 +35,6 @@ class RecordFile:
     A character device such as ``/dev/null`` will do as well. A pipe will not: its reader could hold up the writer.
 
     Args:
-        path: The file.
         kind: Its name in messages, such as ``journal``.
         is_ours: Tells from the first bytes of a file, up to 4 KiB, whether it is of that kind.
 

@@ -85,8 +85,6 @@ class Recorder:
     recording stops. On a recording or a simulation the loop waits, so that every cycle and every picture is recorded.
 
     Args:
-        writer: Writes them.
-        is_live: Whether the camera is live.
         deadline: Until when the run must have ended; a disk that hangs is waited for no longer.
 
     Attributes:
@@ -123,12 +121,7 @@ class Recorder:
         self._writer.resumed(text)
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
-        """Take in that another configuration was taken over, before the first cycle that it decides.
-
-        Args:
-            now_s: When, on the run's monotonic clock.
-            configuration: The configuration, or its text.
-        """
+        """Take in that another configuration was taken over, before the first cycle that it decides."""
         self._put(_Reload(now_s, configuration))
 
     def kept(self) -> str:

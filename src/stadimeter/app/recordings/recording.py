@@ -79,7 +79,6 @@ class Recorded:
     """What a recording says about its run once and for all.
 
     Attributes:
-        configuration: The configuration.
         camera: The camera model, at any resolution of the pictures' aspect.
         sizes: The size of each target, by its name.
     """
@@ -91,11 +90,6 @@ class Recorded:
 
 class RecordingWriter:
     """Writes a recording, in the thread of the caller. `Recorder` does so in a thread of its own.
-
-    Args:
-        path: The file.
-        recorded: What it says about the run.
-        options: Which pictures it holds.
 
     Raises:
         JournalError: The file cannot be written, or holds something else than a recording.
@@ -125,7 +119,6 @@ class RecordingWriter:
         """Add one cycle.
 
         Args:
-            record: The cycle.
             frame: The frame that was new in it; None for none, or to leave its picture out.
 
         Raises:
@@ -144,19 +137,11 @@ class RecordingWriter:
             self._flushed_s = now_s
 
     def resumed(self, text: str) -> None:
-        """Take in what the run takes over from an earlier one. Only before the first cycle.
-
-        Args:
-            text: What it takes over.
-        """
+        """Take in what the run takes over from an earlier one. Only before the first cycle."""
         self._resumed = text
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
         """Add that another configuration was taken over, before the first cycle that it decides.
-
-        Args:
-            now_s: When, on the run's monotonic clock.
-            configuration: The configuration, or its text.
 
         Raises:
             JournalError: The file could not be written.
@@ -294,9 +279,6 @@ class _ImageChooser:
 
 def require_mcap(what: str) -> None:
     """Make sure that the library ``mcap`` is installed.
-
-    Args:
-        what: What it is needed for.
 
     Raises:
         DriverUnavailableError: It is not.

@@ -17,9 +17,6 @@ _HEADER = 1
 def writer_of(head: bytes) -> str | None:
     """Return what program an MCAP file says that it was written by.
 
-    Args:
-        head: The first few kilobytes of the file.
-
     Returns:
         The program; None if this is no beginning of an MCAP file.
     """
@@ -36,12 +33,5 @@ def writer_of(head: bytes) -> str | None:
 
 
 def is_ours(head: bytes) -> bool:
-    """Return whether a file is a recording of ours.
-
-    Args:
-        head: The first few kilobytes of the file.
-
-    Returns:
-        Whether it is.
-    """
+    """Return whether a file is a recording of ours."""
     return (writer_of(head) or "").startswith(LIBRARY)

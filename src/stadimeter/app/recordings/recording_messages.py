@@ -40,9 +40,6 @@ def stamp(time_ns: int) -> dict[str, int]:
 
     Args:
         time_ns: Nanoseconds since 1970.
-
-    Returns:
-        Seconds, and the nanoseconds beyond them.
     """
     sec, nsec = divmod(time_ns, 1_000_000_000)
     return {"sec": sec, "nsec": nsec}
@@ -52,8 +49,6 @@ def compressed_image(image: Image, time_ns: int, quality_percent: int) -> bytes 
     """Return a picture as a message.
 
     Args:
-        image: The picture.
-        time_ns: When it was taken.
         quality_percent: The quality of the JPEG, 1 to 100.
 
     Returns:
@@ -75,15 +70,7 @@ def compressed_image(image: Image, time_ns: int, quality_percent: int) -> bytes 
 
 
 def log(event: Event, time_ns: int) -> bytes:
-    """Return an event as a line of a log.
-
-    Args:
-        event: The event.
-        time_ns: When it happened.
-
-    Returns:
-        The message.
-    """
+    """Return an event as a line of a log."""
     said = f"{event.source}: {event.kind.value.replace('_', ' ')}"
     return _json(
         {
@@ -101,7 +88,6 @@ def target(track: Track, measured: Measurement | None) -> bytes:
     """Return what is known of a target in one cycle, to plot it.
 
     Args:
-        track: Its track.
         measured: Its measurement in this cycle, if there is one.
 
     Returns:
@@ -124,10 +110,6 @@ def calibration(camera: CameraModel, time_ns: int) -> bytes:
 
     Args:
         camera: The model, at the resolution of the pictures.
-        time_ns: When the recording began.
-
-    Returns:
-        The message.
     """
     matrix = [float(value) for value in camera.matrix().ravel()]
     return _json(
@@ -152,10 +134,6 @@ def image_annotations(record: CycleRecord, camera: CameraModel, sizes: Mapping[s
         record: The cycle in which the picture was new.
         camera: The camera model, at the resolution of the picture.
         sizes: The size of each target, by its name.
-        time_ns: When the picture was taken.
-
-    Returns:
-        The message.
     """
     when = stamp(time_ns)
     circles: list[dict[str, Any]] = []

@@ -41,9 +41,6 @@ class Recording(Protocol):
 def read_recording(path: Path) -> Recording:
     """Open a journal or a recording.
 
-    Args:
-        path: The file, of any name.
-
     Returns:
         The recording, of which only the beginning was read.
 

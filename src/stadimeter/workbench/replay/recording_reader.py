@@ -56,7 +56,6 @@ class RecordedImage:
 
     Attributes:
         sequence: The camera's count of the frame, in 32 bits.
-        message: The message.
         place: Where it stands, for error messages.
     """
 
@@ -66,9 +65,6 @@ class RecordedImage:
 
     def decode(self) -> Image:
         """Return the picture.
-
-        Returns:
-            The picture.
 
         Raises:
             JournalError: It is damaged.
@@ -89,7 +85,6 @@ class McapRecording:
     """A recording that was opened.
 
     Attributes:
-        path: The file.
         header: What it says about its run.
     """
 
@@ -98,9 +93,6 @@ class McapRecording:
 
     def cycles(self) -> Iterator[RecordedCycle]:
         """Yield every cycle, in order.
-
-        Yields:
-            The cycles, not read yet.
 
         Raises:
             JournalError: The file is damaged.
@@ -129,9 +121,6 @@ class McapRecording:
 
     def records(self) -> Iterator[CycleRecord]:
         """Yield every cycle, in order, read whole.
-
-        Yields:
-            The cycles.
 
         Raises:
             JournalError: The file is damaged.
@@ -165,12 +154,6 @@ class McapRecording:
 def read_mcap(path: Path) -> McapRecording:
     """Open a recording and read what it says about its run.
 
-    Args:
-        path: The file.
-
-    Returns:
-        The recording.
-
     Raises:
         JournalError: It cannot be read, is no recording of ours, or one of a later format.
         DriverUnavailableError: The library ``mcap`` is not installed.
@@ -201,10 +184,6 @@ def read_mcap(path: Path) -> McapRecording:
 
 def decoded_frame(image: RecordedImage, cycle: RecordedCycle) -> Frame | None:
     """Return the frame that was new in a cycle, with its recorded picture.
-
-    Args:
-        image: The picture.
-        cycle: The cycle.
 
     Returns:
         The frame; None if the picture belongs to another one.
