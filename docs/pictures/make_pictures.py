@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stadimeter.app.bootstrap import build
+from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.demonstration import demo_configuration
 from stadimeter.app.loop import Loop
 from stadimeter.cli.live_view_svg import save_svg
 from stadimeter.cli.viewing import live_view_of

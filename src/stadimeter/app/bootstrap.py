@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import stadimeter
 from stadimeter.app.capture import Capture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.cycle import Cycle
 from stadimeter.app.leased_output import LeasedOutput
-from stadimeter.config.loader import Configuration, DriverChoice
+from stadimeter.config.loader import Configuration, DriverChoice, load_configuration
 from stadimeter.config.plugins import DriverContext, Shared
 from stadimeter.core.clock import Clock
 from stadimeter.core.outputs import safe_command
@@ -144,3 +146,12 @@ def _no_camera_model(configuration: Configuration) -> Problem:
         key="camera.model",
         hint="make one with `stadimeter calibrate distance PICTURE@DISTANCE … -o camera.toml` and name it here",
     )
+
+
+def demo_configuration() -> Configuration:
+    """Load the demonstration's configuration: ``config/demo.toml`` of the checkout, or its copy in a package.
+
+    Raises:
+        ConfigError: It is damaged.
+    """
+    return load_configuration(Path(stadimeter.__file__).parent / "configurations" / "demo.toml")

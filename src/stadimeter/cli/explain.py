@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.control.explanation_data import as_data
+from stadimeter.app.control.messages import as_data
 from stadimeter.cli.control_options import JsonOption, SocketOption, asked, tell
 from stadimeter.cli.exits import told_plainly
 from stadimeter.workbench.replay.explaining import explain_recording, seconds_ago

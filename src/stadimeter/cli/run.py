@@ -11,10 +11,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from stadimeter.app.bootstrap import build
-from stadimeter.app.demonstration import demo_configuration
+from stadimeter.app.bootstrap import build, demo_configuration
+from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.signals import stopping_on_signals
 from stadimeter.cli.exits import DONE, told_plainly
 from stadimeter.cli.recording_options import (
     ImageQuality,

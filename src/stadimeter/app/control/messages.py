@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
 from stadimeter.core.operator import OperatorAction, OperatorCommand
+from stadimeter.core.rules.explaining import Explanation
 from stadimeter.errors import ControlError
 
 LINE_MAX_BYTES = 64 * 1024
@@ -198,3 +199,26 @@ def _what_is_wrong(error: ValidationError) -> str:
     if detail["type"] == "string_pattern_mismatch":
         return f"{place}: text on one line is wanted, without control characters"
     return f"{place}: {detail['msg'][:1].lower()}{detail['msg'][1:]}" if place else detail["msg"]
+
+
+def as_data(explanation: Explanation) -> dict[str, Any]:
+    """Return an explanation as JSON has it.
+
+    Returns:
+        Objects, lists, texts, finite numbers and null only.
+    """
+    from pydantic import TypeAdapter  # noqa: PLC0415 - only needed here
+
+    adapter = TypeAdapter(Explanation)
+    data: dict[str, Any] = adapter.dump_python(explanation, mode="json")
+    return {key: _without_infinities(value) for key, value in data.items()}
+
+
+def _without_infinities(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_infinities(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_without_infinities(inner) for inner in value]
+    if isinstance(value, float) and value - value != 0.0:  # infinite, or no number
+        return None
+    return value

@@ -139,7 +139,7 @@ class Control:
 
 
 def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:
-    from stadimeter.app.control.explanation_data import as_data  # noqa: PLC0415 - few are asked, and it takes long to load
+    from stadimeter.app.control.messages import as_data  # noqa: PLC0415 - few are asked, and it takes long to load
 
     names = [trace.rule for trace in decision.rules]
     if rule and rule not in names:

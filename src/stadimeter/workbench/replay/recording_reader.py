@@ -18,7 +18,7 @@ import numpy as np
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import RecordedCycle, reload_of
 from stadimeter.app.recordings.journal import JournalHeader, readable
-from stadimeter.app.recordings.record_file import HEAD_BYTES
+from stadimeter.app.recordings.record_file import HEAD_BYTES, LIBRARY, MAGIC, writer_of
 from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration
 from stadimeter.app.recordings.recording import (
     CAMERA_FILE,
@@ -30,7 +30,6 @@ from stadimeter.app.recordings.recording import (
     RESUMED_NAME,
     require_mcap,
 )
-from stadimeter.app.recordings.recording_file import LIBRARY, MAGIC, writer_of
 from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES
 from stadimeter.config.untrusted_picture import checked_picture
 from stadimeter.core.frame import Frame, Image
