@@ -8,7 +8,7 @@ ARGS ?=
 SPREAD := -n auto --dist loadfile
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test test-long test-opencv-4.10 check bench bench-rules bench-safety pictures format clean
+.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -33,6 +33,9 @@ check: $(VENV)/.dev ## style, types and structure
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+gate: $(VENV)/.dev ## compare what start-up, memory and a cycle cost with the kept figures; ARGS=--keep keeps new ones
+	PYTHONPATH=tests $(BIN)/python tests/benchmarks/gate.py $(ARGS)
 
 format: $(VENV)/.dev ## put the code in order
 	$(BIN)/ruff check --fix

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from live_view_svg import save_svg
 
-from stadimeter.app.bootstrap import build
+from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.demonstration import demo_configuration
 from stadimeter.app.loop import Loop
 from stadimeter.cli.viewing import live_view_of
 from stadimeter.core.frame import Frame

@@ -305,7 +305,7 @@ def test_closing_lets_whoever_waits_for_a_frame_go(clock: ManualClock, waits: Wa
 def test_a_driver_that_never_lets_go_does_not_hold_up_closing(
     clock: ManualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stadimeter.app.capture_thread.STOP_WAIT_S", 0.01)
+    monkeypatch.setattr("stadimeter.app.capture.STOP_WAIT_S", 0.01)
     stuck, let_go = threading.Event(), threading.Event()
     camera = ScriptedCamera(clock, lambda: stuck.set() or gate(let_go)(), 1)
     capture = LiveCapture(camera, clock)

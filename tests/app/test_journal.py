@@ -13,8 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.recordings.cycle_json import CycleEncoder
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan
@@ -305,7 +307,9 @@ import resource, signal, sys
 from pathlib import Path
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.recordings.cycle_json import CycleEncoder
 from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
@@ -333,3 +337,14 @@ def test_a_disk_that_fills_up_leaves_a_journal_of_whole_lines(tmp_path):
     assert 4000 < path.stat().st_size <= 5000
     assert path.read_bytes().endswith(b"\n")
     assert len(list(read_journal(path).records())) >= 5
+
+
+@given(st.lists(st.lists(st.sampled_from("abcde"), unique=True, max_size=5), min_size=1, max_size=8))
+def test_rules_are_written_the_same_whether_they_were_written_before_or_not(orders):
+    traces = {name: RuleTrace(rule=name, status=RuleStatus.IDLE) for name in "abcde"}
+    encoder = CycleEncoder(repeats_rules=True)
+    for order in orders:
+        traces["a"] = replace(traces["a"])  # equal, and another object
+        rules = tuple(traces[name] for name in order)
+        assert encoder.rules_json(rules) == CycleEncoder(repeats_rules=True).rules_json(rules)
+        assert [rule["rule"] for rule in json.loads(encoder.rules_json(rules))] == order

@@ -13,9 +13,9 @@ from stadimeter.app.bootstrap import Parts
 from stadimeter.app.capture import LiveCapture
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.cycle import Cycle
+from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.signals import stopping_on_signals
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.command import LevelCommand

@@ -164,7 +164,7 @@ from pathlib import Path
 
 sys.path.insert(0, sys.argv[2])
 from test_loop import Rig
-from stadimeter.app.signals import stopping_on_signals
+from stadimeter.app.ending import stopping_on_signals
 
 rig = Rig(Path(sys.argv[1]))
 

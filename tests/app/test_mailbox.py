@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 
-from stadimeter.app.mailbox import Mailbox
+from stadimeter.app.capture import Mailbox
 from stadimeter.core.frame import Frame
 
 

@@ -20,7 +20,7 @@ from stadimeter.app.recordings import recording as recording_module
 from stadimeter.app.recordings.cycle_json import cycle_schema
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
-from stadimeter.app.recordings.recording_schemas import SCHEMAS, plain
+from stadimeter.app.recordings.recording_messages import SCHEMAS, plain
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.detection import RejectedCandidate

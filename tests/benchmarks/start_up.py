@@ -24,6 +24,9 @@ from stadimeter.core.camera_model import CameraModel
 
 PROCESSES = 9
 BARE = "import cv2"
+HELP = "stadimeter --help"
+MEASURE = "stadimeter measure, one picture"
+RUN = "stadimeter run, one frame"
 
 CONFIGURATION = """
 [camera]
@@ -71,10 +74,8 @@ def measure_all(processes: int = PROCESSES) -> list[StartUp]:
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        commands = _commands(folder)
-        # Where files must not be written beside the source, compiled modules go here: start-up is not compiling.
-        environment = os.environ | {"PYTHONPYCACHEPREFIX": str(folder / "compiled")}
-        environment.pop("PYTHONDONTWRITEBYTECODE", None)
+        commands = commands_in(folder)
+        environment = environment_in(folder)
         times_s: dict[str, list[float]] = {what: [] for what in commands}
         for number in range(processes + 1):
             for what, command in commands.items():
@@ -87,7 +88,8 @@ def measure_all(processes: int = PROCESSES) -> list[StartUp]:
     ]
 
 
-def _commands(folder: Path) -> dict[str, list[str]]:
+def commands_in(folder: Path) -> dict[str, list[str]]:
+    """Return each command by its name, and write the files that they need into a folder."""
     cv2.imwrite(str(folder / "room.png"), np.full((480, 640, 3), 90, np.uint8))
     save_camera_model(folder / "camera.toml", CameraModel.with_focal_length(600.0, 640, 480))
     (folder / "run.toml").write_text(CONFIGURATION)
@@ -95,10 +97,17 @@ def _commands(folder: Path) -> dict[str, list[str]]:
     ball = ["--camera", "camera.toml", "--ball", "6.7cm", "--hsv", "29,86,6:64,255,255"]
     return {
         BARE: [sys.executable, "-c", BARE],
-        "stadimeter --help": [*program, "--help"],
-        "stadimeter measure, one picture": [*program, "measure", "room.png", *ball],
-        "stadimeter run, one frame": [*program, "run", "run.toml", "--frames", "1", "--speed", "0"],
+        HELP: [*program, "--help"],
+        MEASURE: [*program, "measure", "room.png", *ball],
+        RUN: [*program, "run", "run.toml", "--frames", "1", "--speed", "0"],
     }
+
+
+def environment_in(folder: Path) -> dict[str, str]:
+    """Return an environment in which every module is compiled once: start-up is not compiling."""
+    environment = os.environ | {"PYTHONPYCACHEPREFIX": str(folder / "compiled")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    return environment
 
 
 def _timed_s(command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> float:

@@ -17,8 +17,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.app.ending import END_WITHIN_S
-from stadimeter.app.signals import LAST_RESORT_S, LAST_WORDS_S
+from stadimeter.app.ending import END_WITHIN_S, LAST_RESORT_S, LAST_WORDS_S
 from stadimeter.messaging.apprise_notifier import PATIENCE
 from stadimeter.messaging.back_off import Patience
 from stadimeter.simulation.emulated_port import EmulatedPort

@@ -51,6 +51,27 @@ def test_a_run_loads_no_warnings_no_rule_tests_and_no_descriptions(tmp_path):
     assert among(loaded, ["stadimeter.app.feasibility", "stadimeter.workbench"]) == []
 
 
+def test_a_run_loads_nothing_that_only_other_views_and_commands_need():
+    unused = ["rich", "asyncio", "mcap", "stadimeter.workbench", "stadimeter.app.recordings", "stadimeter.app.control"]
+    assert among(loaded_by("import stadimeter.cli.run"), unused) == []
+
+
+FROM_THE_START = """
+import gc, sys
+sys.argv = ["stadimeter", "check", "no-such-file.toml"]
+from stadimeter.__main__ import main
+try:
+    main()
+except SystemExit:
+    print("collects:", gc.isenabled(), gc.get_freeze_count() > 0)
+"""
+
+
+def test_the_collector_works_again_when_a_command_does():
+    done = subprocess.run([sys.executable, "-c", FROM_THE_START], capture_output=True, text=True, check=True)
+    assert done.stdout == "collects: True True\n"
+
+
 def test_measuring_loads_the_configuration_of_a_run_only_when_one_is_given():
     assert among(loaded_by("import stadimeter.cli.measure"), ["stadimeter.config.loader", "rich.progress"]) == []
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import stadimeter
 from stadimeter.app.capture import Capture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.cycle import Cycle
 from stadimeter.app.leased_output import LeasedOutput
-from stadimeter.config.loader import Configuration, DriverChoice
+from stadimeter.config.loader import Configuration, DriverChoice, load_configuration
 from stadimeter.config.plugins import DriverContext, Shared
 from stadimeter.core.clock import Clock
 from stadimeter.core.outputs import safe_command
@@ -26,7 +28,6 @@ class Parts:
 
     Attributes:
         configuration: What they were built from.
-        clock: The run's clock.
         capture: Where frames come from.
         outputs: The outputs, in the order of the plan.
         messenger: Who tells other programs; None if nobody does.
@@ -56,11 +57,7 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
     stepped clock, on which each run is the same.
 
     Args:
-        configuration: The checked configuration.
         speed: How fast recordings and simulations run: 1 is real time, None as fast as the computer can.
-
-    Returns:
-        The parts.
 
     Raises:
         ConfigError: The configuration lacks a camera model.
@@ -149,3 +146,12 @@ def _no_camera_model(configuration: Configuration) -> Problem:
         key="camera.model",
         hint="make one with `stadimeter calibrate distance PICTURE@DISTANCE … -o camera.toml` and name it here",
     )
+
+
+def demo_configuration() -> Configuration:
+    """Load the demonstration's configuration: ``config/demo.toml`` of the checkout, or its copy in a package.
+
+    Raises:
+        ConfigError: It is damaged.
+    """
+    return load_configuration(Path(stadimeter.__file__).parent / "configurations" / "demo.toml")

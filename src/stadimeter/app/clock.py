@@ -133,7 +133,6 @@ class SteppedClock:
     as long as what is computed in it.
 
     Args:
-        start_s: What the clock shows at first.
         speed: How many seconds pass on this clock in a real second; None for as many as the computer manages.
     """
 

@@ -47,9 +47,7 @@ class Cycle:
     """The parts that one turn of the loop needs.
 
     Attributes:
-        clock: The run's clock.
         capture: Where frames come from.
-        camera_model: The lens.
         detectors: One for each target, by the target's name.
         outputs: The outputs, in the order of the plan.
         max_frame_age_s: A frame older than this moves nothing.
@@ -75,8 +73,6 @@ class Cycle:
         """Turn once.
 
         Args:
-            state: What the core remembers.
-            told: What operators want.
             wall: The local time of day, if a rule asks for it and it is known.
 
         Returns:

@@ -24,7 +24,6 @@ class CycleRecord:
         timings_s: How long each part of the cycle took, in seconds: ``capture``, ``measure``, ``decide``, ``apply``.
         rejected: By target, what was looked at in the new frame and is not the target, the most like it first; only
             targets for which there is something. It explains, and decides nothing: it is in no journal.
-        decision: What it decided.
     """
 
     # What is broken is recorded as it was: null would replay to something else than NaN, and a bare NaN is no JSON.

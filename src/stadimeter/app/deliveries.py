@@ -46,8 +46,11 @@ class Deliveries:
 
     def given_up(self) -> dict[str, int]:
         """Return by name how much was given up so far; nothing for those who gave up nothing."""
-        counts = self._unwanted + Counter({name: sender.given_up for name, sender in self._senders()})
-        return dict(counts)
+        counts = dict(self._unwanted)
+        for name, sender in self._senders():
+            if count := sender.given_up:
+                counts[name] = counts.get(name, 0) + count
+        return counts
 
     def send_again(self, left: Iterable[Undelivered]) -> None:
         """Send what an earlier run has left, before anything of this one.

@@ -1,16 +1,27 @@
-"""The end of a run: one deadline for all that must be closed, so that waits do not add up.
+"""The end of a run: on a signal the outputs stop at once, inside the handler; then one deadline holds for all.
 
 Somebody who asks for the end (SIGTERM, Ctrl-C) waits two seconds at most: then systemd kills. Each part of the end
 takes what it needs of that time, and no part has a limit of its own that another one could add to. Parts are closed
-side by side; what does not come back is left behind, and that is said.
+side by side; one that does not come back is left behind, with a warning.
+
+SIGHUP means one of two things. To a process with a terminal it says that the terminal is gone: a window was closed, an
+ssh connection dropped, tmux was ended. Then the run ends, wherever its standard input comes from. A service has no
+terminal: to it, SIGHUP says that its configuration has changed.
 """
 
 from __future__ import annotations
 
+import errno
 import math
+import os
+import signal
+import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from types import FrameType
 
 from stadimeter.errors import DriverError
 
@@ -42,11 +53,7 @@ class Deadline:
         """Return for how long something may be waited for.
 
         Args:
-            wish_s: For how long if there is time.
             keep_s: What must be left for others after that.
-
-        Returns:
-            Seconds.
         """
         return max(0.0, min(wish_s, self._by_s - time.monotonic() - keep_s))
 
@@ -59,7 +66,6 @@ def close_side_by_side(
     Args:
         lanes: What must be closed one after the other, by name.
         deadline: Until when. It may be set while we wait.
-        wish_s: How long to wait without one.
         keep_s: How much of the time must be left for others.
 
     Returns:
@@ -86,3 +92,112 @@ def _close(steps: Steps, troubles: list[str]) -> None:
             words = str(error) if isinstance(error, DriverError) else f"{type(error).__name__}: {error}"
             troubles.append(f"{name}: {words}")
         steps.pop()
+
+
+LAST_RESORT_S = END_WITHIN_S + 0.2
+"""A process that still runs this long after a signal is ended, whatever it does."""
+
+LAST_WORDS_S = 0.25
+"""The last resort takes this long at most: to stop the outputs once more, keep the state and say why."""
+
+_ENDED = b"\0"
+_ENDING = (*_ENDED, signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def stopping_on_signals(
+    stop: Callable[[str], None],
+    reload: Callable[[], bool] = lambda: False,
+    give_up: Callable[[], Iterable[str]] = tuple,
+) -> Iterator[None]:
+    """Call ``stop`` with the signal's name when the process is asked to end.
+
+    Without handlers, SIGTERM and SIGHUP would end the process with every pin left as it was. A second signal ends the
+    process at once, after one more stop. So does a first one, with the same exit code of 128 and its number, if the
+    process has not ended after `LAST_RESORT_S`: then something hangs that no time-out reaches, such as a terminal that
+    does not take the last lines. That works even while the main thread is in a call of C that does not come back.
+
+    Args:
+        stop: Stops the outputs and asks the loop to end; called in the main thread.
+        reload: Asks the loop to read its configuration again, on SIGHUP in a process without a terminal; returns
+            whether it will. If not, the run ends.
+        give_up: Stops the outputs and keeps what must be kept before the process is ended as the last resort. Returns
+            what went wrong, in words. Called in another thread, and not waited for.
+
+    Yields:
+        Nothing; the handlers that were there before are put back afterwards.
+    """
+    asked: list[int] = []
+    heard, tell = os.pipe()
+    os.set_blocking(tell, False)
+    ends_on_hangup = has_terminal()
+
+    def handle(number: int, _frame: FrameType | None) -> None:
+        if number == signal.SIGHUP and not ends_on_hangup and reload():
+            return
+        asked.append(number)
+        os.write(tell, _ENDED)
+        try:
+            stop(signal.Signals(number).name)
+        finally:
+            if len(asked) > 1:
+                os._exit(128 + number)
+
+    is_over = threading.Event()
+    watch = threading.Thread(target=_watch, args=(heard, is_over, give_up), name="last resort", daemon=True)
+    watch.start()
+    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if heeds_hangup() else [])]
+    before = {number: signal.signal(number, handle) for number in numbers}
+    wakeup = signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(wakeup)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        is_over.set()
+        os.close(tell)
+        watch.join()
+        os.close(heard)
+
+
+def has_terminal() -> bool:
+    """Return whether the process has a controlling terminal, wherever its standard input and output lead."""
+    try:
+        os.close(os.open("/dev/tty", os.O_RDWR | os.O_NOCTTY))
+    except OSError as error:  # what cannot be told counts as a terminal: then a run ends that could have gone on
+        return error.errno not in {errno.ENXIO, errno.ENOENT}
+    return True
+
+
+def heeds_hangup() -> bool:
+    """Return whether SIGHUP means anything to us: ``nohup`` has it ignored, for a run that outlives its terminal."""
+    return signal.getsignal(signal.SIGHUP) != signal.SIG_IGN
+
+
+def _watch(heard: int, is_over: threading.Event, give_up: Callable[[], Iterable[str]]) -> None:
+    """End the process if it has not ended in time after a signal. Signals arrive here as bytes, their numbers."""
+    while (byte := os.read(heard, 1)) and byte[0] not in _ENDING:
+        pass
+    if not byte or is_over.wait(LAST_RESORT_S):
+        return
+    number = byte[0] or signal.SIGHUP
+    last = threading.Thread(target=_say_last, args=(signal.Signals(number).name, give_up), daemon=True)
+    last.start()
+    last.join(LAST_WORDS_S)
+    os._exit(128 + number)
+
+
+def _say_last(name: str, give_up: Callable[[], Iterable[str]]) -> None:
+    frames = sys._current_frames()  # noqa: SLF001 - there is no other way to see what another thread does
+    hangs = _where(frames.get(threading.main_thread().ident or 0))
+    troubles = [f"warning: while ending: {trouble}\n" for trouble in give_up()]
+    words = f"error: {name}: ended after {LAST_RESORT_S:.1f} s, before everything was done: this hangs: {hangs}\n"
+    os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, "".join([*troubles, words]).encode(errors="replace"))
+
+
+def _where(frame: FrameType | None) -> str:
+    """Return where the main thread is, in the deepest code of ours."""
+    ours = [each for each in traceback.extract_stack(frame) if f"{os.sep}stadimeter{os.sep}" in each.filename]
+    found = ours[-1] if ours else None
+    return f"{found.name} in {found.filename}:{found.lineno}" if found else "unknown"

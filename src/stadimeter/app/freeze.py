@@ -69,11 +69,7 @@ class FreezeDetector:
         """Return whether a frame shows what was not shown before, all over, and was captured later.
 
         Args:
-            frame: What the camera delivered.
             now_s: The time in seconds.
-
-        Returns:
-            Whether it is a new picture.
         """
         hashed = zlib.crc32(np.ascontiguousarray(frame.image[::HASHED_ROWS]).data)
         self._what = self._what_is_old(frame, now_s, hashed)
@@ -127,10 +123,6 @@ def has_stale_bands(last: Image, image: Image) -> bool:
     or 30 % of the last one, 32 % were found at quality 30, 65 to 71 % at quality 50 and 81 to 88 % at quality 90; of
     those that kept 5 %, 5 to 18 %. The rest had no evidence in them, and the small rest of a picture has less of it.
     So this is a second line: where a picture can be checked as a whole before it is decoded, it is.
-
-    Args:
-        last: The picture before.
-        image: A picture of the same size.
     """
     height_px, width_px = image.shape[:2]
     rows = math.ceil(height_px / BANDS)

@@ -37,11 +37,7 @@ class Health:
     cycle_times_s: deque[float] = field(default_factory=_latest)
 
     def add(self, record: CycleRecord) -> None:
-        """Take in one cycle.
-
-        Args:
-            record: The cycle.
-        """
+        """Take in one cycle."""
         self.cycles += 1
         for event in record.decision.events:
             self.events[event.kind.value] += 1
@@ -49,18 +45,20 @@ class Health:
         if stamp is None:
             return
         self.frames += 1
-        busy_s = sum(seconds for name, seconds in record.timings_s.items() if name != "capture")
+        busy_s = sum(record.timings_s.values()) - record.timings_s.get("capture", 0.0)
         self.cycle_times_s.append(busy_s)
         self.data_ages_s.append(record.observation.now_s - stamp.captured_at_s + busy_s)
         for track in record.decision.tracks:
-            self.track_statuses.setdefault(track.target, Counter())[track.status.value] += 1
+            statuses = self.track_statuses.get(track.target)
+            if statuses is None:
+                statuses = self.track_statuses[track.target] = Counter()
+            statuses[track.status.value] += 1
 
 
 def percentile(ordered: Sequence[float], share: float) -> float | None:
     """Return the value that this share of the values does not exceed.
 
     Args:
-        ordered: The values, smallest first.
         share: From 0 to 1.
 
     Returns:

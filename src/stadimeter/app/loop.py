@@ -67,7 +67,6 @@ class Loop:
     """A run: its parts, turned until it ends.
 
     Attributes:
-        parts: The parts.
         listeners: Called after each cycle with its record and the frame that was new in it: views, journals and
             recordings. None of them may wait for anything on a live camera.
         health: Figures on the run so far.
@@ -108,9 +107,6 @@ class Loop:
         Whatever happens, every output is stopped first, and then everything is closed, side by side and before the
         deadline that `stop` sets.
 
-        Args:
-            limits: When to end by itself.
-
         Raises:
             DriverError: A device could not be opened; the message names every one that could not.
             StadimeterError: The run cannot go on; the outputs are stopped.
@@ -137,9 +133,6 @@ class Loop:
 
         While devices are being opened, which may take seconds, this breaks off what is under way. What is open by then
         is closed as at any other end.
-
-        Args:
-            why: The reason, in words.
         """
         self.ending = self.ending or why
         self.deadline.set()

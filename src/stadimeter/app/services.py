@@ -57,16 +57,7 @@ class Services:
     _goes_by_the_clock: bool = False
 
     def begin(self, plan: Plan, now_s: float, recordings: Iterable[Recording]) -> State:
-        """Return the state with which a run begins: alarms remember what they did in an earlier one.
-
-        Args:
-            plan: What the configuration declares.
-            now_s: The run's clock.
-            recordings: What must learn that too.
-
-        Returns:
-            The state.
-        """
+        """Return the state with which a run begins: alarms remember what they did in an earlier one."""
         self._goes_by_the_clock = goes_by_the_clock(plan)
         state = initial_state(plan)
         if self.memory is None:
@@ -91,10 +82,6 @@ class Services:
     def take_over(self, state: State, change: Change) -> TakenOver:
         """Let a run go on with a changed configuration.
 
-        Args:
-            state: What it remembers.
-            change: The configuration.
-
         Returns:
             What it remembers now, and what became of which rule.
         """
@@ -106,12 +93,7 @@ class Services:
         return taken
 
     def taken_over(self, change: Change, taken: TakenOver) -> None:
-        """Tell whoever asked that a configuration was taken over, by all parts.
-
-        Args:
-            change: The configuration.
-            taken: What became of which rule.
-        """
+        """Tell whoever asked that a configuration was taken over, by all parts."""
         if self.control is not None:
             self.control.changed(change, taken)
 
@@ -125,22 +107,13 @@ class Services:
     def wall(self, now_s: float) -> WallTime | None:
         """Return the time of day, if a rule goes by it and somebody vouches for it.
 
-        Args:
-            now_s: The run's clock.
-
         Returns:
             The local time, or None.
         """
         return self.time_of_day.at(now_s) if self.time_of_day is not None and self._goes_by_the_clock else None
 
     def cycle(self, before: State, after: State, record: CycleRecord) -> None:
-        """Take in a cycle, after its messages are on their way. Waits a hundredth of a second at most, for an alarm.
-
-        Args:
-            before: What was remembered before it.
-            after: What was remembered after it.
-            record: What was known and decided in it.
-        """
+        """Take in a cycle, after its messages are on their way. Waits a hundredth of a second at most, for an alarm."""
         if self.memory is not None:
             self.memory.cycle(before, after, record.decision.events)
         if self.control is not None:
@@ -151,11 +124,7 @@ class Services:
         return self.memory.trouble() if self.memory is not None else ""
 
     def keep(self, state: State) -> None:
-        """Keep what is remembered, as soon as the disk can. Never waits for it.
-
-        Args:
-            state: What is remembered.
-        """
+        """Keep what is remembered, as soon as the disk can. Never waits for it."""
         if self.memory is not None:
             self.memory.keep(state)
 
@@ -165,9 +134,6 @@ class Services:
 
     def end(self, state: State) -> str:
         """Keep what is remembered at the end of the run, and what could not be delivered until then.
-
-        Args:
-            state: What is remembered.
 
         Returns:
             What went wrong, in words; empty if nothing did.

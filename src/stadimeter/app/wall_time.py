@@ -51,9 +51,6 @@ def is_synchronised(timesync_file: Path = TIMESYNC_FILE) -> bool:
 
     Args:
         timesync_file: What systemd-timesyncd makes when it has set the clock.
-
-    Returns:
-        True if somebody vouches for it.
     """
     return timesync_file.exists() or _kernel_error_us() < ERROR_MAX_US
 
@@ -81,8 +78,6 @@ class TimeOfDay:
 
     Args:
         is_live: Whether the run is on the computer's clock.
-        now: Tells the local time.
-        is_right: Tells whether that can be believed.
     """
 
     def __init__(
@@ -101,9 +96,6 @@ class TimeOfDay:
 
     def at(self, now_s: float) -> WallTime | None:
         """Return the time of day.
-
-        Args:
-            now_s: The run's clock.
 
         Returns:
             The local time; None while nobody vouches for it.
@@ -128,14 +120,7 @@ def _time_of_day(local: datetime) -> WallTime:
 
 
 def goes_by_the_clock(plan: Plan) -> bool:
-    """Return whether any rule asks for the time of day.
-
-    Args:
-        plan: The rules.
-
-    Returns:
-        True if one does.
-    """
+    """Return whether any rule asks for the time of day."""
     alarms = (rule for rule in plan.rules if isinstance(rule, AlarmRule))
     conditions = (condition for rule in alarms for condition in (rule.condition, rule.suppress_when) if condition)
     return any(isinstance(leaf, ScheduleCondition) for condition in conditions for leaf in leaves(condition))

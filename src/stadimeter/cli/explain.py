@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.control.explanation_data import as_data
+from stadimeter.app.control.messages import as_data
 from stadimeter.cli.control_options import JsonOption, SocketOption, asked, print_answer
 from stadimeter.cli.exits import told_plainly
 from stadimeter.config.units import parse_duration

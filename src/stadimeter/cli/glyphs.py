@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from rich.text import Text
+if TYPE_CHECKING:  # the plain view starts sooner without rich
+    from rich.text import Text
 
 _ASCII_WORDS = str.maketrans(
     {

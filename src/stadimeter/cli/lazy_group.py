@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -41,7 +42,6 @@ class LazyGroup(TyperGroup):
         """Load the command that is called, and let the group go on with it.
 
         Args:
-            ctx: The context of the command line.
             args: What follows on the command line, the name first.
 
         Returns:
@@ -52,16 +52,12 @@ class LazyGroup(TyperGroup):
         return super().resolve_command(ctx, args)
 
     def load(self, name: str) -> Any:
-        """Load a command of the table.
-
-        Args:
-            name: Its name.
-
-        Returns:
-            The command, or group of commands.
-        """
+        """Load a command of the table."""
         alone = typer.Typer(rich_markup_mode="markdown", pretty_exceptions_enable=False)
         import_module(self.LAZY[name].module).register(alone)
         command = typer.main.get_group(alone).commands[name]
         self.add_command(command)
+        if not gc.isenabled():  # `stadimeter.__main__` lets it rest while libraries are loaded, and those stay
+            gc.freeze()
+            gc.enable()
         return command

@@ -64,10 +64,6 @@ class Keeping:
 def kept(loop: Loop, keeping: Keeping) -> Iterator[None]:
     """Record a run.
 
-    Args:
-        loop: The run.
-        keeping: What is kept of it.
-
     Yields:
         Nothing; the files are closed with the context.
 

@@ -11,10 +11,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from stadimeter.app.bootstrap import build
-from stadimeter.app.demonstration import demo_configuration
+from stadimeter.app.bootstrap import build, demo_configuration
+from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.signals import stopping_on_signals
 from stadimeter.cli.exits import DONE, told_plainly
 from stadimeter.cli.recording_options import (
     ImageQuality,
@@ -40,11 +39,7 @@ Unit = Annotated[Literal["m", "cm", "ft", "in"], typer.Option("--unit", help="Th
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands.
-
-    Args:
-        app: The command line.
-    """
+    """Add the commands."""
     app.command("run")(run)
     app.command("demo")(demo)
 
@@ -140,8 +135,6 @@ class Showing:
     """How a run is shown.
 
     Attributes:
-        view: How.
-        title: What runs.
         unit: The unit of distances.
     """
 

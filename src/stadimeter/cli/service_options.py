@@ -61,13 +61,6 @@ class Serving:
 def served(loop: Loop, serving: Serving) -> Iterator[None]:
     """Give a run its services.
 
-    Args:
-        loop: The run.
-        serving: Which.
-
-    Yields:
-        Nothing.
-
     Raises:
         ControlError: Nobody can listen where it was asked for.
         StateError: The file that was named for the state is something else, such as the configuration.

@@ -15,10 +15,9 @@ import cv2
 import numpy as np
 
 import stadimeter
-from stadimeter.app.bootstrap import build
+from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.demonstration import demo_configuration
 from stadimeter.app.health import percentile
 from stadimeter.app.loop import Loop
 from stadimeter.config.plugins import DETECTORS, DriverContext, driver_names, load_plugin

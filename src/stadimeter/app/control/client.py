@@ -23,13 +23,7 @@ HELLO_WAIT_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """A running instance.
-
-    Attributes:
-        socket: Where it listens.
-        configuration: Its configuration.
-        pid: Its process.
-    """
+    """A running instance."""
 
     socket: Path
     configuration: Path
@@ -44,13 +38,7 @@ def ask(path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: f
     """Ask a running instance.
 
     Args:
-        path: Where it listens.
         op: What is wanted, such as ``ack``.
-        args: The details.
-        wait_s: How long to wait for the answer.
-
-    Returns:
-        The data of its answer.
 
     Raises:
         ControlError: It does not run, may be another user's, does not answer, or refuses; the message says which.
@@ -79,9 +67,6 @@ def find(configuration: Path | None = None, sockets: Iterable[Path] | None = Non
     Args:
         configuration: Its configuration; None if there is but one instance.
         sockets: Where instances may listen; None to look for them.
-
-    Returns:
-        Where it listens.
 
     Raises:
         ControlError: None runs, or several do; the message lists them.

@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
 from stadimeter.core.operator import OperatorAction, OperatorCommand
+from stadimeter.core.rules.explaining import Explanation
 from stadimeter.errors import ControlError
 
 LINE_MAX_BYTES = 64 * 1024
@@ -129,9 +130,6 @@ class Reply:
     def line(self, transaction: Transaction) -> bytes:
         """Return it as it goes over the wire.
 
-        Args:
-            transaction: That of the request.
-
         Returns:
             One line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair.
         """
@@ -142,12 +140,6 @@ class Reply:
 
 def parse_request(line: bytes) -> Request:
     """Read a request.
-
-    Args:
-        line: One line.
-
-    Returns:
-        What is asked for.
 
     Raises:
         ControlError: It is none; the message says what is wrong with it.
@@ -160,9 +152,6 @@ def parse_request(line: bytes) -> Request:
 
 def transaction_of(line: bytes) -> Transaction:
     """Return the transaction of a request that may be wrong otherwise.
-
-    Args:
-        line: One line.
 
     Returns:
         The transaction; None if there is none to be found.
@@ -177,15 +166,7 @@ def transaction_of(line: bytes) -> Transaction:
 
 
 def operator_command(request: OperatorRequest | ShelveRequest, number: str) -> OperatorCommand:
-    """Return what an operator tells a rule, as the core sees it.
-
-    Args:
-        request: The request.
-        number: Identifies it.
-
-    Returns:
-        The command.
-    """
+    """Return what an operator tells a rule, as the core sees it."""
     args = request.args
     for_s, one_shot = (args.for_s, args.one_shot) if isinstance(args, ShelveArgs) else (None, False)
     return OperatorCommand(
@@ -211,3 +192,26 @@ def _what_is_wrong(error: ValidationError) -> str:
     if detail["type"] == "string_pattern_mismatch":
         return f"{place}: text on one line is wanted, without control characters"
     return f"{place}: {detail['msg'][:1].lower()}{detail['msg'][1:]}" if place else detail["msg"]
+
+
+def as_data(explanation: Explanation) -> dict[str, Any]:
+    """Return an explanation as JSON has it.
+
+    Returns:
+        Objects, lists, texts, finite numbers and null only.
+    """
+    from pydantic import TypeAdapter  # noqa: PLC0415 - only needed here
+
+    adapter = TypeAdapter(Explanation)
+    data: dict[str, Any] = adapter.dump_python(explanation, mode="json")
+    return {key: _without_infinities(value) for key, value in data.items()}
+
+
+def _without_infinities(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_infinities(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_without_infinities(inner) for inner in value]
+    if isinstance(value, float) and value - value != 0.0:  # infinite, or no number
+        return None
+    return value

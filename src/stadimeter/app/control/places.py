@@ -26,9 +26,6 @@ ROOT_FOLDER = Path("/run/stadimeter-root")
 def runtime_folder(environ: Mapping[str, str] = os.environ) -> Path:
     """Return the folder in which an instance listens.
 
-    Args:
-        environ: The environment.
-
     Returns:
         ``$RUNTIME_DIRECTORY``, which systemd makes for a service; else a folder in ``$XDG_RUNTIME_DIR``, unless
         that belongs to another user, as it may below ``sudo``; else one of our own: for root in ``/run``, for other
@@ -46,12 +43,6 @@ def runtime_folder(environ: Mapping[str, str] = os.environ) -> Path:
 def usable_folder(folder: Path) -> Path:
     """Make a folder if it is not there, and see that it is safe to listen there.
 
-    Args:
-        folder: The folder.
-
-    Returns:
-        The folder.
-
     Raises:
         ControlError: It cannot be made, or another user could put a socket of their own there.
     """
@@ -64,12 +55,6 @@ def usable_folder(folder: Path) -> Path:
 
 def checked_folder(folder: Path) -> Path:
     """See that no other user can replace a socket in a folder.
-
-    Args:
-        folder: The folder.
-
-    Returns:
-        The folder.
 
     Raises:
         ControlError: It belongs to another user, or others may write there; the message says which.
@@ -100,10 +85,6 @@ def trusted_users(folder: Path) -> frozenset[int]:
 def socket_path(configuration: Path, folder: Path) -> Path:
     """Return where an instance listens.
 
-    Args:
-        configuration: Its configuration.
-        folder: The folder.
-
     Returns:
         A path named after the configuration, and after the process too if another instance listens there already.
 
@@ -119,23 +100,13 @@ def socket_path(configuration: Path, folder: Path) -> Path:
 
 
 def running(environ: Mapping[str, str] = os.environ) -> list[Path]:
-    """Return where instances listen that can be asked. Folders of other users are left out.
-
-    Args:
-        environ: The environment.
-
-    Returns:
-        Their sockets, by name.
-    """
+    """Return where instances listen that can be asked. Folders of other users are left out."""
     folders = dict.fromkeys((runtime_folder(environ), SERVICE_FOLDER))
     return [path for folder in folders for path in _sockets(folder) if is_alive(path)]
 
 
 def is_alive(path: Path) -> bool:
     """Return whether somebody listens at a socket.
-
-    Args:
-        path: The socket.
 
     Returns:
         True also if they listen, and we may not ask them.
@@ -166,10 +137,6 @@ def check_peer(path: Path, connection: socket.socket) -> None:
 
     Another local user can listen at any path that is open to them, or put a link to a socket of root there. So the
     folder, the socket and the process that listens must all belong to a user whom we can believe.
-
-    Args:
-        path: Where we connected to.
-        connection: The connection.
 
     Raises:
         ControlError: It may be somebody else.

@@ -29,7 +29,6 @@ class Change:
     """A configuration that is sound, to be taken over between two cycles.
 
     Attributes:
-        configuration: The configuration.
         recorded: What a recording keeps of it.
         warnings: What is allowed in it and hardly meant, a line each.
         answer: Tells whoever asked what came of it.
@@ -42,11 +41,7 @@ class Change:
 
 
 class Reloader:
-    """Reads and checks the configuration again when somebody asks for it.
-
-    Args:
-        configuration: The configuration of the run.
-    """
+    """Reads and checks the configuration again when somebody asks for it."""
 
     def __init__(self, configuration: Configuration) -> None:
         self.running = configuration
@@ -118,10 +113,6 @@ class Reloader:
 
 def needs_restart(running: Configuration, new: Configuration) -> tuple[str, ...]:
     """Return what a configuration changes that a run cannot take over.
-
-    Args:
-        running: The configuration of the run.
-        new: The other one.
 
     Returns:
         The sections, such as ``[camera]``; empty if all can be taken over.

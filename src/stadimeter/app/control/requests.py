@@ -42,9 +42,6 @@ class Control:
     """Attends to what is asked of a running loop.
 
     Args:
-        requests: Where requests come from.
-        reloader: Reads the configuration again.
-        unix_s: Tells the time of the wall clock.
         deliveries: Tells how much waits for other programs and people, and how much was given up.
     """
 
@@ -89,22 +86,13 @@ class Control:
         return self._reloader.take()
 
     def changed(self, change: Change, taken: TakenOver) -> None:
-        """Tell whoever asked that a configuration was taken over.
-
-        Args:
-            change: The configuration.
-            taken: What became of the rules.
-        """
+        """Tell whoever asked that a configuration was taken over."""
         self._reloader.done(change.configuration)
         data = {name: getattr(taken, name) for name in ("kept", "changed", "added", "removed")}
         change.answer(Reply({**data, "warnings": change.warnings}))
 
     def heard(self, record: CycleRecord) -> None:
-        """Answer what a cycle can answer, and remember it.
-
-        Args:
-            record: The cycle.
-        """
+        """Answer what a cycle can answer, and remember it."""
         self._remember(record)
         for given in record.decision.answers:
             answer = self._waiting.pop(given.id, None)
@@ -151,7 +139,7 @@ class Control:
 
 
 def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:
-    from stadimeter.app.control.explanation_data import as_data  # noqa: PLC0415 - few are asked, and it takes long to load
+    from stadimeter.app.control.messages import as_data  # noqa: PLC0415 - few are asked, and it takes long to load
 
     names = [trace.rule for trace in decision.rules]
     if rule and rule not in names:

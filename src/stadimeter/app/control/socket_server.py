@@ -59,7 +59,6 @@ class Asked:
 
     Attributes:
         request: What is asked for.
-        answer: Gives the answer.
     """
 
     request: Request
@@ -109,10 +108,6 @@ class ControlSocket:
     def put(self, request: Request, answer: Answer) -> None:
         """Let a request wait for the loop.
 
-        Args:
-            request: The request.
-            answer: Gives its answer.
-
         Raises:
             ControlError: Too many wait already.
         """
@@ -126,11 +121,9 @@ class _Connection:
     """A client that is connected.
 
     Attributes:
-        socket: The connection.
         since_s: When its client last sent a line, or was answered, on the monotonic clock.
         is_owed: Whether we owe it an answer. Else we wait for the client: for a line, or to read what we said.
         replies: Takes the answer that we owe.
-        thread: Serves it.
     """
 
     socket: Any

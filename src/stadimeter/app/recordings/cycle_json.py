@@ -27,7 +27,7 @@ AS_BEFORE = b'"as before"'
 _RECORD = TypeAdapter(CycleRecord)
 _OBSERVATION = TypeAdapter(Observation)
 _EVENTS = TypeAdapter(tuple[Event, ...])
-_RULES = TypeAdapter(tuple[RuleTrace, ...])
+_RULE = TypeAdapter(RuleTrace)
 _LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "rejected": True}
 _NO_EVENTS = b'"events":[],'
 _NO_FRAME = b'"frame":null,'
@@ -46,7 +46,6 @@ class _Reload:
 
     Attributes:
         at_s: When, on the run's monotonic clock.
-        configuration: The configuration.
     """
 
     at_s: float
@@ -69,10 +68,6 @@ _RELOADED_BEGINS = b'{"reloaded":'
 def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
     """Write that another configuration was taken over while running.
 
-    Args:
-        at_s: When, on the run's monotonic clock.
-        configuration: The configuration.
-
     Returns:
         The JSON, on one line. It stands before the first cycle that the configuration decided.
     """
@@ -81,10 +76,6 @@ def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
 
 def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
     """Return the configuration that a line says was taken over.
-
-    Args:
-        line: The JSON.
-        place: Where it stands, for error messages.
 
     Returns:
         The configuration; None if the line says no such thing.
@@ -101,11 +92,7 @@ def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
 
 
 def cycle_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a cycle as `CycleEncoder` writes it.
-
-    Returns:
-        The schema.
-    """
+    """Return the JSON Schema of a cycle as `CycleEncoder` writes it."""
     schema = _RECORD.json_schema(mode="serialization")
     del schema["properties"]["rejected"], schema["$defs"]["Decision"]["properties"]["reasons"]
     return schema
@@ -123,16 +110,10 @@ class CycleEncoder:
         self._repeats_rules = repeats_rules
         self._rules: tuple[RuleTrace, ...] | None = None
         self._rules_json = b"[]"
+        self._each: dict[int, tuple[RuleTrace, bytes]] = {}
 
     def encode(self, record: CycleRecord) -> bytes:
-        """Write a cycle.
-
-        Args:
-            record: The cycle.
-
-        Returns:
-            The JSON, on one line.
-        """
+        """Write a cycle."""
         is_as_before = record.decision.rules is self._rules
         rules = AS_BEFORE if is_as_before and not self._repeats_rules else self.rules_json(record.decision.rules)
         return _RECORD.dump_json(record, exclude=_LEFT_OUT)[: -len(b"}}")] + _RULES_KEY + rules + b"}}"
@@ -140,25 +121,21 @@ class CycleEncoder:
     def decision_json(self, decision: Decision) -> bytes:
         """Write a decision without its rules.
 
-        Args:
-            decision: The decision.
-
         Returns:
             The JSON, without the brace that closes it.
         """
         return _DECIDED.dump_json((decision,), exclude=_DECIDED_LEFT_OUT)[len(b"[") : -len(b"}]")]
 
     def rules_json(self, rules: tuple[RuleTrace, ...]) -> bytes:
-        """Write what rules did; what did not change since the last time is not made again.
-
-        Args:
-            rules: What they did.
-
-        Returns:
-            The JSON.
-        """
+        """Write what rules did; what did not change since the last time is not made again."""
         if rules is not self._rules:
-            self._rules, self._rules_json = rules, _RULES.dump_json(rules)
+            # Of a hundred rules a few change at a time, and those that did not are the same objects: an identity
+            # stands for one object while that object is held, which the table does until the next change.
+            before, self._each = self._each, {}
+            for rule in rules:
+                known = before.get(id(rule))
+                self._each[id(rule)] = known if known is not None else (rule, _RULE.dump_json(rule))
+            self._rules, self._rules_json = rules, b"[" + b",".join([json for _, json in self._each.values()]) + b"]"
         return self._rules_json
 
 
@@ -166,9 +143,7 @@ class RecordedCycle:
     """One cycle of a recording, read as far as it is asked for.
 
     Args:
-        line: The JSON.
         rules_before: The JSON of the rules of the cycle before.
-        place: Where it stands, for error messages.
         reloaded: The configuration that was taken over right before it, while running; None for none.
 
     Attributes:
@@ -190,9 +165,6 @@ class RecordedCycle:
     def observation(self) -> Observation:
         """Return what was observed.
 
-        Returns:
-            The observation.
-
         Raises:
             JournalError: The cycle is damaged.
         """
@@ -208,9 +180,6 @@ class RecordedCycle:
     def events(self) -> tuple[Event, ...]:
         """Return the recorded events.
 
-        Returns:
-            The events, mostly none.
-
         Raises:
             JournalError: The cycle is damaged.
         """
@@ -223,9 +192,6 @@ class RecordedCycle:
 
     def record(self) -> CycleRecord:
         """Return the whole cycle.
-
-        Returns:
-            The cycle.
 
         Raises:
             JournalError: It is damaged.
@@ -240,9 +206,6 @@ class RecordedCycle:
 
 def first_detail(error: ValidationError) -> str:
     """Return what is wrong with a value that was read, in words.
-
-    Args:
-        error: What pydantic says.
 
     Returns:
         The first thing that is wrong, and where.

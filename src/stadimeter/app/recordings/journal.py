@@ -76,8 +76,6 @@ class JournalWriter:
     An older journal of that name is kept under another one, from the first cycle on: see `RecordFile`.
 
     Args:
-        path: The file.
-        configuration: The run's configuration, or its text.
         began_at: When it begins, ISO 8601; None for now.
 
     Raises:
@@ -117,10 +115,6 @@ class JournalWriter:
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
         """Add that another configuration was taken over, before the first cycle that it decides.
 
-        Args:
-            now_s: When, on the run's monotonic clock.
-            configuration: The configuration, or its text.
-
         Raises:
             JournalError: The line could not be written whole.
         """
@@ -146,21 +140,13 @@ class JournalWriter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Journal:
-    """A journal that was read.
-
-    Attributes:
-        path: The file.
-        header: Its first line.
-    """
+    """A journal that was read."""
 
     path: Path
     header: JournalHeader
 
     def cycles(self) -> Iterator[RecordedCycle]:
         """Yield every cycle, in order.
-
-        Yields:
-            The cycles, not read yet.
 
         Raises:
             JournalError: A configuration that was taken over while running is damaged, or a line is longer than any
@@ -185,9 +171,6 @@ class Journal:
     def records(self) -> Iterator[CycleRecord]:
         """Yield every cycle, in order, read whole.
 
-        Yields:
-            The cycles.
-
         Raises:
             JournalError: A line is damaged. A last line that was cut off is not an error: the recording ended there.
         """
@@ -203,12 +186,6 @@ class Journal:
 @contextmanager
 def readable(path: Path) -> Iterator[BinaryIO]:
     """Open a journal or a recording for reading.
-
-    Args:
-        path: The file.
-
-    Yields:
-        The file.
 
     Raises:
         JournalError: It cannot be read, now or later, or a line of it is too long.
@@ -226,12 +203,6 @@ def readable(path: Path) -> Iterator[BinaryIO]:
 
 def read_journal(path: Path) -> Journal:
     """Open a journal and read its first line.
-
-    Args:
-        path: The file.
-
-    Returns:
-        The journal.
 
     Raises:
         JournalError: It cannot be read, or is no journal, or one of a later format.

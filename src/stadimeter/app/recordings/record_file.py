@@ -9,6 +9,7 @@ from __future__ import annotations
 import fcntl
 import os
 import stat
+import struct
 from collections.abc import Callable
 from contextlib import suppress
 from io import FileIO
@@ -35,7 +36,6 @@ class RecordFile:
     A character device such as ``/dev/null`` will do as well. A pipe will not: its reader could hold up the writer.
 
     Args:
-        path: The file.
         kind: Its name in messages, such as ``journal``.
         is_ours: Tells from the first bytes of a file, up to 4 KiB, whether it is of that kind.
 
@@ -168,3 +168,36 @@ def _numbered(path: Path, number: int) -> str:
     while len(stem) > 1 and len(os.fsencode(stem + ending)) > NAME_BYTES_MAX:
         stem = stem[:-1]
     return stem + ending
+
+
+MAGIC = b"\x89MCAP0\r\n"
+"""The first bytes of an MCAP file, and its last ones if it was finished."""
+
+LIBRARY = "stadimeter"
+"""How the name of the program begins that recordings say they were written by."""
+
+_HEADER = 1
+"""The opcode of the first record of an MCAP file."""
+
+
+def writer_of(head: bytes) -> str | None:
+    """Return what program an MCAP file says that it was written by.
+
+    Returns:
+        The program; None if this is no beginning of an MCAP file.
+    """
+    if not head.startswith(MAGIC):
+        return None
+    try:
+        opcode, _ = struct.unpack_from("<BQ", head, len(MAGIC))
+        (profile_length,) = struct.unpack_from("<I", head, len(MAGIC) + 9)
+        begin = len(MAGIC) + 13 + profile_length
+        (length,) = struct.unpack_from("<I", head, begin)
+    except struct.error:
+        return None
+    return head[begin + 4 : begin + 4 + length].decode(errors="replace") if opcode == _HEADER else None
+
+
+def is_ours(head: bytes) -> bool:
+    """Return whether a file is a recording of ours."""
+    return (writer_of(head) or "").startswith(LIBRARY)

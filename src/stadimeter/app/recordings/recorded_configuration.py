@@ -26,7 +26,6 @@ class RecordedConfiguration:
     """What a recording keeps of its configuration.
 
     Attributes:
-        text: The text.
         files: The texts of the files that it names, by the path that stands in it.
     """
 
@@ -37,9 +36,6 @@ class RecordedConfiguration:
 def sha256_of(text: str) -> str:
     """Return the SHA-256 of a text in hexadecimal.
 
-    Args:
-        text: The text.
-
     Returns:
         64 hexadecimal digits.
     """
@@ -49,9 +45,6 @@ def sha256_of(text: str) -> str:
 def to_be_recorded(configuration: Configuration) -> RecordedConfiguration:
     """Return what a recording keeps of a configuration.
 
-    Args:
-        configuration: The configuration of the run.
-
     Returns:
         Its text, and that of its camera file if it names one.
     """
@@ -60,13 +53,6 @@ def to_be_recorded(configuration: Configuration) -> RecordedConfiguration:
 
 def load_recorded(recorded: RecordedConfiguration, source: Path) -> Configuration:
     """Load the configuration of a recording.
-
-    Args:
-        recorded: What the recording kept of it.
-        source: The recording, for error messages.
-
-    Returns:
-        The configuration.
 
     Raises:
         ConfigError: This version of stadimeter cannot use it; the problems name the recording.

@@ -85,8 +85,6 @@ class Recorder:
     recording stops. On a recording or a simulation the loop waits, so that every cycle and every picture is recorded.
 
     Args:
-        writer: Writes them.
-        is_live: Whether the camera is live.
         deadline: Until when the run must have ended; a disk that hangs is waited for no longer.
 
     Attributes:
@@ -103,7 +101,8 @@ class Recorder:
         self._is_live = is_live
         self._deadline = deadline or Deadline()
         self._waiting: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
-        self._room = threading.Semaphore(WAITING_MAX if is_live else IMAGES_WAITING_MAX)
+        self._room_for = WAITING_MAX if is_live else IMAGES_WAITING_MAX
+        self._has_room = threading.Event()
         self._ended_s: float | None = None
         self._thread = threading.Thread(target=self._run, name=writer.kind, daemon=True)
         self._thread.start()
@@ -122,12 +121,7 @@ class Recorder:
         self._writer.resumed(text)
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
-        """Take in that another configuration was taken over, before the first cycle that it decides.
-
-        Args:
-            now_s: When, on the run's monotonic clock.
-            configuration: The configuration, or its text.
-        """
+        """Take in that another configuration was taken over, before the first cycle that it decides."""
         self._put(_Reload(now_s, configuration))
 
     def kept(self) -> str:
@@ -155,9 +149,10 @@ class Recorder:
             self._give_up()
 
     def _put(self, item: _Item) -> None:
+        """Hand an item over. Nobody else puts any in, so that the queue can only become shorter meanwhile."""
         began_s = time.monotonic()
         while not self.failure:
-            if self._room.acquire(timeout=0 if self._is_live else _STEP_S):
+            if self._waiting.qsize() < self._room_for:
                 self._waiting.put(item)
                 return
             if self._is_live:
@@ -165,6 +160,10 @@ class Recorder:
                 self.failure = words
             elif self._is_too_late(began_s):
                 self._give_up()
+            else:
+                self._has_room.clear()
+                if self._waiting.qsize() >= self._room_for:  # else it was made right before
+                    self._has_room.wait(_STEP_S)
 
     def _give_up(self) -> None:
         """Wait for the disk no longer, at the end neither. The thread stays behind; it ends if the disk comes back."""
@@ -180,7 +179,8 @@ class Recorder:
     def _run(self) -> None:
         try:
             while (item := self._waiting.get()) is not None:
-                self._room.release()
+                if not self._has_room.is_set():
+                    self._has_room.set()
                 if not self.failure:
                     self._write(item)
             self._writer.close()

@@ -21,11 +21,9 @@ from typing import TYPE_CHECKING, Literal
 import stadimeter
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings import recording_messages as messages
-from stadimeter.app.recordings import recording_schemas as schemas
 from stadimeter.app.recordings.cycle_json import CycleEncoder, cycle_schema, reload_json
-from stadimeter.app.recordings.record_file import RecordFile
+from stadimeter.app.recordings.record_file import LIBRARY, RecordFile, is_ours
 from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration, sha256_of
-from stadimeter.app.recordings.recording_file import LIBRARY, is_ours
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetSize
@@ -79,7 +77,6 @@ class Recorded:
     """What a recording says about its run once and for all.
 
     Attributes:
-        configuration: The configuration.
         camera: The camera model, at any resolution of the pictures' aspect.
         sizes: The size of each target, by its name.
     """
@@ -91,11 +88,6 @@ class Recorded:
 
 class RecordingWriter:
     """Writes a recording, in the thread of the caller. `Recorder` does so in a thread of its own.
-
-    Args:
-        path: The file.
-        recorded: What it says about the run.
-        options: Which pictures it holds.
 
     Raises:
         JournalError: The file cannot be written, or holds something else than a recording.
@@ -125,7 +117,6 @@ class RecordingWriter:
         """Add one cycle.
 
         Args:
-            record: The cycle.
             frame: The frame that was new in it; None for none, or to leave its picture out.
 
         Raises:
@@ -136,7 +127,7 @@ class RecordingWriter:
         writer = self._writer or self._begin(now_s)
         if frame is not None and self._choice.is_wanted(record, frame):
             self._add_image(writer, record, frame)
-        self._add(writer, CYCLES, schemas.CYCLE, now_s, self._encoder.encode(record), self._cycles)
+        self._add(writer, CYCLES, messages.CYCLE, now_s, self._encoder.encode(record), self._cycles)
         self._cycles += 1
         self._add_what_is_plotted(writer, record)
         if not 0 <= now_s - self._flushed_s < FLUSH_S:
@@ -144,19 +135,11 @@ class RecordingWriter:
             self._flushed_s = now_s
 
     def resumed(self, text: str) -> None:
-        """Take in what the run takes over from an earlier one. Only before the first cycle.
-
-        Args:
-            text: What it takes over.
-        """
+        """Take in what the run takes over from an earlier one. Only before the first cycle."""
         self._resumed = text
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
         """Add that another configuration was taken over, before the first cycle that it decides.
-
-        Args:
-            now_s: When, on the run's monotonic clock.
-            configuration: The configuration, or its text.
 
         Raises:
             JournalError: The file could not be written.
@@ -164,7 +147,7 @@ class RecordingWriter:
         if isinstance(configuration, str):
             configuration = RecordedConfiguration(text=configuration)
         writer = self._writer or self._begin(now_s)
-        self._add(writer, CONFIGURATION, schemas.CONFIGURATION, now_s, reload_json(now_s, configuration))
+        self._add(writer, CONFIGURATION, messages.CONFIGURATION, now_s, reload_json(now_s, configuration))
 
     def kept(self) -> str:
         """Return in words where an older recording of that name is now; empty if there was none."""
@@ -220,7 +203,7 @@ class RecordingWriter:
 
     def _new_channel(self, writer: Writer, topic: str, schema: str) -> int:
         if schema not in self._schemas:
-            shape = schemas.plain(cycle_schema()) if schema == schemas.CYCLE else schemas.SCHEMAS[schema]
+            shape = messages.plain(cycle_schema()) if schema == messages.CYCLE else messages.SCHEMAS[schema]
             self._schemas[schema] = writer.register_schema(schema, "jsonschema", json.dumps(shape).encode())
         channel: int = writer.register_channel(topic, "json", self._schemas[schema])
         self._channels[topic] = channel
@@ -234,10 +217,10 @@ class RecordingWriter:
         if image is None:
             return
         lens = self._lens_of(writer, frame, now_s)
-        self._add(writer, IMAGES, schemas.COMPRESSED_IMAGE, now_s, image, frame.sequence)
+        self._add(writer, IMAGES, messages.COMPRESSED_IMAGE, now_s, image, frame.sequence)
         if lens is not None:
             found = messages.image_annotations(record, lens, self._recorded.sizes, taken_ns)
-            self._add(writer, ANNOTATIONS, schemas.IMAGE_ANNOTATIONS, now_s, found)
+            self._add(writer, ANNOTATIONS, messages.IMAGE_ANNOTATIONS, now_s, found)
 
     def _lens_of(self, writer: Writer, frame: Frame, now_s: float) -> CameraModel | None:
         """Return the camera model at the frame's resolution; write it whenever that is another one."""
@@ -247,7 +230,7 @@ class RecordingWriter:
         if lens is None or (lens.width_px, lens.height_px) != (frame.width_px, frame.height_px):
             lens = self._lens = camera.scaled_to(frame.width_px, frame.height_px)
             message = messages.calibration(lens, self._at_ns(now_s))
-            self._add(writer, CALIBRATION, schemas.CAMERA_CALIBRATION, now_s, message)
+            self._add(writer, CALIBRATION, messages.CAMERA_CALIBRATION, now_s, message)
         return lens
 
     def _add_what_is_plotted(self, writer: Writer, record: CycleRecord) -> None:
@@ -255,9 +238,9 @@ class RecordingWriter:
         measured = {measurement.target: measurement for measurement in record.observation.measurements}
         for track in record.decision.tracks:
             data = messages.target(track, measured.get(track.target))
-            self._add(writer, TARGETS + track.target, schemas.TARGET, now_s, data)
+            self._add(writer, TARGETS + track.target, messages.TARGET, now_s, data)
         for event in record.decision.events:
-            self._add(writer, LOG, schemas.LOG, now_s, messages.log(event, self._at_ns(event.at_s)))
+            self._add(writer, LOG, messages.LOG, now_s, messages.log(event, self._at_ns(event.at_s)))
 
     def _at_ns(self, at_s: float) -> int:
         """Return a time of the run as nanoseconds since 1970; a time that is none becomes the beginning of time."""
@@ -294,9 +277,6 @@ class _ImageChooser:
 
 def require_mcap(what: str) -> None:
     """Make sure that the library ``mcap`` is installed.
-
-    Args:
-        what: What it is needed for.
 
     Raises:
         DriverUnavailableError: It is not.

@@ -1,4 +1,11 @@
-"""The messages of a recording besides the cycles: pictures, what was found in them, distances to plot, events."""
+"""The messages of a recording besides the cycles, and their JSON Schemas: pictures, annotations, distances, events.
+
+Those named ``foxglove.…`` are of the shape that Foxglove publishes for messages in JSON, so that its panels, and other
+tools that know them, show pictures, annotations and logs at once.
+
+All schemas are plain: the readers of some viewers refuse references, alternatives and objects without properties. A
+figure that may be null is a number to them.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +24,131 @@ from stadimeter.core.frame import Image
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, TargetSize
 from stadimeter.core.track import Track
+
+Schema = dict[str, Any]
+
+
+def _object(**properties: Schema) -> Schema:
+    return {"type": "object", "properties": properties}
+
+
+def _listed(items: Schema) -> Schema:
+    return {"type": "array", "items": items}
+
+
+_NUMBER: Schema = {"type": "number"}
+_COUNT: Schema = {"type": "integer", "minimum": 0}
+_TEXT: Schema = {"type": "string"}
+_TIME: Schema = {
+    "title": "time",
+    **_object(sec=_COUNT, nsec={"type": "integer", "minimum": 0, "maximum": 999_999_999}),
+}
+_POINT = _object(x=_NUMBER, y=_NUMBER)
+_COLOUR = _object(r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
+_METADATA = _listed(_object(key=_TEXT, value=_TEXT))
+
+COMPRESSED_IMAGE = "foxglove.CompressedImage"
+CAMERA_CALIBRATION = "foxglove.CameraCalibration"
+IMAGE_ANNOTATIONS = "foxglove.ImageAnnotations"
+LOG = "foxglove.Log"
+TARGET = "stadimeter.Target"
+CYCLE = "stadimeter.Cycle"
+CONFIGURATION = "stadimeter.Configuration"
+
+_CIRCLE = _object(
+    timestamp=_TIME,
+    position=_POINT,
+    diameter=_NUMBER,
+    thickness=_NUMBER,
+    fill_color=_COLOUR,
+    outline_color=_COLOUR,
+    metadata=_METADATA,
+)
+_POINTS = _object(
+    timestamp=_TIME,
+    type=_COUNT,
+    points=_listed(_POINT),
+    outline_color=_COLOUR,
+    outline_colors=_listed(_COLOUR),
+    fill_color=_COLOUR,
+    thickness=_NUMBER,
+    metadata=_METADATA,
+)
+_LABEL = _object(
+    timestamp=_TIME,
+    position=_POINT,
+    text=_TEXT,
+    font_size=_NUMBER,
+    text_color=_COLOUR,
+    background_color=_COLOUR,
+    metadata=_METADATA,
+)
+
+SCHEMAS: dict[str, Schema] = {
+    COMPRESSED_IMAGE: _object(
+        timestamp=_TIME, frame_id=_TEXT, data={**_TEXT, "contentEncoding": "base64"}, format=_TEXT
+    ),
+    CAMERA_CALIBRATION: _object(
+        timestamp=_TIME,
+        frame_id=_TEXT,
+        width=_COUNT,
+        height=_COUNT,
+        distortion_model=_TEXT,
+        D=_listed(_NUMBER),
+        K={**_listed(_NUMBER), "minItems": 9, "maxItems": 9},
+        R={**_listed(_NUMBER), "minItems": 9, "maxItems": 9},
+        P={**_listed(_NUMBER), "minItems": 12, "maxItems": 12},
+    ),
+    IMAGE_ANNOTATIONS: _object(circles=_listed(_CIRCLE), points=_listed(_POINTS), texts=_listed(_LABEL)),
+    LOG: _object(timestamp=_TIME, level=_COUNT, message=_TEXT, name=_TEXT, file=_TEXT, line=_COUNT),
+    TARGET: _object(
+        status=_TEXT,
+        measured_m=_NUMBER,
+        distance_m=_NUMBER,
+        sigma_m=_NUMBER,
+        depth_m=_NUMBER,
+        closing_mps=_NUMBER,
+        bearing_rad=_NUMBER,
+        elevation_rad=_NUMBER,
+    ),
+    CONFIGURATION: _object(reloaded=_object(at_s=_NUMBER, configuration=_object(text=_TEXT, files=_object()))),
+}
+"""By name. That of a cycle is not here: it follows from `CycleRecord`."""
+for _name, _schema in SCHEMAS.items():
+    _schema["title"] = _name
+
+
+def plain(schema: Schema) -> Schema:
+    """Return a schema without references and alternatives.
+
+    Args:
+        schema: The schema of an object, with what it refers to under ``$defs``.
+
+    Returns:
+        A schema that allows more: of several kinds of objects it has the properties of all.
+    """
+    return _plain(schema, schema.get("$defs", {}))
+
+
+def _plain(schema: Schema, definitions: Schema) -> Schema:
+    if "$ref" in schema:
+        return _plain(definitions[schema["$ref"].rpartition("/")[2]], definitions)
+    if "anyOf" in schema:
+        return _joined([_plain(each, definitions) for each in schema["anyOf"] if each.get("type") != "null"])
+    if schema.get("type") == "array":
+        return _listed(_plain(schema.get("items") or schema["prefixItems"][0], definitions))
+    if schema.get("type") == "object":
+        return _object(**{name: _plain(part, definitions) for name, part in schema.get("properties", {}).items()})
+    return {"type": schema.get("type", "string")}
+
+
+def _joined(schemas: list[Schema]) -> Schema:
+    """Return the schema of objects with the properties of several, or the first one of what is no object."""
+    first = schemas[0]
+    if first["type"] != "object":
+        return first
+    return _object(**{name: part for schema in schemas for name, part in schema.get("properties", {}).items()})
+
 
 CAMERA_FRAME = "camera"
 _LEVELS = {Severity.INFO: 2, Severity.WARNING: 3, Severity.ALARM: 4, Severity.SAFETY: 5}
@@ -40,9 +172,6 @@ def stamp(time_ns: int) -> dict[str, int]:
 
     Args:
         time_ns: Nanoseconds since 1970.
-
-    Returns:
-        Seconds, and the nanoseconds beyond them.
     """
     sec, nsec = divmod(time_ns, 1_000_000_000)
     return {"sec": sec, "nsec": nsec}
@@ -52,8 +181,6 @@ def compressed_image(image: Image, time_ns: int, quality_percent: int) -> bytes 
     """Return a picture as a message.
 
     Args:
-        image: The picture.
-        time_ns: When it was taken.
         quality_percent: The quality of the JPEG, 1 to 100.
 
     Returns:
@@ -75,15 +202,7 @@ def compressed_image(image: Image, time_ns: int, quality_percent: int) -> bytes 
 
 
 def log(event: Event, time_ns: int) -> bytes:
-    """Return an event as a line of a log.
-
-    Args:
-        event: The event.
-        time_ns: When it happened.
-
-    Returns:
-        The message.
-    """
+    """Return an event as a line of a log."""
     said = f"{event.source}: {event.kind.value.replace('_', ' ')}"
     return _json(
         {
@@ -101,7 +220,6 @@ def target(track: Track, measured: Measurement | None) -> bytes:
     """Return what is known of a target in one cycle, to plot it.
 
     Args:
-        track: Its track.
         measured: Its measurement in this cycle, if there is one.
 
     Returns:
@@ -124,10 +242,6 @@ def calibration(camera: CameraModel, time_ns: int) -> bytes:
 
     Args:
         camera: The model, at the resolution of the pictures.
-        time_ns: When the recording began.
-
-    Returns:
-        The message.
     """
     matrix = [float(value) for value in camera.matrix().ravel()]
     return _json(
@@ -152,10 +266,6 @@ def image_annotations(record: CycleRecord, camera: CameraModel, sizes: Mapping[s
         record: The cycle in which the picture was new.
         camera: The camera model, at the resolution of the picture.
         sizes: The size of each target, by its name.
-        time_ns: When the picture was taken.
-
-    Returns:
-        The message.
     """
     when = stamp(time_ns)
     circles: list[dict[str, Any]] = []

@@ -9,7 +9,7 @@ from typing import Protocol
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import RecordedCycle
 from stadimeter.app.recordings.journal import JournalHeader, read_journal, readable
-from stadimeter.app.recordings.recording_file import MAGIC
+from stadimeter.app.recordings.record_file import MAGIC
 
 
 class Recording(Protocol):
@@ -40,9 +40,6 @@ class Recording(Protocol):
 
 def read_recording(path: Path) -> Recording:
     """Open a journal or a recording.
-
-    Args:
-        path: The file, of any name.
 
     Returns:
         The recording, of which only the beginning was read.

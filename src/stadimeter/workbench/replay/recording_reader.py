@@ -6,7 +6,7 @@ import struct
 from base64 import b64decode
 from binascii import Error as Base64Error
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ import numpy as np
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import RecordedCycle, reload_of
 from stadimeter.app.recordings.journal import JournalHeader, readable
-from stadimeter.app.recordings.record_file import HEAD_BYTES
+from stadimeter.app.recordings.record_file import HEAD_BYTES, LIBRARY, MAGIC, writer_of
 from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration
 from stadimeter.app.recordings.recording import (
     CAMERA_FILE,
@@ -30,7 +30,6 @@ from stadimeter.app.recordings.recording import (
     RESUMED_NAME,
     require_mcap,
 )
-from stadimeter.app.recordings.recording_file import LIBRARY, MAGIC, writer_of
 from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES
 from stadimeter.config.untrusted_picture import checked_picture
 from stadimeter.core.frame import Frame, Image
@@ -40,8 +39,7 @@ if TYPE_CHECKING:
     from mcap.records import Chunk
 
 _RECORD_HEAD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
-_CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 0x04, 0x05, 0x06, 0x09, 0x0C, 0x0F
+_CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 0x06, 0x09, 0x0C, 0x0F
 """The opcodes of the records that matter here."""
 
 _WINDOW_MAX_BYTES = 2**25
@@ -56,7 +54,6 @@ class RecordedImage:
 
     Attributes:
         sequence: The camera's count of the frame, in 32 bits.
-        message: The message.
         place: Where it stands, for error messages.
     """
 
@@ -66,9 +63,6 @@ class RecordedImage:
 
     def decode(self) -> Image:
         """Return the picture.
-
-        Returns:
-            The picture.
 
         Raises:
             JournalError: It is damaged.
@@ -89,7 +83,6 @@ class McapRecording:
     """A recording that was opened.
 
     Attributes:
-        path: The file.
         header: What it says about its run.
     """
 
@@ -98,9 +91,6 @@ class McapRecording:
 
     def cycles(self) -> Iterator[RecordedCycle]:
         """Yield every cycle, in order.
-
-        Yields:
-            The cycles, not read yet.
 
         Raises:
             JournalError: The file is damaged.
@@ -129,9 +119,6 @@ class McapRecording:
 
     def records(self) -> Iterator[CycleRecord]:
         """Yield every cycle, in order, read whole.
-
-        Yields:
-            The cycles.
 
         Raises:
             JournalError: The file is damaged.
@@ -165,12 +152,6 @@ class McapRecording:
 def read_mcap(path: Path) -> McapRecording:
     """Open a recording and read what it says about its run.
 
-    Args:
-        path: The file.
-
-    Returns:
-        The recording.
-
     Raises:
         JournalError: It cannot be read, is no recording of ours, or one of a later format.
         DriverUnavailableError: The library ``mcap`` is not installed.
@@ -201,10 +182,6 @@ def read_mcap(path: Path) -> McapRecording:
 
 def decoded_frame(image: RecordedImage, cycle: RecordedCycle) -> Frame | None:
     """Return the frame that was new in a cycle, with its recorded picture.
-
-    Args:
-        image: The picture.
-        cycle: The cycle.
 
     Returns:
         The frame; None if the picture belongs to another one.
@@ -246,20 +223,23 @@ def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
 
 def _messages(path: Path, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
     """Yield the messages of some topics with the topic and the message's counter, in the order of the file."""
+    from mcap.records import Channel, Message  # noqa: PLC0415 - it is an extra
+    from mcap.stream_reader import breakup_chunk  # noqa: PLC0415 - likewise
+
     channels: dict[int, str] = {}
-    for place, content in _contents(path):
-        for opcode, begin, end in _inside(place, content):
-            if opcode == _CHANNEL:
-                _check_length(place, end - begin)
-                number, topic = _channel(place, content[begin:end])
-                if topic in topics:
-                    channels[number] = topic
-            elif opcode == _MESSAGE:
-                number, sequence, _, _ = _MESSAGE_HEAD.unpack_from(content, begin)
-                if number in channels:
-                    if channels[number] != IMAGES:
-                        _check_length(place, end - begin)
-                    yield channels[number], sequence, content[begin + _MESSAGE_HEAD.size : end]
+    for place, opcode, data in _records(path):
+        if opcode == _DATA_END:
+            return
+        if opcode != _CHUNK:
+            continue
+        for record in _read(place, breakup_chunk, _decompressed_chunk(place, data)):
+            if isinstance(record, Channel) and record.topic in topics:
+                channels[record.id] = record.topic
+            elif isinstance(record, Message) and record.channel_id in channels:
+                topic = channels[record.channel_id]
+                if topic != IMAGES:
+                    _check_length(place, len(record.data))
+                yield topic, record.sequence, record.data
 
 
 def _check_length(place: str, length: int) -> None:
@@ -267,17 +247,11 @@ def _check_length(place: str, length: int) -> None:
         raise JournalError(f"{place}: the recording is damaged: a message of {length} bytes")
 
 
-def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield the place of each chunk, and what is in it."""
-    for place, opcode, data in _records(path):
-        if opcode == _DATA_END:
-            return
-        if opcode == _CHUNK:
-            yield place, _content(place, data)
-
-
 def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
-    """Yield the place, the opcode and the content of every record that is whole. A file may end anywhere."""
+    """Yield the place, the opcode and the content of every record that is whole. A file may end anywhere.
+
+    The library's own reader of streams takes the bytes before the end of a file for a whole record.
+    """
     with readable(path) as file:
         at = file.seek(len(MAGIC))
         while len(head := file.read(_RECORD_HEAD.size)) == _RECORD_HEAD.size:
@@ -292,18 +266,18 @@ def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
             at += _RECORD_HEAD.size + length
 
 
-def _content(place: str, data: bytes) -> bytes:
-    """Return what is in a chunk, decompressed."""
+def _decompressed_chunk(place: str, data: bytes) -> Chunk:
+    """Return a chunk that is not compressed any more, and holds what was written."""
     from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - it is an extra
     from mcap.records import Chunk  # noqa: PLC0415 - likewise
 
-    chunk = _read(place, Chunk.read, ReadDataStream(BytesIO(data)))
+    chunk: Chunk = _read(place, Chunk.read, ReadDataStream(BytesIO(data)))
     if chunk.uncompressed_size > CHUNK_MAX_BYTES:
         raise JournalError(f"{place}: the recording is damaged: a chunk of {chunk.uncompressed_size} bytes")
     content: bytes = _read(place, _decompressed, chunk)
     if len(content) != chunk.uncompressed_size or chunk.uncompressed_crc not in {0, crc32(content)}:
         raise JournalError(f"{place}: the recording is damaged: a chunk holds something else than was written")
-    return content
+    return replace(chunk, compression="", data=content)
 
 
 def _decompressed(chunk: Chunk) -> bytes:
@@ -319,28 +293,6 @@ def _decompressed(chunk: Chunk) -> bytes:
         raise ValueError(f"a chunk is compressed with {chunk.compression[:20]!r}, which recordings never are")
     stream = ZstdDecompressor(max_window_size=_WINDOW_MAX_BYTES).stream_reader(chunk.data)
     return stream.read(chunk.uncompressed_size + 1)
-
-
-def _inside(place: str, content: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield the opcode of each record in a chunk, and where its content begins and ends."""
-    at = 0
-    while at < len(content):
-        if at + _RECORD_HEAD.size > len(content):
-            raise JournalError(f"{place}: the recording is damaged: a chunk ends within a record")
-        opcode, length = _RECORD_HEAD.unpack_from(content, at)
-        begin = at + _RECORD_HEAD.size
-        at = begin + length
-        if at > len(content) or (opcode == _MESSAGE and length < _MESSAGE_HEAD.size):
-            raise JournalError(f"{place}: the recording is damaged: a chunk ends within a record")
-        yield opcode, begin, at
-
-
-def _channel(place: str, data: bytes) -> tuple[int, str]:
-    from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - it is an extra
-    from mcap.records import Channel  # noqa: PLC0415 - likewise
-
-    channel = _read(place, Channel.read, ReadDataStream(BytesIO(data)))
-    return channel.id, channel.topic
 
 
 def _read(place: str, read: Callable[[Any], Any], what: Any) -> Any:
