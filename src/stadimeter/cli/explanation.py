@@ -8,7 +8,7 @@ from stadimeter.cli.candidates import format_place
 from stadimeter.cli.formatting import format_tilt
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement
-from stadimeter.ranging.sigma_parts import SigmaParts
+from stadimeter.ranging.measure import SigmaParts
 from stadimeter.workbench.measuring import TargetResult
 
 INDENT = 4

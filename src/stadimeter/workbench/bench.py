@@ -153,7 +153,7 @@ def _detector_speeds(names: Sequence[str], size_px: tuple[int, int], each_s: flo
     for name in names:
         exercise = exercises()[name]
         frames = room if exercise.patch is None else with_patch(room, exercise.patch)
-        yield _detector_speed(name, _detector(name, lens), frames, each_s)
+        yield _detector_speed(name, _detector(name, lens), lens, frames, each_s)
 
 
 def _detector(name: str, lens: CameraModel) -> Detector:
@@ -163,8 +163,10 @@ def _detector(name: str, lens: CameraModel) -> Detector:
     return detector
 
 
-def _detector_speed(name: str, detector: Detector, frames: Sequence[Frame], each_s: float) -> DetectorSpeed:
-    found = [detector.detect(frame) for frame in frames]  # which warms everything up as well
+def _detector_speed(
+    name: str, detector: Detector, lens: CameraModel, frames: Sequence[Frame], each_s: float
+) -> DetectorSpeed:
+    found = [detector.detect(frame, lens=lens) for frame in frames]  # which warms everything up as well
     seen = [
         (frame, _expected(each.centre_px, max(each.width_px, each.height_px)))
         for frame, each in zip(frames, found, strict=True)
@@ -174,8 +176,8 @@ def _detector_speed(name: str, detector: Detector, frames: Sequence[Frame], each
         detector=name,
         width_px=frames[0].width_px,
         height_px=frames[0].height_px,
-        search_fps=_rate_hz(detector, [(frame, None) for frame in frames], each_s / 2),
-        track_fps=_rate_hz(detector, seen, each_s / 2) if seen else None,
+        search_fps=_rate_hz(detector, lens, [(frame, None) for frame in frames], each_s / 2),
+        track_fps=_rate_hz(detector, lens, seen, each_s / 2) if seen else None,
         found=len(seen) / len(frames),
     )
 
@@ -184,14 +186,16 @@ def _expected(centre_px: tuple[float, float], size_px: float) -> Prediction:
     return Prediction(centre_px=centre_px, size_px=size_px, sigma_px=max(1.0, EXPECTED_WITHIN * size_px))
 
 
-def _rate_hz(detector: Detector, work: Sequence[tuple[Frame, Prediction | None]], for_s: float) -> float:
+def _rate_hz(
+    detector: Detector, lens: CameraModel, work: Sequence[tuple[Frame, Prediction | None]], for_s: float
+) -> float:
     """Return how many pictures in a second, by the median, so that another program's second does not count."""
     times_s: list[float] = []
     until_s = perf_counter() + for_s
     while not times_s or perf_counter() < until_s:
         for frame, prediction in work:
             began_s = perf_counter()
-            detector.detect(frame, prediction)
+            detector.detect(frame, prediction, lens=lens)
             times_s.append(perf_counter() - began_s)
     return 1 / statistics.median(times_s)
 
