@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
+from stadimeter.core.frame import Image
 from stadimeter.errors import DriverError, DriverNotFoundError, DriverUnavailableError
 
 OptionsT = TypeVar("OptionsT", bound=BaseModel)
@@ -116,6 +117,20 @@ class DriverContext:
         return path
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exercise:
+    """A target that `bench` lets a detector find.
+
+    Attributes:
+        options: The detector's table, as a configuration would have it.
+        patch: The target with its surroundings, as it looks in a picture that is 480 px high, to be put into pictures
+            of the simulated room; None to look for the green ball of 20 cm that is in that room.
+    """
+
+    options: Mapping[str, Any]
+    patch: Image | None = field(default=None, compare=False)
+
+
 @dataclass(frozen=True, slots=True)
 class Plugin(Generic[OptionsT]):
     """What an entry point names.
@@ -130,6 +145,7 @@ class Plugin(Generic[OptionsT]):
         not_for_motion: Of a camera, why nothing may move on its frames: for each option that would have to be written,
             a sentence that `check` warns of. See `stadimeter.cameras.protocol.Camera.not_for_motion`.
         latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
+        exercise: Of a detector, makes what `bench` measures its speed on; None to leave it out.
     """
 
     options: type[OptionsT]
@@ -138,6 +154,7 @@ class Plugin(Generic[OptionsT]):
     lacks: Callable[[OptionsT], tuple[str, ...]] = field(default=lambda _options: ())
     not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
     latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
+    exercise: Callable[[], Exercise] | None = field(default=None, kw_only=True)
 
 
 @cache

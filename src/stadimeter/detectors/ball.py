@@ -17,7 +17,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
@@ -266,4 +266,8 @@ def _build(options: BallOptions, context: DriverContext) -> BallDetector:
     return BallDetector(context.name, options)
 
 
-PLUGIN = Plugin(BallOptions, _build)
+def _exercise() -> Exercise:
+    return Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"})
+
+
+PLUGIN = Plugin(BallOptions, _build, exercise=_exercise)

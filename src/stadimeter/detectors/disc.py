@@ -12,10 +12,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+import cv2
 import numpy as np
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
@@ -345,4 +346,13 @@ def _build(options: DiscOptions, context: DriverContext) -> DiscDetector:
     return DiscDetector(context.name, options)
 
 
-PLUGIN = Plugin(DiscOptions, _build)
+def _exercise() -> Exercise:
+    """Return a bright disc of 80 px on something dark."""
+    finer = 8
+    large = np.full((110 * finer, 110 * finer, 3), 60, np.uint8)
+    cv2.circle(large, (55 * finer, 55 * finer), 40 * finer, (225, 225, 225), cv2.FILLED)
+    patch = np.asarray(cv2.resize(large, (110, 110), interpolation=cv2.INTER_AREA), np.uint8)
+    return Exercise(options={"diameter": "8 cm"}, patch=patch)
+
+
+PLUGIN = Plugin(DiscOptions, _build, exercise=_exercise)

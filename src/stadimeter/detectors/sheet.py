@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
@@ -158,4 +158,11 @@ def _build(options: SheetOptions, context: DriverContext) -> SheetDetector:
     return SheetDetector(context.name, options)
 
 
-PLUGIN = Plugin(SheetOptions, _build)
+def _exercise() -> Exercise:
+    """Return a bright sheet of letter paper with a dark rim, 110 px wide."""
+    patch = np.full((105, 130, 3), 60, np.uint8)
+    patch[10:95, 10:120] = 225
+    return Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=patch)
+
+
+PLUGIN = Plugin(SheetOptions, _build, exercise=_exercise)

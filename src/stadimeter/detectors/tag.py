@@ -14,10 +14,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
 
+import cv2
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import TONE_CURVES, CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
@@ -307,4 +308,14 @@ def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
     return ApriltagFinder(options.family)
 
 
-PLUGIN = Plugin(TagOptions, _build)
+def _exercise() -> Exercise:
+    """Return a tag of 70 px on white paper."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    patch = np.full((100, 100), 225, np.uint8)
+    patch[15:85, 15:85] = np.maximum(cv2.aruco.generateImageMarker(dictionary, 0, 70), 20)
+    return Exercise(
+        options={"side": "8 cm", "family": "apriltag-36h11"}, patch=np.repeat(patch[:, :, np.newaxis], 3, axis=2)
+    )
+
+
+PLUGIN = Plugin(TagOptions, _build, exercise=_exercise)

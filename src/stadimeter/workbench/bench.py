@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,12 +22,12 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.demonstration import demo_configuration
 from stadimeter.app.health import percentile
 from stadimeter.app.loop import Loop
-from stadimeter.config.plugins import DETECTORS, DriverContext, driver_names, load_plugin
+from stadimeter.config.plugins import DETECTORS, DriverContext, Exercise, Plugin, driver_names, load_plugin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import Detector
-from stadimeter.workbench.bench_pictures import exercises, lens_for, room_frames, with_patch
+from stadimeter.workbench.bench_pictures import lens_for, room_frames, with_patch
 
 SIZES_PX = ((640, 480), (1280, 720), (1920, 1080))
 SHARE_OF_RUN = 0.3
@@ -128,9 +129,8 @@ def measure(seconds: float, sizes_px: Sequence[tuple[int, int]] = SIZES_PX) -> F
     """
     latency = _latency(seconds * SHARE_OF_RUN)
     peak_memory_mb = _peak_memory_mb()  # before the large pictures are drawn, which no run keeps
-    names = [name for name in exercises() if name in driver_names(DETECTORS)]
-    each_s = seconds * (1 - SHARE_OF_RUN) / (len(names) * len(sizes_px))
-    speeds = tuple(speed for size_px in sizes_px for speed in _detector_speeds(names, size_px, each_s))
+    each_s = seconds * (1 - SHARE_OF_RUN) / (max(1, len(exercises())) * len(sizes_px))
+    speeds = tuple(speed for size_px in sizes_px for speed in _detector_speeds(size_px, each_s))
     return Figures(computer=this_computer(), detectors=speeds, latency=latency, peak_memory_mb=peak_memory_mb)
 
 
@@ -147,20 +147,20 @@ def this_computer() -> Computer:
     )
 
 
-def _detector_speeds(names: Sequence[str], size_px: tuple[int, int], each_s: float) -> Iterator[DetectorSpeed]:
+def exercises() -> dict[str, tuple[Plugin[Any], Exercise]]:
+    """Return what each installed detector is to find, by its name; those that bring no exercise are left out."""
+    plugins = {name: load_plugin(DETECTORS, name) for name in driver_names(DETECTORS)}
+    return {name: (each, each.exercise()) for name, each in plugins.items() if each.exercise is not None}
+
+
+def _detector_speeds(size_px: tuple[int, int], each_s: float) -> Iterator[DetectorSpeed]:
     lens = lens_for(*size_px)
     room = room_frames(lens)
-    for name in names:
-        exercise = exercises()[name]
+    for name, (plugin, exercise) in exercises().items():
+        context = DriverContext(name=name, clock=SteppedClock(), camera_model=lens)
+        detector: Detector = plugin.build(plugin.options.model_validate(dict(exercise.options)), context)
         frames = room if exercise.patch is None else with_patch(room, exercise.patch)
-        yield _detector_speed(name, _detector(name, lens), lens, frames, each_s)
-
-
-def _detector(name: str, lens: CameraModel) -> Detector:
-    plugin = load_plugin(DETECTORS, name)
-    options = plugin.options.model_validate(dict(exercises()[name].options))
-    detector: Detector = plugin.build(options, DriverContext(name=name, clock=SteppedClock(), camera_model=lens))
-    return detector
+        yield _detector_speed(name, detector, lens, frames, each_s)
 
 
 def _detector_speed(
