@@ -11,10 +11,11 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import BallSize
 from stadimeter.detectors.protocol import Detector
+from stadimeter.ranging.ball import BallSize
 from support.simulated_run import SIMULATED_BALL
 
 STILL = """
@@ -31,8 +32,10 @@ class Listening:
         self.target_size = detector.target_size
         self.asked: list[tuple[float, Prediction | None, Detection]] = []
 
-    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
-        found = self._detector.detect(frame, prediction)
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
+        found = self._detector.detect(frame, prediction, lens=lens)
         self.asked.append((frame.captured_at_s, prediction, found))
         return found
 
@@ -43,7 +46,9 @@ class Blind:
     target_size = BallSize(diameter_m=0.2)
     looked_at = RejectedCandidate(centre_px=(30.0, 20.0), size_px=24.0, reason="support 0.31, limit 0.60")
 
-    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
         assert prediction is None, "a target that was never seen is not expected anywhere"
         return Detection(target="ball", status=DetectionStatus.NOT_FOUND, reason="no ball", rejected=(self.looked_at,))
 

@@ -21,8 +21,8 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import BallSize
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
+from stadimeter.ranging.ball import BallSize
 from stadimeter.testing.recording import RecordingActuator
 from support.simulated_run import SIMULATED_BALL
 
@@ -61,7 +61,7 @@ class Detector:
 
     target_size = BallSize(diameter_m=0.2)
 
-    def detect(self, frame, prediction=None):
+    def detect(self, frame, prediction=None, *, lens=None):
         found = DetectionStatus.FOUND
         return Detection(
             target="ball",

@@ -107,10 +107,10 @@ def test_an_error_in_a_detector_stops_every_output_too(rig):
     class Broken:
         target_size = rig.parts.cycle.detectors["ball"].target_size
 
-        def detect(self, frame, prediction=None):
+        def detect(self, frame, prediction=None, *, lens=None):
             if frame.sequence > 10:
                 raise IndexError("a defect in a detector")
-            return working.detect(frame, prediction)
+            return working.detect(frame, prediction, lens=lens)
 
     working = rig.parts.cycle.detectors["ball"]
     rig.parts.cycle.looking.detectors = {"ball": Broken()}

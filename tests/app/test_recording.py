@@ -27,8 +27,8 @@ from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.target import BallSize
 from stadimeter.errors import DriverUnavailableError, JournalError
+from stadimeter.ranging.ball import BallSize
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.replay.recording_reader import decoded_frame, read_mcap
 from support.observing import Rehearsal

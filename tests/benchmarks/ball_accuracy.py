@@ -12,7 +12,7 @@ from part import Chart, Part, table
 from samples import OURS, TUTORIAL, Sample, Summary, grouped, ours_of, summarise
 from workload import over_seeds
 
-from stadimeter.ranging.similar_triangles import distance_m, focal_length_px
+from stadimeter.ranging.similar_triangles import distance_m
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -75,7 +75,7 @@ def samples_of(seed: int) -> list[Sample]:
 
 def _ours(row: str, scene: Scene, made: RenderedScene) -> Sample:
     finder = ours.detector(_target(scene), scene.camera)
-    return ours_of(row, scene.seed, made.truth, ours.measure(finder, made.image, scene.camera))
+    return ours_of(row, scene.seed, made.truth, ours.measure(finder, made.image))
 
 
 def _target(scene: Scene) -> str:
@@ -103,7 +103,7 @@ def tutorial_focal_px(diameter_m: float) -> float:
     """Calibrate as the tutorial does: from one picture of the ball, 1 m away in the middle, before a plain wall."""
     ball = BallTarget(position_m=(0.0, 0.0, CALIBRATION_M), diameter_m=diameter_m)
     made = render(replace(draw.empty_scene(draw.TUNING_SEEDS.start), target=ball, backdrop=PlainBackdrop()))
-    return focal_length_px(2 * tutorial.ball_radius_px(made.image), CALIBRATION_M, diameter_m)
+    return 2 * tutorial.ball_radius_px(made.image) * CALIBRATION_M / diameter_m
 
 
 def _large(samples: list[Sample]) -> list[Sample]:

@@ -35,8 +35,8 @@ from stadimeter.bases.ros_arduino_base import LOST_AFTER_S
 from stadimeter.config.plugins import Options, Plugin
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import BallSize
 from stadimeter.errors import DeviceClosedError
+from stadimeter.ranging.ball import BallSize
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
 
@@ -108,7 +108,7 @@ class SteadyDetector:
 
     target_size = BallSize(diameter_m=0.2)
 
-    def detect(self, frame: Frame, prediction: object = None) -> Detection:
+    def detect(self, frame: Frame, prediction: object = None, *, lens: object = None) -> Detection:
         angles = np.arange(60.0)
         return Detection(
             target="ball",

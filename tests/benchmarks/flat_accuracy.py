@@ -12,7 +12,7 @@ from part import Chart, Part, table
 from samples import OURS, TUTORIAL, Sample, grouped, ours_of, summarise
 from workload import over_seeds
 
-from stadimeter.ranging.similar_triangles import distance_m, focal_length_px
+from stadimeter.ranging.similar_triangles import distance_m
 from support.scenes import draw
 from support.scenes.nuisances import CAMERA_NUISANCES, SHEET_NUISANCES
 from support.scenes.plane import Pose
@@ -67,7 +67,7 @@ def sheet_samples_of(seed: int) -> list[Sample]:
     found = []
     for name, scene in _sheet_scenes(seed).items():
         made = render(scene)
-        measured = ours.measure(ours.detector("sheet", scene.camera), made.image, scene.camera)
+        measured = ours.measure(ours.detector("sheet", scene.camera), made.image)
         found += [ours_of(name, seed, made.truth, measured), _tutorial(name, seed, made)]
     return found
 
@@ -77,7 +77,7 @@ def disc_samples_of(seed: int) -> list[Sample]:
     found = []
     for name, scene in _disc_scenes(seed).items():
         made = render(scene)
-        measured = ours.measure(ours.detector("disc", scene.camera), made.image, scene.camera)
+        measured = ours.measure(ours.detector("disc", scene.camera), made.image)
         sample = ours_of(name, seed, made.truth, measured)
         if measured.position_m is not None and not _is_on_disc(measured.position_m, made.truth):
             sample = replace(sample, sigma_m=None)
@@ -142,7 +142,7 @@ def tutorial_focal_px() -> float:
     """Calibrate as the tutorial does: from one picture of the sheet, 1 m away in the middle, before a plain wall."""
     scene = draw.sheet_scene(draw.TUNING_SEEDS.start, 0.0, plain=True)
     facing = replace(scene, target=replace(scene.target, pose=Pose(position_m=(0.0, 0.0, CALIBRATION_M))))
-    return focal_length_px(tutorial.sheet_long_side_px(render(facing).image), CALIBRATION_M, max(draw.SHEET_M))
+    return tutorial.sheet_long_side_px(render(facing).image) * CALIBRATION_M / max(draw.SHEET_M)
 
 
 def _table(samples: list[Sample]) -> str:

@@ -15,10 +15,10 @@ from stadimeter.core.detection import Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement
 from stadimeter.detectors.protocol import Detector
-from stadimeter.ranging.measure import measure_frame
 from stadimeter.testing.manual_clock import ManualClock
 from support.scenes import draw
 from support.scenes.scene import Truth
+from support.through_lens import ThroughLens
 
 BALL_HSV = "29,86,6:64,255,255"
 PREDICTION_SIGMA_PX = 2.0
@@ -42,12 +42,12 @@ def exists(target: str) -> bool:
 
 
 @cache
-def detector(target: str, camera: CameraModel | None, **changes: Any) -> Detector:
+def detector(target: str, camera: CameraModel | None, **changes: Any) -> ThroughLens:
     """Return the detector for a target, with the options that the benchmarks use."""
     plugin = load_plugin(DETECTORS, DRIVERS.get(target, target))
     options = plugin.options.model_validate(OPTIONS.get(target, {}) | changes)
     made: Detector = plugin.build(options, DriverContext(name=target, clock=ManualClock(), camera_model=camera))
-    return made
+    return ThroughLens(made, camera)
 
 
 def framed(image: Image) -> Frame:
@@ -63,10 +63,9 @@ def read(path: Path) -> Frame:
     return framed(np.asarray(image, np.uint8))
 
 
-def measure(finder: Detector, image: Image, camera: CameraModel, prediction: Prediction | None = None) -> Measurement:
+def measure(finder: ThroughLens, image: Image, prediction: Prediction | None = None) -> Measurement:
     """Look for the target and measure how far away it is, as a run does."""
-    frame = framed(image)
-    return measure_frame(frame, finder.detect(frame, prediction), finder.target_size, camera)
+    return finder.measure(framed(image), prediction)
 
 
 def prediction_of(truth: Truth) -> Prediction:

@@ -16,7 +16,6 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.calibration import KnownDistance, calibrate
-from stadimeter.ranging.measure import measure_frame
 
 PICTURES = Path(__file__).resolve().parents[3] / "shared" / "data"
 INCH_M = 0.0254
@@ -66,7 +65,7 @@ def _sheet(folder: Path) -> Part:
     for path in sorted(folder.glob("[34]ft.*")) + sorted(folder.glob("original/[34]ft.*")):
         known_m = 12 * int(path.stem[0]) * INCH_M
         frame = ours.read(path)
-        measured = measure_frame(frame, finder.detect(frame), finder.target_size, camera)
+        measured = finder.measure(frame)
         error, is_inside, cells = _judged(measured, known_m)
         errors.append(error)
         inside.append(is_inside)
@@ -118,7 +117,7 @@ def _tennis(folder: Path) -> Part:
     for truth in truths:
         frame = ours.read(next(folder.glob(f"images/{truth['file']}")))
         detection = finder.detect(frame)
-        measured = measure_frame(frame, detection, finder.target_size, camera)
+        measured = finder.measure(frame)
         depth_m = float(truth["ball_centre_depth_m"])
         if measured.depth_m is None:
             refused.append((truth["file"], measured.reason or detection.reason))

@@ -32,7 +32,7 @@ def visp(folder: Path) -> Part:
     rows, errors = [], []
     for number, known_m in _known_ranges_m(folder / "ground_truth_pose.txt").items():
         finder = ours.detector("tag", camera, side=f"{VISP_SIDE_M} m", id=number)
-        measured = ours.measure(finder, frame.image, camera)
+        measured = ours.measure(finder, frame.image)
         if measured.distance_m is None:
             rows.append((str(number), f"{known_m:.4f}", "–", measured.reason))
             continue
@@ -61,7 +61,7 @@ def duckietown(folder: Path) -> Part:
     for path in sorted(folder.glob("*.png"), key=_angle_deg):
         frame = ours.read(path)
         camera = _camera(frame.width_px, frame.height_px, DUCKIE_FOCAL_PX, DUCKIE_CENTRE_PX)
-        measured = ours.measure(ours.detector("tag", camera, side=f"{DUCKIE_SIDE_M} m"), frame.image, camera)
+        measured = ours.measure(ours.detector("tag", camera, side=f"{DUCKIE_SIDE_M} m"), frame.image)
         if measured.distance_m is None:
             rows.append((f"{_angle_deg(path)}°", measured.reason))
         else:

@@ -158,10 +158,10 @@ def _ours(target: str, made: Sequence[RenderedScene], camera: CameraModel) -> li
     finder = ours.detector(target, camera)
     predictions = [ours.prediction_of(each.truth) for each in made]
     return [
-        Contender(name="stadimeter", work=lambda number: ours.measure(finder, made[number].image, camera)),
+        Contender(name="stadimeter", work=lambda number: ours.measure(finder, made[number].image)),
         Contender(
             name="stadimeter, tracking",
-            work=lambda number: ours.measure(finder, made[number].image, camera, predictions[number]),
+            work=lambda number: ours.measure(finder, made[number].image, predictions[number]),
         ),
     ]
 
@@ -172,10 +172,10 @@ def _our_tags(scenes: Sequence[Scene], made: Sequence[RenderedScene]) -> list[Co
     predictions = [ours.prediction_of(each.truth) for each in made]
     search = TagSearch(family=tag_family(draw.TAG_FAMILY), light=light_table(camera.tone_curve), min_side_px=16.0)
     return [
-        Contender(name="stadimeter", work=lambda number: ours.measure(finders[number], made[number].image, camera)),
+        Contender(name="stadimeter", work=lambda number: ours.measure(finders[number], made[number].image)),
         Contender(
             name="stadimeter, tracking: search, sides and pose",
-            work=lambda number: ours.measure(finders[number], made[number].image, camera, predictions[number]),
+            work=lambda number: ours.measure(finders[number], made[number].image, predictions[number]),
         ),
         Contender(
             name="stadimeter, tracking: search alone",

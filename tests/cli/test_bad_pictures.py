@@ -64,12 +64,12 @@ PICTURES = {
 
 
 def _seen(target: str, image: Image, *, with_camera: bool) -> Detection:
-    options = {"sheet": None, "known_side": "auto", "ball": None, "hsv": None, **TARGETS[target]}
+    options = {f"--{name}": value for name, value in TARGETS[target].items()}
     height, width = image.shape[:2]
     camera = CameraModel.with_focal_length(float(max(height, width)), width, height) if with_camera else None
-    (named,) = build_detectors(wanted_targets(**options).choices, camera)
+    (named,) = build_detectors(wanted_targets(options).choices, camera)
     before = image.copy()
-    detection = named.detector.detect(Frame(image=image, captured_at_s=0.0, sequence=0), None)
+    detection = named.detector.detect(Frame(image=image, captured_at_s=0.0, sequence=0), lens=camera)
     assert np.array_equal(image, before)
     return detection
 

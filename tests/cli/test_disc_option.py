@@ -44,7 +44,7 @@ def picture(tmp_path: Path):
 
 
 def test_the_option_makes_a_target() -> None:
-    wanted = wanted_targets(sheet=None, known_side="auto", ball=None, hsv=None, disc="12 cm")
+    wanted = wanted_targets({"--disc": "12 cm"})
     (choice,) = wanted.choices
     assert (choice.name, choice.driver) == ("disc", "disc")
     assert choice.options.diameter == pytest.approx(0.12)
@@ -62,7 +62,7 @@ def test_the_option_makes_a_target() -> None:
 )
 def test_what_is_wrong_is_said(given: dict[str, str], said: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(said)):
-        wanted_targets(**{"sheet": None, "known_side": "auto", "ball": None, "hsv": None, **given})
+        wanted_targets({f"--{name}": value for name, value in given.items()})
 
 
 def test_a_disc_is_measured_though_it_is_tilted(picture, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from stadimeter.cli.explanation import explanation, explanation_record
 from stadimeter.cli.formatting import format_best, format_place
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.ranging.sigma_parts import SigmaParts
+from stadimeter.ranging.measure import SigmaParts
 from stadimeter.workbench.measuring import TargetResult
 
 DOOR = RejectedCandidate(centre_px=(120.4, 340.0), size_px=88.2, reason="edge scatters by 2.1 px, limit 1.0 px")

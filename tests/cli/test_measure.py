@@ -18,7 +18,7 @@ from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import BallSize
+from stadimeter.ranging.ball import BallSize
 from stadimeter.workbench.measuring import measure_picture
 
 KEYS = [
@@ -215,7 +215,9 @@ class Looking:
 
     target_size = BallSize(diameter_m=0.1, relative_sigma=0.01)
 
-    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
         rejected = (
             RejectedCandidate(centre_px=(40.0, 300.0), size_px=88.0, reason="edge scatters by 2.1 px, limit 1.0 px"),
             RejectedCandidate(centre_px=(500.0, 90.0), size_px=9.0, reason="9 px wide, limit 12 px"),

@@ -15,8 +15,9 @@ from stadimeter.errors import ConfigError
 HSV = "29,86,6:64,255,255"
 
 
-def _wanted(**given: object):
-    return wanted_targets(**{"sheet": None, "known_side": "auto", "ball": None, "hsv": None, **given})
+def _wanted(config: Path | None = None, **given: object):
+    flags = {"tag_id": "--id", "known_side": "--known-side"}
+    return wanted_targets({flags.get(name, f"--{name}"): value for name, value in given.items()}, config)
 
 
 def test_a_sheet_of_letter_paper() -> None:

@@ -15,6 +15,7 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.testing.manual_clock import ManualClock
+from support.through_lens import ThroughLens
 
 OVERSAMPLING = 8
 
@@ -84,11 +85,11 @@ def sheet_detector() -> Callable[..., SheetDetector]:
 
 
 @pytest.fixture
-def ball_detector() -> Callable[..., BallDetector]:
+def ball_detector() -> Callable[..., ThroughLens]:
     """Return a function that makes a detector for a red ball, whose hue wraps through 0; options may be given."""
 
-    def make(camera: CameraModel | None = None, **options: object) -> BallDetector:
+    def make(camera: CameraModel | None = None, **options: object) -> ThroughLens:
         table = {"diameter": "6.4 cm", "hsv": "170,100,60:10,255,255", **options}
-        return BallDetector("ball", BallOptions.model_validate(table), camera)
+        return ThroughLens(BallDetector("ball", BallOptions.model_validate(table)), camera)
 
     return make

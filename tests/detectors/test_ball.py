@@ -14,8 +14,8 @@ from pydantic import ValidationError
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import BallSize
 from stadimeter.detectors.ball import PLUGIN, BallDetector, BallOptions
+from stadimeter.ranging.ball import BallSize
 from stadimeter.ranging.measure import measure
 
 pytestmark = pytest.mark.vision

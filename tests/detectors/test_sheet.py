@@ -16,14 +16,15 @@ from pydantic import ValidationError
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
-from stadimeter.core.target import SheetSize
 from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.sheet import PLUGIN, SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
+from stadimeter.ranging.flat import SheetSize
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene
 from support.scenes.nuisances import BARREL, SHEET_NUISANCES
 from support.scenes.plane import Pose
 from support.scenes.render import render
+from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
 
@@ -227,8 +228,8 @@ def test_no_real_picture_of_a_ball_holds_a_sheet(real_pictures: Path, sheet_dete
         assert found.status is not DetectionStatus.FOUND, name
 
 
-def with_camera(camera: CameraModel = CAMERA, **options: object) -> SheetDetector:
-    return SheetDetector("paper", SheetOptions.model_validate({**A4, **options}), camera)
+def with_camera(camera: CameraModel | None = CAMERA, **options: object) -> ThroughLens:
+    return ThroughLens(SheetDetector("paper", SheetOptions.model_validate({**A4, **options})), camera)
 
 
 def worst_px(found: np.ndarray, truth: np.ndarray) -> float:
@@ -286,7 +287,7 @@ def test_calibrating_at_near_and_far_finds_the_edge_bias(draw, wall, paper, behi
         corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half + (CAMERA.cx_px, CAMERA.cy_px)
         frame = draw.frame(_in_light(wall(bgr=behind), corners, paper))
         seen, less = (
-            SheetDetector("paper", options, replace(CAMERA, edge_bias_px=bias)).detect(frame)
+            SheetDetector("paper", options).detect(frame, lens=replace(CAMERA, edge_bias_px=bias))
             for bias in (0.0, BIAS_STEP_PX)
         )
         known.append(
@@ -384,7 +385,8 @@ def test_where_the_search_starts_does_not_matter(draw, wall) -> None:
 def test_an_even_picture_of_any_size_holds_no_sheet_and_gives_no_warning(value: int, shape) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = with_camera().detect(Frame(np.full((*shape, 3), value, np.uint8), 0.0, 0))
+        camera = CameraModel.with_focal_length(600.0, shape[1], shape[0]) if max(shape) > 3 else None
+        found = with_camera(camera).detect(Frame(np.full((*shape, 3), value, np.uint8), 0.0, 0))
     assert (found.status, found.reason) == (DetectionStatus.NOT_FOUND, "no contour of four corners")
 
 

@@ -7,9 +7,9 @@ import itertools
 import pytest
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.target import BallSize
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.perception.predictions import SEARCH_EVERY_S, Expectations
+from stadimeter.perception.perceiver import SEARCH_EVERY_S, Expectations
+from stadimeter.ranging.ball import BallSize
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 BALL = BallSize(diameter_m=0.065)

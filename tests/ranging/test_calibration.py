@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.target import BallSize, SheetSize, TargetSize
+from stadimeter.core.target import TargetShape
 from stadimeter.errors import CalibrationError
+from stadimeter.ranging.ball import BallSize
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
+from stadimeter.ranging.flat import SheetSize
 from stadimeter.ranging.measure import measure
 
 INCH_M = 0.0254
@@ -24,7 +26,7 @@ MIDDLE = (319.5, 239.5)
 Seen = Callable[..., Detection]
 
 
-def _known(detection: Detection, depth_m: float, size: TargetSize = LETTER, **changes: object) -> KnownDistance:
+def _known(detection: Detection, depth_m: float, size: TargetShape = LETTER, **changes: object) -> KnownDistance:
     values = {"picture": "a.png", "width_px": 640, "height_px": 480, **changes}
     return KnownDistance(detection=detection, size=size, depth_m=depth_m, **values)
 

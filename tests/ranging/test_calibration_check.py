@@ -9,10 +9,10 @@ import pytest
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
-from stadimeter.core.target import SheetSize
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.calibration import KnownDistance
 from stadimeter.ranging.calibration_check import CalibrationCheck, check_calibration
+from stadimeter.ranging.flat import SheetSize
 
 PAPER = SheetSize(width_m=0.297, height_m=0.21)
 Seen = Callable[..., Detection]

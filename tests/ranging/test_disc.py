@@ -13,17 +13,16 @@ from hypothesis import strategies as st
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import DiscSize
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
 from stadimeter.detectors.ellipse_shape import ellipse_through
-from stadimeter.ranging.apparent_size import apparent_size
-from stadimeter.ranging.disc import read_disc
 from stadimeter.ranging.feasibility import expect, farthest_m
-from stadimeter.ranging.measure import measure, measure_frame
+from stadimeter.ranging.flat import DiscSize
+from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA, disc_scene
 from support.scenes.nuisances import SHEET_NUISANCES
 from support.scenes.plane import Pose
 from support.scenes.render import render
+from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
 
@@ -74,7 +73,7 @@ def test_a_camera_with_oblong_pixels_and_a_bent_lens_is_allowed_for() -> None:
 @pytest.mark.parametrize("tilt_deg", [0, 20, 50])
 def test_the_tilt_is_told_and_that_its_side_is_not_known(tilt_deg: int) -> None:
     pose = Pose(position_m=(0.0, 0.0, 1.0), tilt_rad=math.radians(tilt_deg))
-    reading = read_disc(seen_from(pose), SIZE, CAMERA)
+    reading = SIZE.locate(seen_from(pose), CAMERA)
     assert math.degrees(reading.tilt_rad) == pytest.approx(tilt_deg, abs=0.1)
     assert reading.ambiguity == 1.0
     assert reading.systematic_share == 0.0, "both poses are equally far away"
@@ -83,7 +82,7 @@ def test_the_tilt_is_told_and_that_its_side_is_not_known(tilt_deg: int) -> None:
 def test_the_uncertainty_is_that_of_the_larger_diameter_and_of_the_size() -> None:
     pose = Pose(position_m=(0.0, 0.0, 1.0), tilt_rad=0.7)
     detection = seen_from(pose, sigma_px=0.1)
-    assert read_disc(detection, SIZE, CAMERA).noise_share == pytest.approx(0.1 / detection.width_px, rel=1e-6)
+    assert SIZE.locate(detection, CAMERA).noise_share == pytest.approx(0.1 / detection.width_px, rel=1e-6)
     unsure = measure(detection, replace(SIZE, relative_sigma=0.02), CAMERA, 0.0)
     assert unsure.sigma_m == pytest.approx(unsure.distance_m * math.hypot(0.02, 0.1 / detection.width_px), rel=1e-6)
 
@@ -91,15 +90,15 @@ def test_the_uncertainty_is_that_of_the_larger_diameter_and_of_the_size() -> Non
 @pytest.mark.parametrize("outline", [np.empty((0, 2)), np.full((20, 2), 100.0)])
 def test_without_an_outline_the_larger_diameter_gives_the_distance(outline) -> None:
     detection = replace(seen_from(Pose(position_m=(0.1, 0.0, 1.0))), outline_px=outline)
-    reading = read_disc(detection, SIZE, CAMERA)
+    reading = SIZE.locate(detection, CAMERA)
     assert reading.position_m == pytest.approx((0.1, 0.0, 1.0), rel=1e-3)
     assert reading.tilt_rad is None
 
 
 def test_the_larger_diameter_is_compared_with_the_disc_however_it_is_turned() -> None:
-    flat, upright = seen_from(Pose(position_m=(0, 0, 1))), seen_from(Pose(position_m=(0, 0, 1), tilt_rad=1.0))
-    assert apparent_size(upright, SIZE).apparent == pytest.approx(apparent_size(flat, SIZE).apparent, rel=0.02)
-    assert apparent_size(upright, SIZE).name == "diameter"
+    for tilt_rad in (0.0, 1.0):
+        seen = replace(seen_from(Pose(position_m=(0, 0, 1), tilt_rad=tilt_rad)), outline_px=np.empty((0, 2)))
+        assert SIZE.locate(seen, CAMERA).position_m[2] == pytest.approx(1.0, rel=0.02)
 
 
 def test_what_to_expect_of_a_disc_follows_from_its_diameter() -> None:
@@ -129,12 +128,12 @@ def test_the_95_per_cent_interval_holds_the_truth() -> None:
 
 def _errors(seeds: range, tilt_deg: float, trouble: str) -> list[tuple[float, float]]:
     """Return the relative errors and relative standard deviations of those discs that were found."""
-    detector = DiscDetector("disc", DiscOptions.model_validate({"diameter": "12 cm"}), CAMERA)
+    detector = ThroughLens(DiscDetector("disc", DiscOptions.model_validate({"diameter": "12 cm"})), CAMERA)
     found = []
     for seed in seeds:
         made = render(SHEET_NUISANCES[trouble](disc_scene(seed, math.radians(tilt_deg), plain=True)))
         frame = Frame(made.image, 0.0, 0)
-        measured = measure_frame(frame, detector.detect(frame), detector.target_size, CAMERA)
+        measured = detector.measure(frame)
         if measured.distance_m is not None:
             truth = made.truth.distance_m
             found.append((measured.distance_m / truth - 1, measured.sigma_m / truth))

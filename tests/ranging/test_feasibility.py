@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
-from stadimeter.core.target import BallSize, SheetSize, TargetSize
+from stadimeter.core.target import TargetShape
+from stadimeter.ranging.ball import BallSize
 from stadimeter.ranging.feasibility import expect, farthest_m
+from stadimeter.ranging.flat import SheetSize
 
 TENNIS = BallSize(diameter_m=0.067)
 PAPER = SheetSize(width_m=0.297, height_m=0.21)
@@ -37,14 +39,14 @@ def test_a_ball_appears_as_large_as_its_outline(seen_ball: Callable[..., Detecti
 
 
 @given(size=st.sampled_from([TENNIS, PAPER]), distance_m=st.floats(0.3, 20.0))
-def test_further_away_is_smaller_and_less_sure(size: TargetSize, distance_m: float) -> None:
+def test_further_away_is_smaller_and_less_sure(size: TargetShape, distance_m: float) -> None:
     near, far = expect(size, CAMERA, distance_m), expect(size, CAMERA, 1.5 * distance_m)
     assert far.size_px < near.size_px
     assert far.sigma_m > 2 * near.sigma_m
 
 
 @given(size=st.sampled_from([TENNIS, PAPER]), size_px=st.floats(5, 200))
-def test_the_farthest_distance_is_where_the_size_is_reached(size: TargetSize, size_px: float) -> None:
+def test_the_farthest_distance_is_where_the_size_is_reached(size: TargetShape, size_px: float) -> None:
     assert expect(size, CAMERA, farthest_m(size, CAMERA, size_px)).size_px == pytest.approx(size_px)
 
 

@@ -6,18 +6,16 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import MeasurementStatus
-from stadimeter.core.target import BallSize, SheetSize
-from stadimeter.errors import CalibrationError
-from stadimeter.ranging.measure import measure, measure_frame
+from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.measure import measure
 
 LETTER = SheetSize(width_m=0.2794, height_m=0.2159)
 Seen = Callable[..., Detection]
@@ -129,18 +127,3 @@ def test_a_detector_that_reports_no_size_is_an_error_not_a_distance(camera: Came
         measured = measure(seen_sheet(size, size, (10, 10)), LETTER, camera, 0.0)
         assert measured.status is MeasurementStatus.ERROR
         assert measured.distance_m is None
-
-
-def test_the_camera_model_is_scaled_to_the_frame(camera: CameraModel, seen_sheet: Seen) -> None:
-    small = measure_frame(_frame(640, 480), seen_sheet(110, 85, (400, 300)), LETTER, camera)
-    large = measure_frame(_frame(1280, 960), seen_sheet(220, 170, (800.5, 600.5)), LETTER, camera)
-    assert large.position_m == pytest.approx(small.position_m)
-
-
-def test_a_frame_of_another_aspect_is_refused(camera: CameraModel, seen_sheet: Seen) -> None:
-    with pytest.raises(CalibrationError, match="another aspect"):
-        measure_frame(_frame(640, 360), seen_sheet(110, 85, (320, 180)), LETTER, camera)
-
-
-def _frame(width: int, height: int) -> Frame:
-    return Frame(np.zeros((height, width, 3), np.uint8), 0.0, 0)

@@ -61,6 +61,17 @@ def test_shaken_corners_miss_the_distance_by_as_much_as_is_stated(pose: Pose) ->
     assert np.sqrt(np.mean(off**2)) == pytest.approx(stated, rel=0.2)
 
 
+def test_of_a_sheet_that_faces_the_camera_half_the_variance_of_its_tilt_is_stated_too() -> None:
+    """To first order a small tilt changes no distance; to second order the sheet looks nearer, by half its square."""
+    rng = np.random.default_rng(1)
+    exact = directions_of(Pose(position_m=(0.0, 0.0, 0.6)))
+    normals = np.array([plane_poses(A4, exact + rng.normal(0, SIGMA, (4, 2)))[0].rotation[:2, 2] for _ in range(400)])
+    # Of σ² = (first s)² + (second s²)² the second part is what grows faster than the corners' own error s.
+    shares = [distance_share(plane_poses(A4, exact)[0], A4, times * SIGMA) for times in (1, 100)]
+    second = math.sqrt((shares[1] ** 2 - 1e4 * shares[0] ** 2) / (1e8 - 1e4))
+    assert second == pytest.approx(normals.var(axis=0).max() / 2, rel=0.15)
+
+
 def test_seen_from_far_two_poses_are_possible_and_doubted() -> None:
     near, far = (plane_poses(A4, directions_of(Pose(position_m=(0, 0, z), tilt_rad=0.5)) + 1e-6) for z in (0.6, 60.0))
     assert ambiguity(near) < 0.1

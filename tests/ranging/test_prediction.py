@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
-from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize
 from stadimeter.core.track import Track, TrackStatus
+from stadimeter.perception.prediction import UNSEEN_MAX_S, Motion, follow, predict
+from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.flat import DiscSize, SheetSize, TagSize
 from stadimeter.ranging.measure import measure
-from stadimeter.ranging.prediction import UNSEEN_MAX_S, Motion, follow, predict
 
 pytestmark = pytest.mark.vision
 

@@ -11,8 +11,8 @@ import pytest
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import KnownDistance, calibrate
-from stadimeter.ranging.measure import measure_frame
-from stadimeter.ranging.similar_triangles import distance_m, focal_length_px
+from stadimeter.ranging.similar_triangles import distance_m
+from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
 
@@ -42,7 +42,7 @@ def test_the_tutorials_figures_come_from_taking_the_short_side_for_eleven_inches
     """
     images = [cv2.imread(str(real_pictures / "seed_sheet" / f"{name}.png")) for name in NAMES]
     widths = [_tutorial_sides_px(image)[0 if side == "short" else 1] for image in images]
-    focal = focal_length_px(widths[0], 24 * INCH_M, 11 * INCH_M)
+    focal = widths[0] * 24 / 11
     assert focal == pytest.approx(focal_px, abs=0.01)
     measured = [distance_m(focal, 11 * INCH_M, width) / FOOT_M for width in widths]
     assert measured == pytest.approx(feet, abs=0.0005)
@@ -74,7 +74,7 @@ def test_calibrated_at_two_feet_the_sheet_at_three_and_four_is_right_within_thre
     expected_in = dict(zip((*pictures, *originals), (36.20, 46.98, 36.17, 46.90), strict=True))
     for path in (*pictures, *originals):
         frame = _frame(path)
-        measured = measure_frame(frame, SheetDetector("paper", options, camera).detect(frame), options.size, camera)
+        measured = ThroughLens(detector, camera).measure(frame)
         inches = measured.distance_m / INCH_M
         assert inches == pytest.approx(12 * int(path.stem[0]), rel=0.03), path
         assert abs(inches - 12 * int(path.stem[0])) < 1 + 1.96 * measured.sigma_m / INCH_M, path

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import SheetSize
 from stadimeter.detectors.quad_shape import diagonals_meet, width_and_height
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import KnownDistance, calibrate
-from stadimeter.ranging.measure import measure, measure_frame
-from stadimeter.ranging.sheet import read_sheet
+from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA, sheet_scene
 from support.scenes.plane import Pose
 from support.scenes.render import render
+from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
 
@@ -53,7 +53,7 @@ def seen_from(pose: Pose, sigma_px: float = 0.05, first: int = 0) -> Detection:
 def test_exact_corners_give_the_exact_place_however_the_sheet_hangs(x, z, tilt, towards, roll, first) -> None:
     place = (x * z, 0.2 * z, z)
     pose = Pose(position_m=place, tilt_rad=tilt, tilt_towards_rad=towards, roll_rad=roll)
-    reading = read_sheet(seen_from(pose, first=first), SIZE, CAMERA)
+    reading = SIZE.locate(seen_from(pose, first=first), CAMERA)
     assert math.dist(reading.position_m, place) < 1e-4 * math.hypot(*place)
     assert 0 < reading.noise_share < 0.05
     assert reading.ambiguity < 1
@@ -61,7 +61,7 @@ def test_exact_corners_give_the_exact_place_however_the_sheet_hangs(x, z, tilt, 
 
 def test_the_tilt_is_told() -> None:
     for tilt in (0.0, 0.3, 1.0):
-        reading = read_sheet(seen_from(Pose(position_m=(0, 0, 1), tilt_rad=tilt)), SIZE, CAMERA)
+        reading = SIZE.locate(seen_from(Pose(position_m=(0, 0, 1), tilt_rad=tilt)), CAMERA)
         assert reading.tilt_rad == pytest.approx(tilt, abs=1e-3)
 
 
@@ -69,12 +69,12 @@ def test_a_named_side_decides_alone() -> None:
     seen = seen_from(Pose(position_m=(0, 0, 1)))
     for height_m in (0.21, 0.05, 3.0):
         size = SheetSize(width_m=SIZE.width_m, height_m=height_m, known_side="width")
-        assert read_sheet(seen, size, CAMERA).position_m[2] == pytest.approx(1.0)
+        assert size.locate(seen, CAMERA).position_m[2] == pytest.approx(1.0)
 
 
 def test_a_sheet_that_is_farther_or_less_sharp_is_less_sure() -> None:
     shares = [
-        read_sheet(seen_from(Pose(position_m=(0, 0, z), tilt_rad=0.4), sigma_px), SIZE, CAMERA).noise_share
+        SIZE.locate(seen_from(Pose(position_m=(0, 0, z), tilt_rad=0.4), sigma_px), CAMERA).noise_share
         for z, sigma_px in ((1, 0.05), (1, 0.2), (3, 0.2))
     ]
     assert shares[0] < shares[1] < shares[2]
@@ -90,12 +90,13 @@ def test_the_focal_length_of_a_tilted_sheet_at_a_known_depth_is_right(depth_m, t
 
 
 def test_rendered_sheets_are_measured_to_a_thousandth_and_the_interval_holds_the_truth() -> None:
-    detector = SheetDetector("paper", SheetOptions.model_validate({"width": "29.7 cm", "height": "21 cm"}), CAMERA)
+    options = SheetOptions.model_validate({"width": "29.7 cm", "height": "21 cm"})
+    detector = ThroughLens(SheetDetector("paper", options), CAMERA)
     inside = []
     for seed in range(30, 42):
         made = render(sheet_scene(seed, 0.25 * (seed % 5), plain=True))
         frame = Frame(made.image, 0.0, 0)
-        measured = measure_frame(frame, detector.detect(frame), SIZE, CAMERA)
+        measured = detector.measure(frame)
         error_m = measured.distance_m - made.truth.distance_m
         assert abs(error_m) < 0.002 * made.truth.distance_m, seed
         inside.append(abs(error_m) < 1.96 * measured.sigma_m)

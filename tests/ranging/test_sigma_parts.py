@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.target import BallSize
-from stadimeter.ranging.measure import measure
-from stadimeter.ranging.sigma_parts import sigma_parts
+from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.measure import measure, sigma_parts
 
 pytestmark = pytest.mark.vision
 

@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import TagSize
 from stadimeter.detectors.quad_shape import diagonals_meet, width_and_height
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.ranging.measure import measure, measure_frame
-from stadimeter.ranging.tag import ambiguity, read_tag, tag_poses
+from stadimeter.ranging.flat import TagSize, ambiguity, tag_poses
+from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA, tag_scene
 from support.scenes.nuisances import TAG_NUISANCES
 from support.scenes.plane import Pose
 from support.scenes.render import render
+from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
 
@@ -62,14 +62,14 @@ def seen_from(pose: Pose, camera: CameraModel = CAMERA, sigma_px: float = 0.05) 
 def test_exact_corners_give_the_exact_place(x, y, z, tilt, towards, roll) -> None:
     place = (x * z, y * z, z)
     pose = Pose(position_m=place, tilt_rad=tilt, tilt_towards_rad=towards, roll_rad=roll)
-    reading = read_tag(seen_from(pose), SIZE, CAMERA)
+    reading = SIZE.locate(seen_from(pose), CAMERA)
     assert math.dist(reading.position_m, place) < 1e-4 * math.hypot(*place)
 
 
 def test_a_tag_that_faces_the_camera_exactly_is_measured_exactly() -> None:
     """OpenCV's closed form alone divides zero by zero here."""
     for x_m in (0.0, 0.05, 0.13):
-        reading = read_tag(seen_from(Pose(position_m=(x_m, 0.02, 0.5), roll_rad=0.3)), SIZE, CAMERA)
+        reading = SIZE.locate(seen_from(Pose(position_m=(x_m, 0.02, 0.5), roll_rad=0.3)), CAMERA)
         assert math.hypot(*reading.position_m) == pytest.approx(math.hypot(x_m, 0.02, 0.5), rel=2e-5)
 
 
@@ -83,7 +83,7 @@ def test_distortion_is_undone() -> None:
 
 
 def test_the_uncertainty_grows_with_the_share_that_the_edges_noise_is_of_the_side() -> None:
-    near, far = (read_tag(seen_from(Pose(position_m=(0, 0, z))), SIZE, CAMERA) for z in (0.5, 1.5))
+    near, far = (SIZE.locate(seen_from(Pose(position_m=(0, 0, z))), CAMERA) for z in (0.5, 1.5))
     assert near.noise_share == pytest.approx(0.05 / 120, rel=1e-6)
     assert far.noise_share == pytest.approx(3 * near.noise_share, rel=1e-6)
 
@@ -102,7 +102,7 @@ def test_the_two_poses_are_told_apart_near_by_and_hardly_far_away() -> None:
 
 def test_where_the_pose_is_ambiguous_the_systematic_share_says_how_much_it_matters() -> None:
     clear, doubtful = (
-        read_tag(seen_from(Pose(position_m=(0, 0, z), tilt_rad=0.6), sigma_px=0.1), SIZE, CAMERA) for z in (0.3, 3)
+        SIZE.locate(seen_from(Pose(position_m=(0, 0, z), tilt_rad=0.6), sigma_px=0.1), CAMERA) for z in (0.3, 3)
     )
     assert clear.systematic_share < 1e-6
     assert 0 < doubtful.systematic_share < 0.02
@@ -114,12 +114,12 @@ def _shaken(detection: Detection) -> np.ndarray:
 
 def test_without_corners_similar_triangles_give_the_distance() -> None:
     detection = replace(seen_from(Pose(position_m=(0.1, 0, 1))), outline_px=np.empty((0, 2)))
-    assert read_tag(detection, SIZE, CAMERA).position_m == pytest.approx((0.1, 0, 1), rel=1e-6)
+    assert SIZE.locate(detection, CAMERA).position_m == pytest.approx((0.1, 0, 1), rel=1e-6)
 
 
 def test_corners_that_are_no_square_give_a_distance_all_the_same() -> None:
     detection = replace(seen_from(Pose(position_m=(0, 0, 1))), outline_px=np.full((4, 2), 100.0))
-    assert read_tag(detection, SIZE, CAMERA).position_m[2] == pytest.approx(1, rel=1e-3)
+    assert SIZE.locate(detection, CAMERA).position_m[2] == pytest.approx(1, rel=1e-3)
 
 
 @pytest.mark.parametrize(("side_px", "limit"), [(48, 0.003), (100, 0.0015)])
@@ -142,12 +142,12 @@ def test_the_95_per_cent_interval_holds_the_truth() -> None:
 
 def _errors(seeds: range, side_px: float, trouble: str) -> list[tuple[float, float]]:
     """Return the relative errors and relative standard deviations of those tags that were found."""
-    detector = TagDetector("tag", TagOptions.model_validate({"side": "10 cm"}), CAMERA)
+    detector = ThroughLens(TagDetector("tag", TagOptions.model_validate({"side": "10 cm"})), CAMERA)
     found = []
     for seed in seeds:
         made = render(TAG_NUISANCES[trouble](tag_scene(seed, side_px, math.radians(15 * (seed % 4)))))
         frame = Frame(made.image, 0.0, 0)
-        measured = measure_frame(frame, detector.detect(frame), detector.target_size, CAMERA)
+        measured = detector.measure(frame)
         if measured.distance_m is not None:
             truth = made.truth.distance_m
             found.append((measured.distance_m / truth - 1, measured.sigma_m / truth))
@@ -169,21 +169,23 @@ def test_twelve_real_tags_are_as_far_away_as_another_program_says(real_pictures:
     assert len(truth) == 12
     errors = []
     for number, position in truth.items():
-        detector = TagDetector("tag", TagOptions.model_validate({"side": "53 mm", "id": number}), VISP_CAMERA)
-        measured = measure_frame(frame, detector.detect(frame), detector.target_size, VISP_CAMERA)
+        detector = ThroughLens(
+            TagDetector("tag", TagOptions.model_validate({"side": "53 mm", "id": number})), VISP_CAMERA
+        )
+        measured = detector.measure(frame)
         assert measured.position_m == pytest.approx(position, abs=0.005), number
         errors.append(abs(measured.distance_m / float(np.linalg.norm(position)) - 1))
     assert np.median(errors) < 0.005
 
 
 def test_a_real_tag_that_turns_stays_as_far_away(real_pictures: Path) -> None:
-    detector = TagDetector("tag", TagOptions.model_validate({"side": "65 mm"}), DUCKIETOWN_CAMERA)
+    detector = ThroughLens(TagDetector("tag", TagOptions.model_validate({"side": "65 mm"})), DUCKIETOWN_CAMERA)
     distances = []
     pictures = sorted((real_pictures / "tags" / "duckietown").glob("*.png"))
     assert len(pictures) == 7
     for path in pictures:
         frame = Frame(cv2.imread(str(path)), 0.0, 0)
-        measured = measure_frame(frame, detector.detect(frame), detector.target_size, DUCKIETOWN_CAMERA)
+        measured = detector.measure(frame)
         assert measured.distance_m is not None, path.name
         distances.append(measured.distance_m)
     assert max(abs(np.array(distances) / np.mean(distances) - 1)) < 0.02

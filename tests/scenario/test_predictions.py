@@ -13,6 +13,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Loop
 from stadimeter.config.loader import load_configuration
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Prediction
 from stadimeter.core.frame import Frame
 
@@ -55,9 +56,11 @@ class Listening:
         self.expected: list[Prediction | None] = []
         loop.parts.cycle.looking.detectors = {"tag": self}
 
-    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
         self.expected.append(prediction)
-        return self._detector.detect(frame, prediction)
+        return self._detector.detect(frame, prediction, lens=lens)
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from stadimeter.config.plugins import CAMERAS, DETECTORS
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import BallSize
 from stadimeter.errors import CalibrationError, ConfigError
+from stadimeter.ranging.ball import BallSize
 from stadimeter.simulation.silhouette import silhouette
 
 BLANK = np.zeros((480, 640, 3), np.uint8)

@@ -26,7 +26,11 @@ def _mark(status: DetectionStatus = DetectionStatus.FOUND, outline: np.ndarray =
     detection = Detection(
         target="paper", status=status, outline_px=outline, centre_px=(345.0, 212.0), width_px=300.0, height_px=205.0
     )
-    return Mark(detection=detection, **{"headline": "35.0 in ± 0.4", "lines": ("paper: 35.0 in ± 0.4",), **changes})
+    return Mark(
+        detection=detection,
+        has_corners=len(outline) == 4,
+        **{"headline": "35.0 in ± 0.4", "lines": ("paper: 35.0 in ± 0.4",), **changes},
+    )
 
 
 def _pixels_of(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
@@ -87,7 +91,12 @@ def test_any_size_of_picture_is_drawn_into(size: tuple[int, int]) -> None:
     detection = Detection(
         target="paper", status=DetectionStatus.FOUND, outline_px=CORNERS * scale, centre_px=(width / 2, height / 2)
     )
-    mark = Mark(detection=detection, headline="35.0 in ± 0.4", lines=("paper: a rather long line of text", "± 2"))
+    mark = Mark(
+        detection=detection,
+        has_corners=True,
+        headline="35.0 in ± 0.4",
+        lines=("paper: a rather long line of text", "± 2"),
+    )
     copy = annotate(_blank(width, height), [mark])
     assert max(copy.shape[:2]) >= 600
     assert copy.shape[0] * width == copy.shape[1] * height

@@ -14,7 +14,7 @@ from stadimeter.config.rule_tests.expectations import SpanTable
 from stadimeter.config.rule_tests.tables import MotionTable, PathPoint
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.target import BallSize
+from stadimeter.ranging.ball import BallSize
 from stadimeter.ranging.feasibility import expect
 from stadimeter.workbench.rule_tests.sensor_model import SensorModel
 from stadimeter.workbench.rule_tests.synthetic_track import (

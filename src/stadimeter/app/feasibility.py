@@ -15,7 +15,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import DirectionCondition, DistanceCondition
 from stadimeter.core.conditions.probability import probability_between
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
-from stadimeter.core.target import TargetSize
+from stadimeter.core.target import TargetShape
 from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.feasibility import RELIABLE_PX, expect, farthest_m
 
@@ -37,9 +37,9 @@ def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
     return problems(unique, str(configuration.path), configuration.spans)
 
 
-def _target_sizes(configuration: Configuration) -> dict[str, TargetSize]:
+def _target_sizes(configuration: Configuration) -> dict[str, TargetShape]:
     """Return the sizes of those targets that are looked for in pictures."""
-    sizes: dict[str, TargetSize] = {}
+    sizes: dict[str, TargetShape] = {}
     for choice in configuration.targets:
         if not choice.plugin.needs_pixels:
             continue
@@ -51,7 +51,7 @@ def _target_sizes(configuration: Configuration) -> dict[str, TargetSize]:
     return sizes
 
 
-def _rule_findings(compiled: CompiledRule, sizes: Mapping[str, TargetSize], camera: CameraModel) -> Iterator[Finding]:
+def _rule_findings(compiled: CompiledRule, sizes: Mapping[str, TargetShape], camera: CameraModel) -> Iterator[Finding]:
     rule = compiled.rule
     if isinstance(rule, AlarmRule):
         when, *_ = compiled.conditions()
@@ -62,7 +62,7 @@ def _rule_findings(compiled: CompiledRule, sizes: Mapping[str, TargetSize], came
 
 
 def _condition_findings(
-    condition: WrittenCondition, sizes: Mapping[str, TargetSize], camera: CameraModel
+    condition: WrittenCondition, sizes: Mapping[str, TargetShape], camera: CameraModel
 ) -> Iterator[Finding]:
     for written in condition.leaves():
         match written.leaf:
@@ -81,7 +81,7 @@ def _farthest_limit_m(rule: RampRule | FollowRule) -> float:
 
 
 def _distance_findings(
-    at: KeyPath, condition: DistanceCondition, size: TargetSize, camera: CameraModel
+    at: KeyPath, condition: DistanceCondition, size: TargetShape, camera: CameraModel
 ) -> Iterator[Finding]:
     limits_m = [each for each in (condition.above_m, condition.below_m) if each]
     nearest_m = farthest_m(size, camera, min(camera.width_px, camera.height_px))
@@ -104,7 +104,7 @@ def _too_near(at: KeyPath, condition: DistanceCondition, nearest_m: float, camer
     return Finding(at, message, "a smaller target, a wider lens or a further limit helps", "unreachable")
 
 
-def _too_small(at: KeyPath, limit_m: float, target: str, size: TargetSize, camera: CameraModel) -> Iterator[Finding]:
+def _too_small(at: KeyPath, limit_m: float, target: str, size: TargetShape, camera: CameraModel) -> Iterator[Finding]:
     if limit_m <= 0 or (expected := expect(size, camera, limit_m)).is_reliable:
         return
     message = (
@@ -121,7 +121,7 @@ def _too_small(at: KeyPath, limit_m: float, target: str, size: TargetSize, camer
 
 
 def _too_noisy(
-    at: KeyPath, limit_m: float, condition: DistanceCondition, size: TargetSize, camera: CameraModel
+    at: KeyPath, limit_m: float, condition: DistanceCondition, size: TargetShape, camera: CameraModel
 ) -> Iterator[Finding]:
     noise_m = expect(size, camera, limit_m).noise_m
     band_m = condition.deadband_sigmas * noise_m
@@ -134,7 +134,7 @@ def _too_noisy(
     yield Finding(at, message, "a larger target, more pixels or a nearer limit helps", "unresolvable")
 
 
-def _too_narrow(at: KeyPath, condition: DistanceCondition, size: TargetSize, camera: CameraModel) -> Iterator[Finding]:
+def _too_narrow(at: KeyPath, condition: DistanceCondition, size: TargetShape, camera: CameraModel) -> Iterator[Finding]:
     """Find limits so near to each other that a distance is never surely enough between them."""
     low_m, high_m, likely_on = condition.above_m, condition.below_m, condition.probability_on
     if not low_m or high_m is None or likely_on is None or high_m <= low_m:
@@ -153,7 +153,7 @@ def _too_narrow(at: KeyPath, condition: DistanceCondition, size: TargetSize, cam
 
 
 def _ends_too_far(
-    at: KeyPath, condition: DistanceCondition, size: TargetSize, camera: CameraModel
+    at: KeyPath, condition: DistanceCondition, size: TargetShape, camera: CameraModel
 ) -> Iterator[Finding]:
     """Find an alarm that begins where the target is seen, and ends only where it is not."""
     if condition.below_m is None:

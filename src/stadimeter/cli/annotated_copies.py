@@ -79,9 +79,15 @@ def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
     detection = result.detection or Detection(target=measured.target, status=DetectionStatus.NOT_FOUND)
     if measured.status is not MeasurementStatus.MEASURED:
         words = _WORDS[measured.status]
-        return Mark(detection=detection, headline=words, lines=(f"{measured.target}: {words}", measured.reason))
+        return Mark(
+            detection=detection,
+            has_corners=result.has_corners,
+            headline=words,
+            lines=(f"{measured.target}: {words}", measured.reason),
+        )
     return Mark(
         detection=detection,
+        has_corners=result.has_corners,
         headline=format_distance(measured.distance_m, measured.sigma_m, unit),
         lines=_legend(measured, detection, unit),
     )

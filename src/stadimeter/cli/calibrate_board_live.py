@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import Any
 
 import typer
 from pydantic import ValidationError
 
 from stadimeter.cli.known_pictures import today
+from stadimeter.cli.target_options import key_and_value
 from stadimeter.config import plain_words
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
-from stadimeter.config.toml_source import parse_toml
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, ConfigError, EndOfFramesError, Problem
@@ -114,19 +113,10 @@ def _camera(live: str) -> DriverChoice:
         return load_camera_choice(Path(live))
     driver, *options = live.split(",")
     plugin = load_plugin(CAMERAS, driver)
-    table = dict(map(_option, options))
+    table = dict(map(key_and_value, options))
     try:
         return DriverChoice(name="camera", driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
     except ValidationError as error:
         found = plain_words.findings(error, plugin.options, table, ())
         hint = f"write it such as --live {driver},KEY=VALUE, or write a configuration and give that"
         raise ConfigError([Problem(f"{driver}: {each.message}", key="--live", hint=hint) for each in found]) from error
-
-
-def _option(text: str) -> tuple[str, Any]:
-    """Return an option of a driver as a configuration would have it; what is no TOML value is text."""
-    key, _, value = text.partition("=")
-    try:
-        return key.strip(), parse_toml(f"value = {value}", "").table["value"]
-    except ConfigError:
-        return key.strip(), value.strip()

@@ -10,18 +10,7 @@ import typer
 from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import DistanceErrorOption, PicturesAtDistances, look_at
-from stadimeter.cli.target_options import (
-    BallOption,
-    DiscOption,
-    FamilyOption,
-    HsvOption,
-    KnownSideOption,
-    SheetOption,
-    TagIdOption,
-    TagOption,
-    ToleranceOption,
-    wanted_targets,
-)
+from stadimeter.cli.target_options import GivenTarget, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.ranging.calibration_check import CalibrationCheck, check_calibration
 
@@ -35,18 +24,12 @@ def register(app: typer.Typer) -> None:
     app.command("check")(check)
 
 
+@takes_target
 def check(
+    *,
+    target: GivenTarget,
     pictures: PicturesAtDistances,
     camera: Annotated[Path, typer.Option("--camera", metavar="FILE", help="The camera file to check.")],
-    sheet: SheetOption = None,
-    known_side: KnownSideOption = "auto",
-    ball: BallOption = None,
-    hsv: HsvOption = None,
-    tag: TagOption = None,
-    family: FamilyOption = None,
-    tag_id: TagIdOption = None,
-    disc: DiscOption = None,
-    tolerance: ToleranceOption = None,
     distance_error: DistanceErrorOption = 1.0,
 ) -> None:
     """Say how wrong a camera file is, from new pictures of a target at known distances.
@@ -62,17 +45,7 @@ def check(
     an option, a file or a picture is wrong.
     """
     with told_plainly():
-        wanted = wanted_targets(
-            sheet=sheet,
-            known_side=known_side,
-            ball=ball,
-            hsv=hsv,
-            tag=tag,
-            family=family,
-            tag_id=tag_id,
-            disc=disc,
-            tolerance=tolerance,
-        )
+        wanted = wanted_targets(target)
         model = load_camera_model(camera)
         known = look_at(pictures, wanted, model)
         if not known.usable:

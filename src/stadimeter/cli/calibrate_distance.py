@@ -18,19 +18,7 @@ from stadimeter.cli.known_pictures import (
     look_at,
     today,
 )
-from stadimeter.cli.target_options import (
-    BallOption,
-    DiscOption,
-    FamilyOption,
-    HsvOption,
-    KnownSideOption,
-    SheetOption,
-    TagIdOption,
-    TagOption,
-    ToleranceOption,
-    WantedTargets,
-    wanted_targets,
-)
+from stadimeter.cli.target_options import GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import ToneCurve
 from stadimeter.ranging.calibration import Calibration, FocalLength, KnownDistance, calibrate
@@ -51,18 +39,12 @@ def register(app: typer.Typer) -> None:
     app.command("distance")(distance)
 
 
+@takes_target
 def distance(
+    *,
+    target: GivenTarget,
     pictures: PicturesAtDistances,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
-    sheet: SheetOption = None,
-    known_side: KnownSideOption = "auto",
-    ball: BallOption = None,
-    hsv: HsvOption = None,
-    tag: TagOption = None,
-    family: FamilyOption = None,
-    tag_id: TagIdOption = None,
-    disc: DiscOption = None,
-    tolerance: ToleranceOption = None,
     distance_error: DistanceErrorOption = 1.0,
     tone_curve: ToneCurveOption = "srgb",
 ) -> None:
@@ -91,17 +73,7 @@ def distance(
     written.
     """
     with told_plainly():
-        wanted = wanted_targets(
-            sheet=sheet,
-            known_side=known_side,
-            ball=ball,
-            hsv=hsv,
-            tag=tag,
-            family=family,
-            tag_id=tag_id,
-            disc=disc,
-            tolerance=tolerance,
-        )
+        wanted = wanted_targets(target)
         known = look_at(pictures, wanted, None)
         if not known.usable:
             typer.echo("error: no picture can be used, so nothing was written", err=True)

@@ -7,7 +7,7 @@ import math
 from stadimeter.cli.formatting import format_place, format_tilt
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement
-from stadimeter.ranging.sigma_parts import SigmaParts
+from stadimeter.ranging.measure import SigmaParts
 from stadimeter.workbench.measuring import TargetResult
 
 INDENT = 4

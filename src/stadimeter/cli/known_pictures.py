@@ -74,7 +74,7 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     for note in check_lens_settings([path for path, _ in taken]):
         typer.echo(f"note: {note}", err=True)
     (target,) = build_detectors(wanted.choices, camera_model)
-    known = [known_distance(path, depth_m, target) for path, depth_m in taken]
+    known = [known_distance(path, depth_m, target, camera_model) for path, depth_m in taken]
     usable = tuple(each for each in known if each.detection.status is DetectionStatus.FOUND)
     for each in known:
         if each.detection.status is not DetectionStatus.FOUND:

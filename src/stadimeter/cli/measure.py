@@ -17,20 +17,7 @@ from stadimeter.cli.annotated_copies import copy_paths, marks_of
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, told_plainly
 from stadimeter.cli.explanation import explanation, explanation_record
 from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_distance, format_tilt
-from stadimeter.cli.target_options import (
-    BallOption,
-    ConfigOption,
-    DiscOption,
-    FamilyOption,
-    HsvOption,
-    KnownSideOption,
-    SheetOption,
-    TagIdOption,
-    TagOption,
-    ToleranceOption,
-    WantedTargets,
-    wanted_targets,
-)
+from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
@@ -61,21 +48,15 @@ def register(app: typer.Typer) -> None:
     app.command()(measure)
 
 
+@takes_target
 def measure(
+    *,
+    target: GivenTarget,
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="Picture files.")],
     camera: Annotated[
         Path | None,
         typer.Option("--camera", metavar="FILE", help="The camera file, made by `stadimeter calibrate distance`."),
     ] = None,
-    sheet: SheetOption = None,
-    known_side: KnownSideOption = "auto",
-    ball: BallOption = None,
-    hsv: HsvOption = None,
-    tag: TagOption = None,
-    family: FamilyOption = None,
-    tag_id: TagIdOption = None,
-    disc: DiscOption = None,
-    tolerance: ToleranceOption = None,
     config: ConfigOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.")] = False,
     copies: Annotated[
@@ -119,18 +100,7 @@ def measure(
     picture is wrong. A bad picture does not stop the others.
     """
     with told_plainly():
-        wanted = wanted_targets(
-            sheet=sheet,
-            known_side=known_side,
-            ball=ball,
-            hsv=hsv,
-            config=config,
-            tag=tag,
-            family=family,
-            tag_id=tag_id,
-            disc=disc,
-            tolerance=tolerance,
-        )
+        wanted = wanted_targets(target, config)
         camera_model = _camera_model(camera, wanted)
         targets = build_detectors(wanted.choices, camera_model)
         printer = _json_printer(explain=explain) if as_json else _line_printer(images, wanted, explain=explain)

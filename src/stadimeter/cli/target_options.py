@@ -1,9 +1,13 @@
-"""The options by which `measure` and `calibrate` are told what to look for."""
+"""The options that say what to look for, which `measure` and `calibrate` have in common."""
 
 from __future__ import annotations
 
+import functools
+import inspect
 import re
-from dataclasses import dataclass
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,9 +17,10 @@ from pydantic import ValidationError
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config import plain_words
 from stadimeter.config.plugins import DETECTORS, DriverChoice, load_plugin
+from stadimeter.config.toml_source import parse_toml
 from stadimeter.config.units import LENGTHS_M, parse_length
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
 
 SheetOption = Annotated[
     str | None,
@@ -65,6 +70,15 @@ ToleranceOption = Annotated[
         help="How well the target's size is known, one standard deviation, such as 1mm; it widens the ±.",
     ),
 ]
+TargetOption = Annotated[
+    str | None,
+    typer.Option(
+        "--target",
+        metavar="'KIND KEY=VALUE …'",
+        help="Look for a target of any installed kind, with the keys that its table in a configuration has, such as "
+        "'disc diameter=12cm shade=dark'. In quotes.",
+    ),
+]
 ConfigOption = Annotated[
     Path | None,
     typer.Option("--config", metavar="FILE", help="Look for the targets of this configuration, through its camera."),
@@ -75,6 +89,89 @@ _UNITS = {
     "in": INCH, "inch": INCH, "inches": INCH, '"': INCH, "ft": FOOT, "foot": FOOT, "feet": FOOT, "'": FOOT, "yd": FOOT,
     "mm": CENTIMETRE, "cm": CENTIMETRE,
 }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Companion:
+    """An option that says more of what a short option describes.
+
+    Attributes:
+        key: What it is called in the detector's table.
+        means: What it says, for the message where it stands alone.
+        missing: What to say where it is missing; empty if it may be.
+    """
+
+    key: str
+    means: str
+    missing: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Shorthand:
+    """A short option for a built-in kind of target, and its companions. Every kind can be named with ``--target``.
+
+    Attributes:
+        keys: The keys that its value fills, separated by commas.
+    """
+
+    kind: str
+    metavar: str
+    keys: tuple[str, ...]
+    companions: Mapping[str, _Companion] = field(default_factory=dict)
+
+
+SHORTHANDS = {
+    "--sheet": _Shorthand(
+        "sheet",
+        "WIDTH,HEIGHT",
+        ("width", "height"),
+        {"--known-side": _Companion("known_side", "names a side of the sheet")},
+    ),
+    "--ball": _Shorthand(
+        "ball",
+        "DIAMETER",
+        ("diameter",),
+        {
+            "--hsv": _Companion(
+                "hsv",
+                "says which colours the ball has",
+                '--ball needs the ball\'s colours; add --hsv, such as --hsv "29,86,6:64,255,255"',
+            )
+        },
+    ),
+    "--tag": _Shorthand(
+        "tag",
+        "SIDE",
+        ("side",),
+        {
+            "--family": _Companion(
+                "family",
+                "says what kind of tag it is",
+                "--tag needs the tag's family; add --family, such as --family 36h11",
+            ),
+            "--id": _Companion("id", "says which tag it is"),
+        },
+    ),
+    "--disc": _Shorthand("disc", "DIAMETER", ("diameter",)),
+}
+
+_OPTIONS: dict[str, tuple[Any, Any]] = {
+    "--sheet": (SheetOption, None),
+    "--known-side": (KnownSideOption, "auto"),
+    "--ball": (BallOption, None),
+    "--hsv": (HsvOption, None),
+    "--tag": (TagOption, None),
+    "--family": (FamilyOption, None),
+    "--id": (TagIdOption, None),
+    "--disc": (DiscOption, None),
+    "--target": (TargetOption, None),
+    "--tolerance": (ToleranceOption, None),
+}
+"""The options by their names, each with its annotation and its default."""
+
+
+GivenTarget = Mapping[str, Any]
+"""The values of the options that describe a target, by option, such as ``{"--disc": "12cm"}``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,138 +189,158 @@ class WantedTargets:
     unit: LengthUnit = METRE
 
 
-def wanted_targets(
-    *,
-    sheet: str | None,
-    known_side: str,
-    ball: str | None,
-    hsv: str | None,
-    config: Path | None = None,
-    tag: str | None = None,
-    family: str | None = None,
-    tag_id: int | None = None,
-    disc: str | None = None,
-    tolerance: str | None = None,
-) -> WantedTargets:
-    """Make sense of the options.
+def takes_target(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options that describe a target, in place of its argument ``target``.
+
+    The argument holds the values by option, for `wanted_targets`.
+    """
+    own = list(inspect.signature(command, eval_str=True).parameters.values())
+    place = next(index for index, each in enumerate(own) if each.name == "target")
+    own[place : place + 1] = [
+        inspect.Parameter(_parameter(flag), inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        for flag, (annotation, default) in _OPTIONS.items()
+    ]
+
+    @functools.wraps(command)
+    def with_options(**values: Any) -> None:
+        given = {flag: values.pop(_parameter(flag)) for flag in _OPTIONS}
+        command(target=given, **values)
+
+    with_options.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
+    with_options.__annotations__ = {each.name: each.annotation for each in own}
+    return with_options
+
+
+def _parameter(flag: str) -> str:
+    return f"target_{flag.removeprefix('--').replace('-', '_')}"
+
+
+def wanted_targets(given: GivenTarget, config: Path | None = None) -> WantedTargets:
+    """Return what the options describe.
 
     Args:
-        sheet: ``--sheet``.
-        known_side: ``--known-side``.
-        ball: ``--ball``.
-        hsv: ``--hsv``.
-        config: ``--config``.
-        tag: ``--tag``.
-        family: ``--family``.
-        tag_id: ``--id``.
-        disc: ``--disc``.
-        tolerance: ``--tolerance``.
-
-    Returns:
-        What to look for.
+        given: The values by option; an option that was not given is missing, None or its default.
+        config: ``--config``, for the targets of a configuration.
 
     Raises:
         ConfigError: They contradict each other, or one of them is wrong.
     """
-    kinds = (("--sheet", sheet), ("--ball", ball), ("--tag", tag), ("--disc", disc), ("--config", config))
-    given = [name for name, value in kinds if value is not None]
-    if len(given) != 1:
-        said = f"{' and '.join(given)} exclude each other" if given else "nothing says what to look for"
+    said = {flag: value for flag, value in given.items() if value is not None and value != _OPTIONS[flag][1]}
+    describing = [flag for flag in (*SHORTHANDS, "--target") if flag in said]
+    names = [*describing, *(["--config"] if config is not None else [])]
+    if len(names) != 1:
+        trouble = f"{' and '.join(names)} exclude each other" if names else "nothing says what to look for"
         raise ConfigError(
-            f'{said}; give one of --sheet 11in,8.5in, --ball 6.4cm --hsv "…", --tag 8cm --family 36h11, '
-            "--disc 12cm, or --config FILE"
+            f'{trouble}; give one of --sheet 11in,8.5in, --ball 6.4cm --hsv "…", --tag 8cm --family 36h11, '
+            "--disc 12cm, --target 'KIND KEY=VALUE …', or --config FILE"
         )
-    _check_companions(sheet, known_side, ball, hsv)
-    _check_tag_companions(tag, family, tag_id)
-    if tolerance is not None and config is not None:
+    _check_companions(said, names[0])
+    if config is None:
+        described = _named(said["--target"]) if names == ["--target"] else _short(names[0], said)
+        return described.wanted(said.get("--tolerance"))
+    if "--tolerance" in said:
         raise ConfigError("--tolerance says how well a size is known; with --config it stands in the target's table")
-    if sheet is not None:
-        return _sheet(sheet, known_side).wanted(tolerance)
-    if ball is not None:
-        return _ball(ball, hsv).wanted(tolerance)
-    if tag is not None:
-        return _tag(tag, family, tag_id).wanted(tolerance)
-    if disc is not None:
-        return _Described("disc", {"diameter": disc}, {"diameter": "--disc"}, disc).wanted(tolerance)
-    assert config is not None  # noqa: S101 - one of them is given
     from stadimeter.config.loader import load_configuration  # noqa: PLC0415 - most of a start, and rarely asked for
 
     loaded = load_configuration(config)
     return WantedTargets(choices=loaded.targets, camera_model=loaded.camera_model)
 
 
-def _check_companions(sheet: str | None, known_side: str, ball: str | None, hsv: str | None) -> None:
-    if hsv is not None and ball is None:
-        raise ConfigError("--hsv says which colours the ball has; give --ball DIAMETER with it")
-    if ball is not None and hsv is None:
-        raise ConfigError('--ball needs the ball\'s colours; add --hsv, such as --hsv "29,86,6:64,255,255"')
-    if known_side != "auto" and sheet is None:
-        raise ConfigError("--known-side names a side of the sheet; give --sheet WIDTH,HEIGHT with it")
-
-
-def _check_tag_companions(tag: str | None, family: str | None, tag_id: int | None) -> None:
-    if tag is None and family is not None:
-        raise ConfigError("--family says what kind of tag it is; give --tag SIDE with it")
-    if tag is None and tag_id is not None:
-        raise ConfigError("--id says which tag it is; give --tag SIDE with it")
-    if tag is not None and family is None:
-        raise ConfigError("--tag needs the tag's family; add --family, such as --family 36h11")
+def _check_companions(said: Mapping[str, Any], name: str) -> None:
+    for flag, short in SHORTHANDS.items():
+        for option, companion in short.companions.items():
+            if option in said and flag != name:
+                raise ConfigError(f"{option} {companion.means}; give {flag} {short.metavar} with it")
+            if flag == name and companion.missing and option not in said:
+                raise ConfigError(companion.missing)
 
 
 @dataclass(frozen=True, slots=True)
 class _Described:
-    """A target as the options describe it: its detector's table, the option of each key, and a size as written."""
+    """A target as the options describe it: its detector's table, and the option that each key comes from."""
 
-    driver: str
+    kind: str
     table: dict[str, Any]
-    options: dict[str, str]
-    size: str
+    options: Mapping[str, str]
 
     def wanted(self, tolerance: str | None) -> WantedTargets:
         """Return it with how well its size is known."""
-        table, options = {**self.table, "tolerance": tolerance}, {**self.options, "tolerance": "--tolerance"}
-        return WantedTargets(choices=(_choice(self.driver, table, options),), unit=_unit_of(self.size))
+        table, options = self.table, {**self.options}
+        if tolerance is not None:
+            table, options = {**table, "tolerance": tolerance}, {**options, "tolerance": "--tolerance"}
+        units = (unit for value in self.table.values() if (unit := _unit_of(value)) is not None)
+        return WantedTargets(choices=(_choice(self.kind, table, options),), unit=next(units, METRE))
 
 
-def _sheet(text: str, known_side: str) -> _Described:
-    sizes = text.split(",")
-    if len(sizes) != 2:
-        raise ConfigError(f"--sheet: {text!r} is not a width and a height; write it such as 11in,8.5in")
-    table = {"width": sizes[0], "height": sizes[1], "known_side": known_side}
-    options = {"width": "--sheet", "height": "--sheet", "known_side": "--known-side"}
-    return _Described("sheet", table, options, sizes[0])
+def _short(flag: str, said: Mapping[str, Any]) -> _Described:
+    short = SHORTHANDS[flag]
+    sizes = said[flag].split(",") if len(short.keys) > 1 else [said[flag]]
+    if len(sizes) != len(short.keys):
+        raise ConfigError(f"{flag}: {said[flag]!r} is not a width and a height; write it such as 11in,8.5in")
+    table = dict(zip(short.keys, sizes, strict=True))
+    options = dict.fromkeys(short.keys, flag)
+    for option, companion in short.companions.items():
+        options[companion.key] = option
+        if option in said:
+            table[companion.key] = said[option]
+    return _Described(short.kind, table, options)
 
 
-def _ball(text: str, hsv: str | None) -> _Described:
-    return _Described("ball", {"diameter": text, "hsv": hsv}, {"diameter": "--ball", "hsv": "--hsv"}, text)
+def _named(text: str) -> _Described:
+    """Return the target of ``--target 'KIND KEY=VALUE …'``."""
+    try:
+        kind, *pairs = shlex.split(text)
+    except ValueError as error:  # nothing at all, or a quote without its end
+        raise ConfigError(
+            f"--target: {text!r} is not a kind with keys; write it such as 'disc diameter=12cm'"
+        ) from error
+    table: dict[str, Any] = {}
+    for pair in pairs:
+        key, value = key_and_value(pair)
+        if "=" not in pair or not key:
+            raise ConfigError(f"--target: {pair!r} is not KEY=VALUE; write it such as diameter=12cm")
+        if key in table:
+            raise ConfigError(f"--target: {key} is given twice")
+        table[key] = value
+    return _Described(kind, table, {})
 
 
-def _tag(text: str, family: str | None, tag_id: int | None) -> _Described:
-    table = {"side": text, "family": family, "id": tag_id}
-    return _Described("tag", table, {"side": "--tag", "family": "--family", "id": "--id"}, text)
+def key_and_value(text: str) -> tuple[str, Any]:
+    """Return an option of a driver as a configuration would have it; a value that is none of TOML is text."""
+    key, _, value = text.partition("=")
+    try:
+        return key.strip(), parse_toml(f"value = {value}", "").table["value"]
+    except ConfigError:
+        return key.strip(), value.strip()
 
 
-def _choice(driver: str, table: dict[str, Any], keys: dict[str, str]) -> DriverChoice:
-    plugin = load_plugin(DETECTORS, driver)
+def _choice(driver: str, table: dict[str, Any], keys: Mapping[str, str]) -> DriverChoice:
+    try:
+        plugin = load_plugin(DETECTORS, driver)
+    except DriverNotFoundError as error:
+        raise ConfigError([Problem(str(error), key="--target")]) from error
     try:
         options = plugin.options.model_validate(table)
     except ValidationError as error:
         found = plain_words.findings(error, plugin.options, table, ())
-        told = [Problem(each.message, key=keys.get(str(each.path[-1]), ""), hint=each.hint) for each in found]
-        first_of_each_option = {problem.key: problem for problem in reversed(told)}
-        raise ConfigError(reversed(first_of_each_option.values())) from error
+        wrong = [_problem(str(each.path[-1]), each.message, each.hint, keys) for each in found]
+        of_each_option = {each.key if each.key != "--target" else each.message: each for each in reversed(wrong)}
+        raise ConfigError(reversed(of_each_option.values())) from error
     return DriverChoice(name=driver, driver=driver, plugin=plugin, options=options)
 
 
+def _problem(key: str, message: str, hint: str, keys: Mapping[str, str]) -> Problem:
+    if key in keys:
+        return Problem(message, key=keys[key], hint=hint)
+    return Problem(message if key in message else f"{key}: {message}", key="--target", hint=hint)
+
+
 def parse_known_length(text: str, option: str) -> float:
-    """Read a length of the command line.
+    """Read a length above zero of the command line, in metres.
 
     Args:
-        text: What was written.
+        text: The length as written.
         option: The option or argument, for the message.
-
-    Returns:
-        The length in metres.
 
     Raises:
         ConfigError: It is no length above zero with a unit.
@@ -234,7 +351,7 @@ def parse_known_length(text: str, option: str) -> float:
         raise ConfigError([Problem(str(error), key=option)]) from error
 
 
-def _unit_of(text: str) -> LengthUnit:
-    """Return the unit to show distances in to somebody who has written a length in another."""
-    unit = _NUMBER.sub("", text, count=1).strip()
-    return _UNITS.get(unit, METRE) if unit in LENGTHS_M else METRE
+def _unit_of(value: object) -> LengthUnit | None:
+    """Return the unit to show distances in to a person who has written a length in another; None for no length."""
+    unit = _NUMBER.sub("", value, count=1).strip() if isinstance(value, str) else ""
+    return _UNITS.get(unit, METRE) if unit in LENGTHS_M else None

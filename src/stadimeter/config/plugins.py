@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
+from stadimeter.core.frame import Image
 from stadimeter.errors import DriverError, DriverNotFoundError, DriverUnavailableError
 
 OptionsT = TypeVar("OptionsT", bound=BaseModel)
@@ -110,6 +111,20 @@ class DriverContext:
         return path
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exercise:
+    """A target that `bench` lets a detector find.
+
+    Attributes:
+        options: The detector's table, as a configuration would have it.
+        patch: The target with its surroundings, as it looks in a picture that is 480 px high, to be put into pictures
+            of the simulated room; None to look for the green ball of 20 cm that is in that room.
+    """
+
+    options: Mapping[str, Any]
+    patch: Image | None = field(default=None, compare=False)
+
+
 @dataclass(frozen=True, slots=True)
 class Plugin(Generic[OptionsT]):
     """What an entry point names.
@@ -129,6 +144,7 @@ class Plugin(Generic[OptionsT]):
             that never end.
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
+        exercise: Of a detector, makes what `bench` measures its speed on; None to leave it out.
     """
 
     options: type[OptionsT]
@@ -141,6 +157,7 @@ class Plugin(Generic[OptionsT]):
     is_worn_by_switching: bool = field(default=False, kw_only=True)
     needs_world: bool = field(default=False, kw_only=True)
     needs_pixels: bool = field(default=True, kw_only=True)
+    exercise: Callable[[], Exercise] | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

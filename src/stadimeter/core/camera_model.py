@@ -15,6 +15,8 @@ from stadimeter.errors import CalibrationError
 ToneCurve = Literal["srgb", "linear"]
 """How code values follow from light: as in sRGB, which nearly every camera imitates, or in proportion to it."""
 
+TONE_CURVES: tuple[ToneCurve, ...] = get_args(ToneCurve)
+
 ASPECT_TOLERANCE = 0.01
 """Two resolutions have the same aspect if they differ by no more than this share: rounding to whole pixels, no crop."""
 
@@ -83,7 +85,7 @@ class CameraModel:
         if not (math.isfinite(self.focal_relative_sigma) and self.focal_relative_sigma >= 0):
             message = f"focal_relative_sigma = {self.focal_relative_sigma} is not zero or more"
             raise CalibrationError(message, "focal_relative_sigma")
-        if self.tone_curve not in get_args(ToneCurve):
+        if self.tone_curve not in TONE_CURVES:
             raise CalibrationError(f"tone_curve = {self.tone_curve!r} is neither 'srgb' nor 'linear'", "tone_curve")
         if not math.isfinite(self.edge_bias_px):
             raise CalibrationError(f"edge_bias_px = {self.edge_bias_px} is not finite", "edge_bias_px")

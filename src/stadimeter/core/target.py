@@ -1,68 +1,89 @@
-"""The known size that turns pixels into metres."""
+"""Shapes of targets: the known size that turns pixels into metres.
+
+A shape is all that the rest of the program knows of a kind of target. A detector brings it along as its `target_size`;
+`stadimeter.ranging` has those of the built-in detectors, and a package of others adds its own by implementing
+`TargetShape`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Protocol
 
-KnownSide = Literal["auto", "width", "height"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BallSize:
-    """A sphere.
-
-    Attributes:
-        diameter_m: Its diameter.
-        relative_sigma: Standard deviation of the diameter, as a share: how well it is known.
-    """
-
-    diameter_m: float
-    relative_sigma: float = 0.0
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SheetSize:
-    """A flat rectangle, such as a sheet of paper.
+class Reading:
+    """Where a target's centre is, as its shape works it out from one detection.
 
     Attributes:
-        width_m: Its horizontal side as it hangs.
-        height_m: Its vertical side as it hangs.
-        known_side: Which side the distance is computed from. ``auto`` takes the side that is the least foreshortened:
-            turning a sheet away from the camera can only shorten a side.
-        relative_sigma: Standard deviation of the sides, as a share: how well they are known.
+        position_m: In the camera frame: x to the right, y down, z along the optical axis.
+        noise_share: Standard deviation of the distance that differs from frame to frame, as a share of the distance.
+        systematic_share: The part that stays from frame to frame, without those of the focal length and of the size.
+        tilt_rad: Of something flat, the angle between its normal and the line of sight, 0 for face on; else None.
+        ambiguity: Of something flat, how far it is from certain which of two mirrored poses it has: 0 for certain, 1
+            for no idea; else None.
     """
 
-    width_m: float
-    height_m: float
-    known_side: KnownSide = "auto"
-    relative_sigma: float = 0.0
+    position_m: tuple[float, float, float]
+    noise_share: float
+    systematic_share: float = 0.0
+    tilt_rad: float | None = None
+    ambiguity: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TagSize:
-    """A square fiducial, such as an ArUco marker or an AprilTag.
+class TargetShape(Protocol):
+    """The size and form of a target.
 
-    Attributes:
-        side_m: The side of its black square, without the white around it.
-        relative_sigma: Standard deviation of the side, as a share: how well it is known.
+    Facing the camera at the depth Z it appears ``extent / sqrt(Z² - r²)`` large per unit of depth, r being its
+    `limb_radius_m`: so prediction and feasibility need no more than three lengths.
     """
 
-    side_m: float
-    relative_sigma: float = 0.0
+    @property
+    def label(self) -> str:
+        """Its kind and size, for messages: ``ball of 0.064 m``."""
+        ...
 
+    @property
+    def relative_sigma(self) -> float:
+        """Standard deviation of its size, as a share: how well it is known."""
+        ...
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiscSize:
-    """A flat circle, such as a sticker, a lid or a printed dot.
+    @property
+    def longest_m(self) -> float:
+        """Its largest extent as it faces the camera."""
+        ...
 
-    Attributes:
-        diameter_m: Its diameter.
-        relative_sigma: Standard deviation of the diameter, as a share: how well it is known.
-    """
+    @property
+    def shortest_m(self) -> float:
+        """Its smallest extent as it faces the camera, which limits from how far it can be found."""
+        ...
 
-    diameter_m: float
-    relative_sigma: float = 0.0
+    @property
+    def limb_radius_m(self) -> float:
+        """Radius of the sphere whose limb is its outline; 0 of something flat, whose outline is its rim."""
+        ...
 
+    @property
+    def has_corners(self) -> bool:
+        """Whether the outline of a detection is its corners in order around it, or else points on a smooth rim."""
+        ...
 
-TargetSize = BallSize | SheetSize | TagSize | DiscSize
+    def size_sigma_px(self, size_px: float) -> float:
+        """Return the standard deviation of its apparent size in a sharp, evenly lit picture: the best to hope for.
+
+        Args:
+            size_px: How large its smallest extent appears.
+        """
+        ...
+
+    def locate(self, detection: Detection, camera: CameraModel) -> Reading:
+        """Return where its centre is.
+
+        Args:
+            detection: A target of this shape that was found whole, of finite width and height above zero.
+            camera: The camera model at the picture's resolution.
+        """
+        ...

@@ -17,19 +17,18 @@ from typing import Annotated
 
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
-from stadimeter.core.target import BallSize
 from stadimeter.detectors.ball_judge import Ball, BallGates
 from stadimeter.detectors.ball_limb import find_limb, within
 from stadimeter.detectors.ball_search import Blob, Region, find_blobs, search_step
 from stadimeter.detectors.circle_fit import Circle
 from stadimeter.detectors.edge_circle import edge_circle
 from stadimeter.detectors.hsv_range import HsvRangeText
-from stadimeter.detectors.lens import lens_for
+from stadimeter.ranging.ball import BallSize
 
 FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
 """How far from the circle around a blob its limb is looked for, both ways: so far, and a cell and a half of the
@@ -100,10 +99,9 @@ class BallDetector:
     Args:
         name: The target's name.
         options: Its size, colour and limits.
-        camera: The lens; None where it is not known yet.
     """
 
-    def __init__(self, name: str, options: BallOptions, camera: CameraModel | None = None) -> None:
+    def __init__(self, name: str, options: BallOptions) -> None:
         self._name = name
         self._size = BallSize(diameter_m=options.diameter, relative_sigma=(options.tolerance or 0.0) / options.diameter)
         self._colour = options.hsv
@@ -113,30 +111,31 @@ class BallDetector:
             max_radius_px=options.max_radius_px or math.inf,
         )
         self._step = search_step(options.min_radius_px)
-        self._camera = camera
 
     @property
     def target_size(self) -> BallSize:
         """The ball's size."""
         return self._size
 
-    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
         """Look for the ball.
 
         Args:
             frame: The frame; its image is not changed.
             prediction: Where the ball is expected: it is looked for there first.
+            lens: The camera model at the frame's resolution; None where it is not known yet.
 
         Returns:
             The roundest blob of the ball's colour. Away from the optical axis a ball looks like an ellipse that
             points to the middle of the picture; width and height are both its smaller diameter, across that
             direction, which is the one that says how deep the ball lies.
         """
-        known = lens_for(self._camera, frame)
         scene = _Scene(
             image=frame.image,
-            lens=known or _likely_lens(frame.width_px, frame.height_px),
-            is_lens_known=known is not None,
+            lens=lens or _likely_lens(frame.width_px, frame.height_px),
+            is_lens_known=lens is not None,
             rejected=[],
             is_expected=prediction is not None,
         )
@@ -261,7 +260,11 @@ def _likely_lens(width_px: int, height_px: int) -> CameraModel:
 
 
 def _build(options: BallOptions, context: DriverContext) -> BallDetector:
-    return BallDetector(context.name, options, context.camera_model)
+    return BallDetector(context.name, options)
 
 
-PLUGIN = Plugin(BallOptions, _build)
+def _exercise() -> Exercise:
+    return Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"})
+
+
+PLUGIN = Plugin(BallOptions, _build, exercise=_exercise)

@@ -12,15 +12,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+import cv2
 import numpy as np
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import DiscSize
 from stadimeter.detectors.border import touches_border
 from stadimeter.detectors.disc_shape import Trouble, diameters_px, prominence, quality, trouble_with
 from stadimeter.detectors.disc_view import Lens, View
@@ -36,8 +36,7 @@ from stadimeter.detectors.ellipse_search import (
     largest,
 )
 from stadimeter.detectors.ellipse_shape import Ellipse
-from stadimeter.detectors.lens import lens_for
-from stadimeter.detectors.linear_light import light_table
+from stadimeter.ranging.flat import DiscSize
 
 MOST_MEASURED = 12
 """How many candidates have their outlines measured: the most promising."""
@@ -144,15 +143,12 @@ class DiscDetector:
     Args:
         name: The target's name.
         options: What it looks like.
-        camera: The lens, if it is known: its tone curve, distortion and edge bias are allowed for.
     """
 
-    def __init__(self, name: str, options: DiscOptions, camera: CameraModel | None = None) -> None:
+    def __init__(self, name: str, options: DiscOptions) -> None:
         self._name = name
-        self._camera = camera
         sigma_m = options.tolerance or 0.0
         self._size = DiscSize(diameter_m=options.diameter, relative_sigma=sigma_m / options.diameter)
-        self._light = light_table("srgb" if camera is None else camera.tone_curve)
         self._least_px = options.min_diameter_px
         self._bright, self._dark = options.shade != "dark", options.shade != "bright"
 
@@ -161,20 +157,24 @@ class DiscDetector:
         """The disc's size."""
         return self._size
 
-    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
         """Look for the disc.
 
         Args:
             frame: The frame; its image is not changed.
             prediction: Where the disc is expected. If no whole one is there, the whole frame is searched.
+            lens: The camera model at the frame's resolution, if it is known: its tone curve, distortion and edge bias
+                are allowed for.
 
         Returns:
             The disc: the one most like the prediction, or else the one that stands out most. Its width is its larger
             diameter and its height its smaller one, however it is turned.
         """
-        lens = Lens(camera=lens_for(self._camera, frame))
-        near = None if prediction is None else self._near(frame, lens, prediction)
-        return near or self._anywhere(frame, lens)
+        through = Lens(camera=lens)
+        near = None if prediction is None else self._near(frame, through, prediction)
+        return near or self._anywhere(frame, through)
 
     def _near(self, frame: Frame, lens: Lens, prediction: Prediction) -> Detection | None:
         """Return the whole disc most like the prediction; None if there is none around it."""
@@ -240,7 +240,7 @@ class DiscDetector:
         self, frame: Frame, lens: Lens, start: Ellipse, reach_px: float, is_bright: bool, effort: Effort
     ) -> _Disc | _Refused:
         edges = measure_ellipse(
-            EdgePicture(image=frame.image, light=self._light, bend=lens.bend),
+            EdgePicture(image=frame.image, light=lens.light, bend=lens.bend),
             start,
             is_bright=is_bright,
             reach_px=reach_px,
@@ -250,14 +250,14 @@ class DiscDetector:
         if edges is None:
             trouble = Trouble(0, f"has no elliptical edge within {reach_px:.1f} px")
             return _Refused(ellipse=start, is_bright=is_bright, trouble=trouble)
-        failed = trouble_with(edges, self._least_px, self._light)
+        failed = trouble_with(edges, self._least_px, lens.light)
         if failed is not None:
             return _Refused(ellipse=start, is_bright=is_bright, trouble=failed)
         rim = lens.bent(edges.ellipse.rim(OUTLINE_POINTS).points_px)
         return _Disc(
             edges=edges,
             is_bright=is_bright,
-            prominence=prominence(edges, self._light),
+            prominence=prominence(edges, lens.light),
             truncated=touches_border(rim, frame.width_px, frame.height_px, BORDER_PX),
         )
 
@@ -340,7 +340,16 @@ def _size_sigma_px(edges: EllipseEdges) -> float:
 
 
 def _build(options: DiscOptions, context: DriverContext) -> DiscDetector:
-    return DiscDetector(context.name, options, context.camera_model)
+    return DiscDetector(context.name, options)
 
 
-PLUGIN = Plugin(DiscOptions, _build)
+def _exercise() -> Exercise:
+    """Return a bright disc of 80 px on something dark."""
+    finer = 8
+    large = np.full((110 * finer, 110 * finer, 3), 60, np.uint8)
+    cv2.circle(large, (55 * finer, 55 * finer), 40 * finer, (225, 225, 225), cv2.FILLED)
+    patch = np.asarray(cv2.resize(large, (110, 110), interpolation=cv2.INTER_AREA), np.uint8)
+    return Exercise(options={"diameter": "8 cm"}, patch=patch)
+
+
+PLUGIN = Plugin(DiscOptions, _build, exercise=_exercise)

@@ -13,6 +13,7 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.ellipse_profiles import Bend
 from stadimeter.detectors.ellipse_search import Plane
 from stadimeter.detectors.ellipse_shape import Ellipse, ellipse_through
+from stadimeter.detectors.linear_light import Light, light_table
 from stadimeter.detectors.sampling import reduced, to_full_scale
 
 SEARCH_LONG_SIDE_PX = 800
@@ -30,6 +31,11 @@ class Lens:
     """
 
     camera: CameraModel | None
+
+    @property
+    def light(self) -> Light:
+        """What code values stand for through the camera's tone curve; that of sRGB if it is not known."""
+        return light_table("srgb" if self.camera is None else self.camera.tone_curve)
 
     @property
     def bend(self) -> Bend | None:

@@ -8,16 +8,15 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import KnownSide, SheetSize
-from stadimeter.detectors.lens import lens_for
 from stadimeter.detectors.quad_shape import diagonals_meet, grown, width_and_height
 from stadimeter.detectors.sheet_findings import Candidate, Findings, Region
 from stadimeter.detectors.sheet_search import SheetSearch
+from stadimeter.ranging.flat import KnownSide, SheetSize
 
 REGION_SIDES = 0.8
 REGION_SIGMAS = 4.0
@@ -58,13 +57,10 @@ class SheetDetector:
     Args:
         name: The target's name.
         options: Its size and limits.
-        camera: The lens, if it is known: then only what fits a picture of the sheet is taken for one, and its tone
-            curve, distortion and edge bias are allowed for.
     """
 
-    def __init__(self, name: str, options: SheetOptions, camera: CameraModel | None = None) -> None:
+    def __init__(self, name: str, options: SheetOptions) -> None:
         self._name = name
-        self._camera = camera
         self._size = options.size
         self._min_side_px = options.min_side_px
 
@@ -73,18 +69,21 @@ class SheetDetector:
         """The sheet's size."""
         return self._size
 
-    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
         """Look for the sheet.
 
         Args:
             frame: The frame; its image is not changed.
             prediction: Where the sheet is expected. If it is not whole there, the whole frame is searched.
+            lens: The camera model at the frame's resolution, if it is known: then only what fits a picture of the sheet
+                is taken for one, and its tone curve, distortion and edge bias are allowed for.
 
         Returns:
             The outline that looks most like the sheet, the larger the better; whole ones before those that the border
             cuts off.
         """
-        lens = lens_for(self._camera, frame)
         search = SheetSearch(frame.image, self._size, self._min_side_px, lens)
         bias_px = 0.0 if lens is None else lens.edge_bias_px
         near = None if prediction is None else _around(prediction, frame)
@@ -153,7 +152,14 @@ def _without_bias(best: Candidate, bias_px: float) -> Points:
 
 
 def _build(options: SheetOptions, context: DriverContext) -> SheetDetector:
-    return SheetDetector(context.name, options, context.camera_model)
+    return SheetDetector(context.name, options)
 
 
-PLUGIN = Plugin(SheetOptions, _build)
+def _exercise() -> Exercise:
+    """Return a bright sheet of letter paper with a dark rim, 110 px wide."""
+    patch = np.full((105, 130, 3), 60, np.uint8)
+    patch[10:95, 10:120] = 225
+    return Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=patch)
+
+
+PLUGIN = Plugin(SheetOptions, _build, exercise=_exercise)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.core.target import SheetSize
+from stadimeter.ranging.flat import SheetSize
 from stadimeter.ranging.rectangle_fit import rectangle_fit
 
 Values = NDArray[np.float64]

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
-from stadimeter.core.target import SheetSize
 from stadimeter.detectors.border import corners_on_border, sides_on_border
 from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.quad_edges import QuadEdges, distinct_edges, measure_edges, measure_edges_closer, settle_edges
@@ -32,6 +31,7 @@ from stadimeter.detectors.quadrilaterals import (
 from stadimeter.detectors.sampling import reduced, to_full_scale
 from stadimeter.detectors.sheet_findings import Candidate, Findings, Region
 from stadimeter.detectors.sheet_fit import SheetFit, SheetShape
+from stadimeter.ranging.flat import SheetSize
 
 Values = NDArray[np.float64]
 Which = NDArray[np.bool_]

@@ -14,17 +14,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
 
+import cv2
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
-from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_model import TONE_CURVES, CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import TagSize
 from stadimeter.detectors.border import touches_border
-from stadimeter.detectors.lens import lens_for
 from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.quad_shape import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.detectors.tag_code import SeenTag
@@ -33,6 +32,7 @@ from stadimeter.detectors.tag_frame import BentSides
 from stadimeter.detectors.tag_search import Sighting, SmallTagFinder, TagSearch, candidate
 from stadimeter.detectors.tag_sides import TagSides, measure_sides
 from stadimeter.errors import DriverUnavailableError
+from stadimeter.ranging.flat import TagSize
 
 MOST_REJECTED = 8
 """So many candidates that are not the tag are reported."""
@@ -102,7 +102,6 @@ class TagDetector:
     Args:
         name: The target's name.
         options: What it looks like.
-        camera: The lens, if it is known: its tone curve, distortion and edge bias are allowed for.
         small_tags: Finds what is too small for the rest; None to do without.
     """
 
@@ -110,57 +109,66 @@ class TagDetector:
         self,
         name: str,
         options: TagOptions,
-        camera: CameraModel | None = None,
         small_tags: SmallTagFinder | None = None,
     ) -> None:
         self._name = name
-        self._camera = camera
         self._size = TagSize(side_m=options.side, relative_sigma=(options.tolerance or 0.0) / options.side)
         self._number = options.id
         self._family = tag_family(options.family)
-        self._search = TagSearch(
-            family=self._family,
-            light=light_table("srgb" if camera is None else camera.tone_curve),
-            min_side_px=options.min_side_px,
-            inverted=options.inverted,
-            small_tags=small_tags,
-        )
+        self._min_side_px = options.min_side_px
+        self._searches = {
+            tone_curve: TagSearch(
+                family=self._family,
+                light=light_table(tone_curve),
+                min_side_px=options.min_side_px,
+                inverted=options.inverted,
+                small_tags=small_tags,
+            )
+            for tone_curve in TONE_CURVES
+        }
 
     @property
     def target_size(self) -> TagSize:
         """The tag's size."""
         return self._size
 
-    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
         """Look for the tag.
 
         Args:
             frame: The frame; its image is not changed.
             prediction: Where the tag is expected. If it is not whole there, the whole frame is searched.
+            lens: The camera model at the frame's resolution, if it is known: its tone curve, distortion and edge bias
+                are allowed for.
 
         Returns:
             The tag. Without a number it is the one nearest to the prediction or else the largest, and where several
             are in view the reason says so.
         """
-        near = None if prediction is None else self._near(frame, prediction)
-        return near or self._anywhere(frame)
+        near = None if prediction is None else self._near(frame, lens, prediction)
+        return near or self._anywhere(frame, lens)
 
-    def _near(self, frame: Frame, prediction: Prediction) -> Detection | None:
-        sighting = self._search.around(frame.image, prediction)
+    def _search(self, lens: CameraModel | None) -> TagSearch:
+        return self._searches["srgb" if lens is None else lens.tone_curve]
+
+    def _near(self, frame: Frame, lens: CameraModel | None, prediction: Prediction) -> Detection | None:
+        sighting = self._search(lens).around(frame.image, prediction)
         wanted = self._wanted(sighting)
         if sighting is None or not wanted:
             return None
-        found = self._measured(frame, sighting, _nearest(wanted, prediction.centre_px - sighting.left_top_px))
+        found = self._measured(frame, lens, sighting, _nearest(wanted, prediction.centre_px - sighting.left_top_px))
         return self._explained(found, sighting) if found.status is DetectionStatus.FOUND else None
 
-    def _anywhere(self, frame: Frame) -> Detection:
+    def _anywhere(self, frame: Frame, lens: CameraModel | None) -> Detection:
         answer = None
         sighting = None
         refused: list[RejectedCandidate] = []
-        for sighting in self._search.everywhere(frame.image):
+        for sighting in self._search(lens).everywhere(frame.image):
             refused.clear()
             for tag in self._wanted(sighting):
-                answer = self._measured(frame, sighting, tag)
+                answer = self._measured(frame, lens, sighting, tag)
                 if answer.status is not DetectionStatus.NOT_FOUND:
                     return self._explained(answer, sighting, refused)
                 refused.append(candidate(tag.corners_px + sighting.left_top_px, answer.reason))
@@ -190,13 +198,12 @@ class TagDetector:
             return f"no tag {self._number} of {self._family.name}, only {others}"
         outlines = 0 if sighting is None else sighting.outlines
         of_which = f" among {outlines} four-cornered outlines" if outlines else ""
-        return f"no tag of {self._family.name} of at least {self._search.min_side_px:g} px{of_which}"
+        return f"no tag of {self._family.name} of at least {self._min_side_px:g} px{of_which}"
 
-    def _measured(self, frame: Frame, sighting: Sighting, tag: SeenTag) -> Detection:
+    def _measured(self, frame: Frame, lens: CameraModel | None, sighting: Sighting, tag: SeenTag) -> Detection:
         """Measure a tag's sides, in the part of the picture in which it was seen."""
-        lens = lens_for(self._camera, frame)
         bent = BentSides(camera=lens, left_top_px=sighting.left_top_px) if lens and lens.distortion else None
-        sides = measure_sides(sighting.grey, tag.corners_px, self._family.cells, self._search.light, bent)
+        sides = measure_sides(sighting.grey, tag.corners_px, self._family.cells, self._search(lens).light, bent)
         corners = (tag.corners_px if sides is None else sides.corners_px) + sighting.left_top_px
         if touches_border(corners, frame.width_px, frame.height_px, BORDER_PX):
             return self._unmeasured(tag, DetectionStatus.TRUNCATED, "is cut off by the border", corners)
@@ -212,8 +219,8 @@ class TagDetector:
     def _trouble(self, sides: TagSides) -> str:
         """Say why the sides are not those of a tag; an empty string if they are."""
         longest = max(side_lengths(sides.corners_px))
-        if longest < self._search.min_side_px:
-            return f"is too small: {longest:.1f} px, limit {self._search.min_side_px:g} px"
+        if longest < self._min_side_px:
+            return f"is too small: {longest:.1f} px, limit {self._min_side_px:g} px"
         weakest = min(abs(each) for each in sides.contrast)
         if weakest < LEAST_CONTRAST or not all((each > 0) == (sides.contrast[0] > 0) for each in sides.contrast):
             return f"does not stand out on all four sides: {weakest:.1%} of full light, limit {LEAST_CONTRAST:.0%}"
@@ -281,7 +288,7 @@ def _size_sigma_px(sides: TagSides, cell_px: float) -> float:
 
 
 def _build(options: TagOptions, context: DriverContext) -> TagDetector:
-    return TagDetector(context.name, options, context.camera_model, _small_tags(options, context.name))
+    return TagDetector(context.name, options, _small_tags(options, context.name))
 
 
 def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
@@ -298,4 +305,14 @@ def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
     return ApriltagFinder(options.family)
 
 
-PLUGIN = Plugin(TagOptions, _build)
+def _exercise() -> Exercise:
+    """Return a tag of 70 px on white paper."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    patch = np.full((100, 100), 225, np.uint8)
+    patch[15:85, 15:85] = np.maximum(cv2.aruco.generateImageMarker(dictionary, 0, 70), 20)
+    return Exercise(
+        options={"side": "8 cm", "family": "apriltag-36h11"}, patch=np.repeat(patch[:, :, np.newaxis], 3, axis=2)
+    )
+
+
+PLUGIN = Plugin(TagOptions, _build, exercise=_exercise)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.target import BallSize, TargetSize
+from stadimeter.core.target import TargetShape
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.focal_fit import (
     BIAS_SIGMA_LIMIT_PX,
@@ -70,7 +70,7 @@ class KnownDistance:
     width_px: int
     height_px: int
     detection: Detection
-    size: TargetSize
+    size: TargetShape
     depth_m: float
     less_bias: Detection | None = None
 
@@ -195,10 +195,10 @@ def _check(known: KnownDistance, first: KnownDistance) -> None:
             f"{first.picture} has {first.width_px}x{first.height_px} px, {known.picture} has "
             f"{known.width_px}x{known.height_px}; calibrate from pictures of one resolution"
         )
-    if isinstance(known.size, BallSize) and known.depth_m <= known.size.diameter_m / 2:
+    if known.depth_m <= known.size.limb_radius_m:
         raise CalibrationError(
-            f"{known.picture}: a camera {known.depth_m:g} m from the centre of a ball of {known.size.diameter_m:g} m "
-            "would be inside it; check the distance and the ball's size"
+            f"{known.picture}: a camera {known.depth_m:g} m from the centre of a {known.size.label} would be inside "
+            "it; check the distance and the target's size"
         )
 
 

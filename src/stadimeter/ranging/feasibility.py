@@ -1,9 +1,8 @@
-"""What to expect of a camera and a target at a distance, before anything is bought or mounted.
+"""Expectations of a camera and a target at a distance, before anything is bought or mounted.
 
 How large the target will appear follows from geometry. How sure the distance will be follows from how well its size is
-measured in pixels: a sharp, evenly lit picture is assumed, so these are the best standard deviations to hope for. Their
-constants are those of `stadimeter`'s detectors on rendered pictures with known truth: a floor, and for balls and tags a
-part that grows as their outline gets shorter.
+measured in pixels, and that is said by its shape (`stadimeter.core.target.TargetShape.size_sigma_px`): the best to hope
+for, in a sharp, evenly lit picture.
 """
 
 from __future__ import annotations
@@ -12,15 +11,12 @@ import math
 from dataclasses import dataclass
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, TargetSize
+from stadimeter.core.target import TargetShape
 
 RELIABLE_PX = 12.0
-"""Smaller targets are hardly told from clutter, whatever kind they are."""
+"""Smaller targets are hardly distinguished from clutter, whatever kind they are."""
 
-_BALL_FLOOR_PX = 0.05
-_SMALL_BALL_PX2 = 0.85
-_FLAT_FLOOR_PX = 0.015
-_SMALL_TAG_PX2 = 1.35
+_LEAST_M2 = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,16 +42,13 @@ class Expectation:
         return self.size_px >= RELIABLE_PX
 
 
-def expect(size: TargetSize, camera: CameraModel, distance_m: float) -> Expectation:
+def expect(shape: TargetShape, camera: CameraModel, distance_m: float) -> Expectation:
     """Return what to expect of a target at a distance, in the middle of the picture.
 
     Args:
-        size: The target's size.
+        shape: The target's size and form.
         camera: The camera model at the resolution that will be used.
         distance_m: The distance of its centre.
-
-    Returns:
-        How large it will appear and how sure its distance will be.
 
     Raises:
         ValueError: The distance is not a finite number above zero.
@@ -63,50 +56,14 @@ def expect(size: TargetSize, camera: CameraModel, distance_m: float) -> Expectat
     if not (math.isfinite(distance_m) and distance_m > 0):
         raise ValueError(f"distance_m = {distance_m} is not a finite number above zero")
     focal_px = math.sqrt(camera.fx_px * camera.fy_px)
-    size_px = focal_px * _tangent_size(size, distance_m)
-    noise_m = _size_sigma_px(size, size_px) / size_px * distance_m
+    square_m2 = distance_m * distance_m - shape.limb_radius_m * shape.limb_radius_m
+    size_px = focal_px * (shape.shortest_m / math.sqrt(max(square_m2, _LEAST_M2)))
+    noise_m = shape.size_sigma_px(size_px) / size_px * distance_m
     sigma_m = math.hypot(noise_m, camera.focal_relative_sigma * distance_m)
     return Expectation(distance_m=distance_m, size_px=size_px, sigma_m=sigma_m, noise_m=noise_m)
 
 
-def farthest_m(size: TargetSize, camera: CameraModel, size_px: float = RELIABLE_PX) -> float:
-    """Return how far away a target may be to appear no smaller than a size.
-
-    Args:
-        size: The target's size.
-        camera: The camera model at the resolution that will be used.
-        size_px: How large it should appear.
-
-    Returns:
-        The distance in metres.
-    """
-    flat_m = math.sqrt(camera.fx_px * camera.fy_px) * _shortest_m(size) / size_px
-    return math.hypot(flat_m, size.diameter_m / 2) if isinstance(size, BallSize) else flat_m
-
-
-def _tangent_size(size: TargetSize, distance_m: float) -> float:
-    """Return how large the target appears per unit of focal length: a ball's outline is that of the cone around it."""
-    if isinstance(size, BallSize):
-        radius_m = size.diameter_m / 2
-        return 2 * radius_m / math.sqrt(max(distance_m**2 - radius_m**2, 1e-12))
-    return _shortest_m(size) / distance_m
-
-
-def _shortest_m(size: TargetSize) -> float:
-    match size:
-        case BallSize() | DiscSize():
-            return size.diameter_m
-        case SheetSize():
-            return min(size.width_m, size.height_m)
-        case TagSize():
-            return size.side_m
-
-
-def _size_sigma_px(size: TargetSize, size_px: float) -> float:
-    match size:
-        case BallSize():
-            return math.hypot(_BALL_FLOOR_PX, _SMALL_BALL_PX2 / (size_px / 2))
-        case TagSize():
-            return math.hypot(_FLAT_FLOOR_PX, _SMALL_TAG_PX2 / size_px)
-        case SheetSize() | DiscSize():
-            return _FLAT_FLOOR_PX
+def farthest_m(shape: TargetShape, camera: CameraModel, size_px: float = RELIABLE_PX) -> float:
+    """Return how far away a target may be to appear no smaller than a size, through a camera of that resolution."""
+    flat_m = math.sqrt(camera.fx_px * camera.fy_px) * shape.shortest_m / size_px
+    return math.hypot(flat_m, shape.limb_radius_m)

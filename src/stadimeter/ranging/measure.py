@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, TargetSize
-from stadimeter.ranging.ball import read_ball
-from stadimeter.ranging.disc import read_disc
-from stadimeter.ranging.reading import Reading
-from stadimeter.ranging.sheet import read_sheet
-from stadimeter.ranging.tag import read_tag
+from stadimeter.core.target import Reading, TargetShape
 
 _STATUS = {
     DetectionStatus.TRUNCATED: MeasurementStatus.TRUNCATED,
@@ -21,29 +16,10 @@ _STATUS = {
 }
 
 
-def measure_frame(frame: Frame, detection: Detection, size: TargetSize, camera: CameraModel) -> Measurement:
-    """Measure how far away a target is in a frame, whatever the frame's resolution.
-
-    Args:
-        frame: The frame.
-        detection: Where the target is in it.
-        size: The target's size.
-        camera: A camera model for any resolution of the same aspect.
-
-    Returns:
-        The measurement.
-
-    Raises:
-        CalibrationError: The frame has another aspect than the camera model.
-    """
-    return measure(detection, size, camera.scaled_to(frame.width_px, frame.height_px), frame.captured_at_s)
-
-
-def measure(detection: Detection, size: TargetSize, camera: CameraModel, captured_at_s: float) -> Measurement:
+def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captured_at_s: float) -> Measurement:
     """Measure how far away a target is.
 
-    Where the target's centre is in the camera frame comes from `stadimeter.ranging.ball` or `stadimeter.ranging.sheet`;
-    its length is the distance.
+    The shape works out where the target's centre is in the camera frame; its length is the distance.
 
     The standard deviation has two causes: what differs from frame to frame, such as the noise of edges, which makes the
     distance uncertain in proportion to its square; and what stays, such as the error of the focal length or of the
@@ -51,7 +27,7 @@ def measure(detection: Detection, size: TargetSize, camera: CameraModel, capture
 
     Args:
         detection: Where the target is in the picture, or why it is not.
-        size: The target's size.
+        shape: The target's size and form.
         camera: The camera model at the picture's resolution.
         captured_at_s: When the picture was taken, on the run's monotonic clock.
 
@@ -63,20 +39,8 @@ def measure(detection: Detection, size: TargetSize, camera: CameraModel, capture
     if not (0 < detection.width_px < math.inf and 0 < detection.height_px < math.inf):
         reason = f"the detector reports an apparent size of {detection.width_px:g}x{detection.height_px:g} px"
         return _without_figures(detection, MeasurementStatus.ERROR, reason, captured_at_s)
-    lasting_share = math.hypot(camera.focal_relative_sigma, size.relative_sigma)
-    return _with_figures(detection, captured_at_s, _reading(detection, size, camera), lasting_share)
-
-
-def _reading(detection: Detection, size: TargetSize, camera: CameraModel) -> Reading:
-    match size:
-        case BallSize():
-            return read_ball(detection, size, camera)
-        case SheetSize():
-            return read_sheet(detection, size, camera)
-        case TagSize():
-            return read_tag(detection, size, camera)
-        case DiscSize():
-            return read_disc(detection, size, camera)
+    lasting_share = math.hypot(camera.focal_relative_sigma, shape.relative_sigma)
+    return _with_figures(detection, captured_at_s, shape.locate(detection, camera), lasting_share)
 
 
 def _with_figures(detection: Detection, captured_at_s: float, reading: Reading, lasting_share: float) -> Measurement:
@@ -99,3 +63,37 @@ def _with_figures(detection: Detection, captured_at_s: float, reading: Reading, 
 
 def _without_figures(detection: Detection, status: MeasurementStatus, reason: str, captured_at_s: float) -> Measurement:
     return Measurement(target=detection.target, status=status, captured_at_s=captured_at_s, reason=reason)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SigmaParts:
+    """The causes of a distance's standard deviation. Their squares add up to its square.
+
+    Attributes:
+        edges_m: The noise of the edges in the picture, which differs from frame to frame.
+        focal_length_m: How well the focal length is known.
+        size_m: How well the target's size is known.
+        pose_m: Everything else that stays; of something flat, which of two mirrored poses it has.
+    """
+
+    edges_m: float
+    focal_length_m: float
+    size_m: float
+    pose_m: float
+
+
+def sigma_parts(measured: Measurement, shape: TargetShape, camera: CameraModel) -> SigmaParts | None:
+    """Return the causes of a distance's standard deviation; None if there is no distance."""
+    if measured.distance_m is None or measured.sigma_m is None or measured.noise_m is None:
+        return None
+    focal_length_m = measured.distance_m * camera.focal_relative_sigma
+    size_m = measured.distance_m * shape.relative_sigma
+    known_m = math.hypot(measured.noise_m, focal_length_m, size_m)
+    # What is left of two nearly equal numbers is rounding error, no cause.
+    rest_m2 = measured.sigma_m**2 - known_m**2
+    return SigmaParts(
+        edges_m=measured.noise_m,
+        focal_length_m=focal_length_m,
+        size_m=size_m,
+        pose_m=math.sqrt(rest_m2) if rest_m2 > 1e-9 * measured.sigma_m**2 else 0.0,
+    )

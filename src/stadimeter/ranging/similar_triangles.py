@@ -1,4 +1,4 @@
-"""Similar triangles: the whole of pinhole ranging in two formulas.
+"""Similar triangles: the whole of pinhole ranging in one formula.
 
 An object of width W at the distance D from a pinhole, square to the optical axis, appears P pixels wide at a focal
 length of F pixels, with ``P / F = W / D``: the triangle before the pinhole and the one behind it are similar. A
@@ -11,44 +11,44 @@ from __future__ import annotations
 
 import math
 
-
-def focal_length_px(apparent_px: float, distance_m: float, size_m: float) -> float:
-    """Return the focal length F = P · D / W.
-
-    Args:
-        apparent_px: How large the object appears, P.
-        distance_m: How deep it lies, D.
-        size_m: How large it is, W.
-
-    Returns:
-        The focal length in pixels.
-
-    Raises:
-        ValueError: A value is not a finite number above zero.
-    """
-    _check(apparent_px=apparent_px, distance_m=distance_m, size_m=size_m)
-    return apparent_px * distance_m / size_m
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection
+from stadimeter.core.target import Reading
 
 
 def distance_m(focal_px: float, size_m: float, apparent_px: float) -> float:
-    """Return the distance D = W · F / P.
+    """Return the distance D = W · F / P, as a depth.
 
     Args:
-        focal_px: The focal length in pixels, F.
+        focal_px: The focal length, F.
         size_m: How large the object is, W.
-        apparent_px: How large it appears in pixels, P.
-
-    Returns:
-        How deep it lies, in metres.
+        apparent_px: How large it appears, P.
 
     Raises:
         ValueError: A value is not a finite number above zero.
     """
-    _check(focal_px=focal_px, size_m=size_m, apparent_px=apparent_px)
+    for name, value in (("focal_px", focal_px), ("size_m", size_m), ("apparent_px", apparent_px)):
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} = {value} is not a finite number above zero")
     return size_m * focal_px / apparent_px
 
 
-def _check(**values: float) -> None:
-    for name, value in values.items():
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value} is not a finite number above zero")
+def size_noise_share(detection: Detection, camera: CameraModel, apparent: float) -> float:
+    """Return the standard deviation of an apparent size, given per unit of depth, as a share of it."""
+    return detection.size_sigma_px / math.sqrt(camera.fx_px * camera.fy_px) / apparent
+
+
+def read_by_one_length(detection: Detection, camera: CameraModel, size_m: float, apparent: float) -> Reading:
+    """Return where a target is by one length, as if that were square to the optical axis and its centre in its middle.
+
+    Args:
+        detection: The target; its centre gives the direction.
+        camera: The camera model at the picture's resolution.
+        size_m: The length.
+        apparent: How long it appears, per unit of depth.
+    """
+    depth_m = distance_m(1.0, size_m, apparent)
+    x, y = camera.direction(*detection.centre_px)
+    return Reading(
+        position_m=(x * depth_m, y * depth_m, depth_m), noise_share=size_noise_share(detection, camera, apparent)
+    )

@@ -13,8 +13,8 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import BallSize
 from stadimeter.errors import ConfigError
+from stadimeter.ranging.ball import BallSize
 from stadimeter.simulation.camera import lens
 from stadimeter.simulation.noise import gaussian_pair
 from stadimeter.simulation.silhouette import Silhouette, Vector, hits, silhouette
@@ -69,12 +69,19 @@ class IdealDetector:
         """The ball's diameter."""
         return BallSize(diameter_m=self._diameter_m)
 
-    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:  # noqa: ARG002 - not needed
+    def detect(
+        self,
+        frame: Frame,
+        prediction: Prediction | None = None,  # noqa: ARG002 - the whole frame is searched
+        *,
+        lens: CameraModel | None = None,  # noqa: ARG002 - frames are seen through the lens of the simulated camera
+    ) -> Detection:
         """Say where the world's ball is in a frame.
 
         Args:
             frame: The frame; only its number, its time and its resolution matter.
             prediction: Not used: the whole frame is searched.
+            lens: Not used: the lens is that of the simulated camera.
 
         Returns:
             Where the ball is, with noise; or that it is cut off by the border; or why it is not to be seen.

@@ -48,12 +48,14 @@ class Mark:
 
     Attributes:
         detection: Where it is.
+        has_corners: Whether its outline is corners in order, or else points on a rim that may be hidden in parts.
         headline: What stands beside it, such as ``35.0 in ± 0.4``; for a target that was not found, the legend only.
         lines: What the legend says about it.
         rejected: What was looked at and is not the target, each with its number.
     """
 
     detection: Detection
+    has_corners: bool = False
     headline: str
     lines: tuple[str, ...] = ()
     rejected: tuple[tuple[int, RejectedCandidate], ...] = ()
@@ -76,7 +78,7 @@ def annotate(image: Image, marks: Sequence[Mark]) -> Image:
         for number, candidate in mark.rejected:
             _draw_rejected(canvas, number, candidate, factor, scale)
     for mark in marks:
-        _draw_target(canvas, mark.detection, factor, scale)
+        _draw_target(canvas, mark, factor, scale)
     for mark in marks:
         if len(mark.detection.outline_px):
             _draw_headline(canvas, mark, factor, scale)
@@ -116,14 +118,15 @@ def _on_canvas(points: Points, factor: int) -> Points:
     return (np.asarray(points, np.float64) + 0.5) * factor - 0.5
 
 
-def _draw_target(canvas: Image, detection: Detection, factor: int, scale: float) -> None:
+def _draw_target(canvas: Image, mark: Mark, factor: int, scale: float) -> None:
+    detection = mark.detection
     outline = _on_canvas(detection.outline_px, factor)
     if not len(outline):
         return
     colour = _COLOURS[detection.status]
     thickness = max(1, round(2.2 * scale))
     for width, shade in ((thickness + max(2, round(2 * scale)), DARK), (thickness, colour)):
-        if len(outline) == 4:
+        if mark.has_corners:
             _draw_polygon(canvas, outline, shade, width)
         else:
             _draw_limb(canvas, outline, detection, (shade, width), factor)

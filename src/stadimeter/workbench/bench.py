@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,12 +21,12 @@ from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.health import percentile
 from stadimeter.app.loop import Loop
-from stadimeter.config.plugins import DETECTORS, DriverContext, driver_names, load_plugin
+from stadimeter.config.plugins import DETECTORS, DriverContext, Exercise, Plugin, driver_names, load_plugin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import Detector
-from stadimeter.workbench.bench_pictures import exercises, lens_for, room_frames, with_patch
+from stadimeter.workbench.bench_pictures import lens_for, room_frames, with_patch
 
 SIZES_PX = ((640, 480), (1280, 720), (1920, 1080))
 SHARE_OF_RUN = 0.3
@@ -127,9 +128,8 @@ def measure(seconds: float, sizes_px: Sequence[tuple[int, int]] = SIZES_PX) -> F
     """
     latency = _latency(seconds * SHARE_OF_RUN)
     peak_memory_mb = _peak_memory_mb()  # before the large pictures are drawn, which no run keeps
-    names = [name for name in exercises() if name in driver_names(DETECTORS)]
-    each_s = seconds * (1 - SHARE_OF_RUN) / (len(names) * len(sizes_px))
-    speeds = tuple(speed for size_px in sizes_px for speed in _detector_speeds(names, size_px, each_s))
+    each_s = seconds * (1 - SHARE_OF_RUN) / (max(1, len(exercises())) * len(sizes_px))
+    speeds = tuple(speed for size_px in sizes_px for speed in _detector_speeds(size_px, each_s))
     return Figures(computer=this_computer(), detectors=speeds, latency=latency, peak_memory_mb=peak_memory_mb)
 
 
@@ -146,24 +146,26 @@ def this_computer() -> Computer:
     )
 
 
-def _detector_speeds(names: Sequence[str], size_px: tuple[int, int], each_s: float) -> Iterator[DetectorSpeed]:
+def exercises() -> dict[str, tuple[Plugin[Any], Exercise]]:
+    """Return what each installed detector is to find, by its name; those that bring no exercise are left out."""
+    plugins = {name: load_plugin(DETECTORS, name) for name in driver_names(DETECTORS)}
+    return {name: (each, each.exercise()) for name, each in plugins.items() if each.exercise is not None}
+
+
+def _detector_speeds(size_px: tuple[int, int], each_s: float) -> Iterator[DetectorSpeed]:
     lens = lens_for(*size_px)
     room = room_frames(lens)
-    for name in names:
-        exercise = exercises()[name]
+    for name, (plugin, exercise) in exercises().items():
+        context = DriverContext(name=name, clock=SteppedClock(), camera_model=lens)
+        detector: Detector = plugin.build(plugin.options.model_validate(dict(exercise.options)), context)
         frames = room if exercise.patch is None else with_patch(room, exercise.patch)
-        yield _detector_speed(name, _detector(name, lens), frames, each_s)
+        yield _detector_speed(name, detector, lens, frames, each_s)
 
 
-def _detector(name: str, lens: CameraModel) -> Detector:
-    plugin = load_plugin(DETECTORS, name)
-    options = plugin.options.model_validate(dict(exercises()[name].options))
-    detector: Detector = plugin.build(options, DriverContext(name=name, clock=SteppedClock(), camera_model=lens))
-    return detector
-
-
-def _detector_speed(name: str, detector: Detector, frames: Sequence[Frame], each_s: float) -> DetectorSpeed:
-    found = [detector.detect(frame) for frame in frames]  # which warms everything up as well
+def _detector_speed(
+    name: str, detector: Detector, lens: CameraModel, frames: Sequence[Frame], each_s: float
+) -> DetectorSpeed:
+    found = [detector.detect(frame, lens=lens) for frame in frames]  # which warms everything up as well
     seen = [
         (frame, _expected(each.centre_px, max(each.width_px, each.height_px)))
         for frame, each in zip(frames, found, strict=True)
@@ -173,8 +175,8 @@ def _detector_speed(name: str, detector: Detector, frames: Sequence[Frame], each
         detector=name,
         width_px=frames[0].width_px,
         height_px=frames[0].height_px,
-        search_fps=_rate_hz(detector, [(frame, None) for frame in frames], each_s / 2),
-        track_fps=_rate_hz(detector, seen, each_s / 2) if seen else None,
+        search_fps=_rate_hz(detector, lens, [(frame, None) for frame in frames], each_s / 2),
+        track_fps=_rate_hz(detector, lens, seen, each_s / 2) if seen else None,
         found=len(seen) / len(frames),
     )
 
@@ -183,14 +185,16 @@ def _expected(centre_px: tuple[float, float], size_px: float) -> Prediction:
     return Prediction(centre_px=centre_px, size_px=size_px, sigma_px=max(1.0, EXPECTED_WITHIN * size_px))
 
 
-def _rate_hz(detector: Detector, work: Sequence[tuple[Frame, Prediction | None]], for_s: float) -> float:
+def _rate_hz(
+    detector: Detector, lens: CameraModel, work: Sequence[tuple[Frame, Prediction | None]], for_s: float
+) -> float:
     """Return how many pictures in a second, by the median, so that another program's second does not count."""
     times_s: list[float] = []
     until_s = perf_counter() + for_s
     while not times_s or perf_counter() < until_s:
         for frame, prediction in work:
             began_s = perf_counter()
-            detector.detect(frame, prediction)
+            detector.detect(frame, prediction, lens=lens)
             times_s.append(perf_counter() - began_s)
     return 1 / statistics.median(times_s)
 

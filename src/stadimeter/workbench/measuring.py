@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from stadimeter.app.clock import SteppedClock
@@ -16,8 +16,8 @@ from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
-from stadimeter.ranging.measure import measure_frame
-from stadimeter.ranging.sigma_parts import SigmaParts, sigma_parts
+from stadimeter.perception.perceiver import Looking
+from stadimeter.ranging.measure import SigmaParts, sigma_parts
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -28,6 +28,7 @@ class TargetResult:
         file: The picture's path as it was given.
         measurement: The measurement, with the reason where there is no distance.
         detection: Where the target is; None if the picture could not be read.
+        has_corners: Whether its outline is corners.
         parts: What the standard deviation is made up of; None without a distance.
         rejected_from: The number of the first of the candidates that were rejected. They are counted through all
             targets of a picture, so that a number means one place in it.
@@ -36,6 +37,7 @@ class TargetResult:
     file: str
     measurement: Measurement
     detection: Detection | None = None
+    has_corners: bool = False
     parts: SigmaParts | None = None
     rejected_from: int = 1
 
@@ -117,33 +119,28 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
         One result for each target. Where the picture cannot be read, or has another aspect than the camera model, the
         status is ``error`` and the reason says why.
     """
+    looking = Looking({each.name: each.detector for each in targets}, camera_model)
+    frame = None
     try:
         frame = open_picture(path)
-    except StadimeterError as error:
-        return PictureResult(file=str(path), frame=None, targets=_failed(path, targets, error))
-    try:
-        camera_model.scaled_to(frame.width_px, frame.height_px)
+        detections, measurements = looking.look(frame)
     except StadimeterError as error:
         return PictureResult(file=str(path), frame=frame, targets=_failed(path, targets, error))
-    return PictureResult(
-        file=str(path), frame=frame, targets=_counted(_measured(path, frame, each, camera_model) for each in targets)
-    )
-
-
-def _measured(path: Path, frame: Frame, target: NamedDetector, camera_model: CameraModel) -> TargetResult:
-    detection, size = target.detector.detect(frame), target.detector.target_size
-    measurement = measure_frame(frame, detection, size, camera_model)
-    parts = sigma_parts(measurement, size, camera_model)
-    return TargetResult(file=str(path), measurement=measurement, detection=detection, parts=parts)
-
-
-def _counted(results: Iterable[TargetResult]) -> tuple[TargetResult, ...]:
-    """Number what was rejected through all targets."""
-    counted, number = [], 1
-    for result in results:
-        counted.append(replace(result, rejected_from=number))
-        number += len(result.rejected)
-    return tuple(counted)
+    results, number = [], 1
+    for target, detection, measurement in zip(targets, detections, measurements, strict=True):
+        shape = target.detector.target_size
+        results.append(
+            TargetResult(
+                file=str(path),
+                measurement=measurement,
+                detection=detection,
+                has_corners=shape.has_corners,
+                parts=sigma_parts(measurement, shape, camera_model),
+                rejected_from=number,
+            )
+        )
+        number += len(detection.rejected)
+    return PictureResult(file=str(path), frame=frame, targets=tuple(results))
 
 
 def _failed(path: Path, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:

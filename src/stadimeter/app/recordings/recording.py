@@ -26,7 +26,7 @@ from stadimeter.app.recordings.record_file import LIBRARY, RecordFile, is_ours
 from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration, sha256_of
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import TargetSize
+from stadimeter.core.target import TargetShape
 from stadimeter.errors import DriverUnavailableError
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class Recorded:
 
     configuration: RecordedConfiguration
     camera: CameraModel | None = None
-    sizes: Mapping[str, TargetSize] = field(default_factory=dict)
+    sizes: Mapping[str, TargetShape] = field(default_factory=dict)
 
 
 class RecordingWriter:

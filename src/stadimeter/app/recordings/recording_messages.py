@@ -22,7 +22,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decision import Event, Severity
 from stadimeter.core.frame import Image
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, TargetSize
+from stadimeter.core.target import TargetShape
 from stadimeter.core.track import Track
 
 Schema = dict[str, Any]
@@ -259,7 +259,9 @@ def calibration(camera: CameraModel, time_ns: int) -> bytes:
     )
 
 
-def image_annotations(record: CycleRecord, camera: CameraModel, sizes: Mapping[str, TargetSize], time_ns: int) -> bytes:
+def image_annotations(
+    record: CycleRecord, camera: CameraModel, sizes: Mapping[str, TargetShape], time_ns: int
+) -> bytes:
     """Return what was found in a picture, to draw it: targets with their distances, and what was rejected.
 
     Args:
@@ -276,7 +278,7 @@ def image_annotations(record: CycleRecord, camera: CameraModel, sizes: Mapping[s
             continue
         x_px, y_px = camera.pixel(place[0] / place[2], place[1] / place[2])
         size = sizes.get(measured.target)
-        across_px = camera.fx_px * _across_m(size) / measured.distance_m if size else 0.0
+        across_px = camera.fx_px * size.longest_m / measured.distance_m if size else 0.0
         said = f"{measured.target} {measured.distance_m:.2f} m"
         if math.isfinite(x_px) and math.isfinite(y_px):
             circles.append(_circle((x_px, y_px), across_px, _GREEN, when))
@@ -285,16 +287,6 @@ def image_annotations(record: CycleRecord, camera: CameraModel, sizes: Mapping[s
         circles.append(_circle(rejected.centre_px, rejected.size_px, _RED, when))
         texts.append(_label(rejected.centre_px, rejected.size_px, rejected.reason, when))
     return _json({"circles": circles, "points": [], "texts": texts})
-
-
-def _across_m(size: TargetSize) -> float:
-    match size:
-        case BallSize() | DiscSize():
-            return size.diameter_m
-        case SheetSize():
-            return max(size.width_m, size.height_m)
-        case TagSize():
-            return size.side_m
 
 
 def _circle(centre_px: tuple[float, float], across_px: float, colour: Mapping[str, float], when: Any) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
+from stadimeter.core.frame import Frame
+from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance
@@ -41,26 +43,27 @@ class BoardPictures:
     height_px: int
 
 
-def known_distance(path: Path, depth_m: float, target: NamedDetector) -> KnownDistance:
+def known_distance(
+    path: Path, depth_m: float, target: NamedDetector, camera_model: CameraModel | None = None
+) -> KnownDistance:
     """Look for the target in a picture of which the distance is known.
 
     Args:
         path: The picture file.
         depth_m: The known depth.
-        target: What to look for.
-
-    Returns:
-        What was found, or why nothing was.
+        target: The target's detector.
+        camera_model: The lens, at any resolution of the picture's aspect; None where it is not known yet.
 
     Raises:
         PictureError: The picture cannot be read.
+        CalibrationError: It has another aspect than the camera model.
     """
     frame = open_picture(path)
     return KnownDistance(
         picture=str(path),
         width_px=frame.width_px,
         height_px=frame.height_px,
-        detection=target.detector.detect(frame),
+        detection=target.detector.detect(frame, lens=camera_model and camera_model.scaled_to(*_size_px(frame))),
         size=target.detector.target_size,
         depth_m=depth_m,
     )
@@ -82,17 +85,21 @@ def with_bias_undone(
     Raises:
         StadimeterError: A picture can no longer be read.
     """
-    (plain,) = build_detectors(choices, rough)
-    (biased,) = build_detectors(choices, replace(rough, edge_bias_px=BIAS_STEP_PX))
-    return tuple(_asked_twice(each, plain, biased) for each in known)
+    (target,) = build_detectors(choices, rough)
+    return tuple(_asked_twice(each, target.detector, rough) for each in known)
 
 
-def _asked_twice(known: KnownDistance, plain: NamedDetector, biased: NamedDetector) -> KnownDistance:
+def _asked_twice(known: KnownDistance, detector: Detector, rough: CameraModel) -> KnownDistance:
     frame = open_picture(Path(known.picture))
-    found = plain.detector.detect(frame)
+    found = detector.detect(frame, lens=rough)
     if found.status is not DetectionStatus.FOUND:
         return known
-    return replace(known, detection=found, less_bias=biased.detector.detect(frame))
+    biased = detector.detect(frame, lens=replace(rough, edge_bias_px=BIAS_STEP_PX))
+    return replace(known, detection=found, less_bias=biased)
+
+
+def _size_px(frame: Frame) -> tuple[int, int]:
+    return frame.width_px, frame.height_px
 
 
 def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:

@@ -11,7 +11,7 @@ from stadimeter.app.clock import SteppedClock
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.target import TargetSize
+from stadimeter.core.target import TargetShape
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.ranging.feasibility import expect
@@ -28,7 +28,7 @@ class SensorModel:
         camera: The camera model.
     """
 
-    def __init__(self, size: TargetSize, camera: CameraModel) -> None:
+    def __init__(self, size: TargetShape, camera: CameraModel) -> None:
         self._size = size
         self._exact = replace(camera, focal_relative_sigma=0.0)
         self._stays = math.hypot(camera.focal_relative_sigma, size.relative_sigma)

@@ -1,6 +1,6 @@
 """Where a target will appear in the next picture, from where it was a moment ago.
 
-A detector that is told so needs to look at a small part of the picture only. It is never bound to it: what is not found
+A detector that knows it needs to look at a small part of the picture only. It is never bound to it: what is not found
 there is looked for in the whole picture. So a prediction must be quick and honest about its uncertainty, not clever.
 
 The distance goes on as the track has it. The direction goes on as it changed between the last two sightings, and what
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Prediction
-from stadimeter.core.target import BallSize, DiscSize, SheetSize, TagSize, TargetSize
+from stadimeter.core.target import TargetShape
 from stadimeter.core.track import Track
 
 UNSEEN_MAX_S = 0.5
@@ -28,14 +28,14 @@ nothing is known of the motion."""
 TURN_RADPS = 0.5
 """How fast the camera turns, as a standard deviation: a robot that follows turns at about 1 rad/s at most."""
 
-SURPRISE_DECAY = 0.85
-"""What a prediction was off by counts for the next ones too, by this factor less with each."""
+INNOVATION_DECAY = 0.85
+"""The innovation of one prediction counts for the next ones too, by this factor less with each."""
 
 JUMP_SIGMAS = 4.0
-"""What is further off than this many of those standard deviations has jumped, and how it moved before says nothing."""
+"""A target further off than this many of those standard deviations has jumped; its motion before says nothing."""
 
 EVEN_STEPS = 2.0
-"""A motion is taken to go on for so many times the step that it was seen in; then only the uncertainty goes on."""
+"""A motion is taken to go on for this many times the step that it was seen in; then only the uncertainty goes on."""
 
 FLOOR_PX = 1.0
 FLOOR_SHARE = 0.02
@@ -43,6 +43,9 @@ FLOOR_SHARE = 0.02
 
 USEFUL_SHARE = 0.25
 """A standard deviation beyond this share of the picture's longer side leaves nothing out, so it is no prediction."""
+
+LARGEST = 4.0
+"""A target that appears larger than this per unit of depth, over 126 degrees, is too near to be seen whole."""
 
 _SIDEWAYS_RAD = math.radians(85)
 
@@ -57,7 +60,7 @@ class Motion:
         elevation_rad: Its elevation then.
         bearing_radps: How fast the bearing changed since the sighting before.
         elevation_radps: The same for the elevation.
-        surprise_rad: How far from where it was expected it appeared of late.
+        innovation_rad: How far from where it was expected it appeared of late.
         step_s: The time since the sighting before; 0 if there was none, so that nothing is known of the motion.
     """
 
@@ -66,19 +69,16 @@ class Motion:
     elevation_rad: float
     bearing_radps: float = 0.0
     elevation_radps: float = 0.0
-    surprise_rad: float = 0.0
+    innovation_rad: float = 0.0
     step_s: float = 0.0
 
 
 def follow(motion: Motion | None, track: Track) -> Motion | None:
-    """Take in where a target was seen.
+    """Return the motion with the newest sighting taken in; None of a target that is not tracked.
 
     Args:
-        motion: What was known of its motion; None for nothing.
-        track: Its track.
-
-    Returns:
-        What is known now; None of a target that is not tracked.
+        motion: The motion before that; None for not known.
+        track: The target's track.
     """
     at_s, bearing_rad, elevation_rad = track.measured_at_s, track.bearing_rad, track.elevation_rad
     if not track.is_valid or at_s is None or bearing_rad is None or elevation_rad is None:
@@ -100,19 +100,19 @@ def follow(motion: Motion | None, track: Track) -> Motion | None:
         elevation_rad=elevation_rad,
         bearing_radps=across_rad / step_s,
         elevation_radps=up_rad / step_s,
-        surprise_rad=max(off_rad, SURPRISE_DECAY * motion.surprise_rad),
+        innovation_rad=max(off_rad, INNOVATION_DECAY * motion.innovation_rad),
         step_s=step_s,
     )
 
 
 def predict(
-    track: Track, size: TargetSize, camera: CameraModel, at_s: float, motion: Motion | None = None
+    track: Track, shape: TargetShape, camera: CameraModel, at_s: float, motion: Motion | None = None
 ) -> Prediction | None:
-    """Say where and how large a target will appear.
+    """Return where and how large a target will appear.
 
     Args:
-        track: What is known of it.
-        size: Its size.
+        track: The target's track.
+        shape: Its size and form.
         camera: The camera model at the picture's resolution.
         at_s: When the picture was taken, on the run's monotonic clock.
         motion: How its direction changes, with this track taken in; None for not known.
@@ -127,16 +127,17 @@ def predict(
     bearing_rad, elevation_rad, sigma_rad = _direction(known, motion)
     if not (abs(bearing_rad) < _SIDEWAYS_RAD and abs(elevation_rad) < _SIDEWAYS_RAD):
         return None
-    apparent = _apparent(known.distance_m * math.cos(elevation_rad) * math.cos(bearing_rad), size)
-    if apparent is None:
+    depth_m = known.distance_m * math.cos(elevation_rad) * math.cos(bearing_rad)
+    nearer_m = _nearer_m(depth_m, shape)
+    if not nearer_m * LARGEST > shape.longest_m:
         return None
     x, y = math.tan(bearing_rad), -math.tan(elevation_rad) / math.cos(bearing_rad)
-    # The middle of a ball's outline lies further out than its centre, see `stadimeter.ranging.ball`.
-    outwards = 1 + (apparent / 2) ** 2 if isinstance(size, BallSize) else 1.0
+    # The centre of a ball's outline lies further out than the ball's centre, see `stadimeter.ranging.ball`.
+    outwards = 1 + (shape.limb_radius_m / nearer_m) ** 2
     focal_px = math.sqrt(camera.fx_px * camera.fy_px)
-    size_px = apparent * focal_px
+    size_px = shape.longest_m / nearer_m * focal_px
     across_px = focal_px * sigma_rad * (1 + x * x + y * y)
-    larger_px = size_px * _size_share(known, size, camera)
+    larger_px = size_px * _size_share(known, shape, camera)
     return _useful(
         Prediction(
             centre_px=camera.pixel(x * outwards, y * outwards),
@@ -198,18 +199,18 @@ def _direction(known: _Known, motion: Motion | None) -> tuple[float, float, floa
     return (
         known.bearing_rad + motion.bearing_radps * on_s,
         known.elevation_rad + motion.elevation_radps * on_s,
-        motion.surprise_rad * unseen_s / motion.step_s + loose_radps * (unseen_s - on_s),
+        motion.innovation_rad * unseen_s / motion.step_s + loose_radps * (unseen_s - on_s),
     )
 
 
-def _size_share(known: _Known, size: TargetSize, camera: CameraModel) -> float:
+def _size_share(known: _Known, shape: TargetShape, camera: CameraModel) -> float:
     """Return the standard deviation of the apparent size as a share of it.
 
     An error of the focal length or of the target's size is in the track's distance as it is in this prediction, and
     cancels out.
     """
     share = known.sigma_m / max(known.distance_m, 1e-6)
-    rest = share * share - camera.focal_relative_sigma**2 - size.relative_sigma**2
+    rest = share * share - camera.focal_relative_sigma**2 - shape.relative_sigma**2
     return math.sqrt(rest) if rest > 0 else 0.0
 
 
@@ -221,20 +222,7 @@ def _useful(expected: Prediction, camera: CameraModel) -> Prediction | None:
     return expected if is_seen and is_sure and expected.size_px > 0 else None
 
 
-def _apparent(depth_m: float, size: TargetSize) -> float | None:
-    """Return how large a target appears per unit of depth; None for one that is too near to be seen whole."""
-    if isinstance(size, BallSize):
-        square_m2 = depth_m * depth_m - size.diameter_m * size.diameter_m / 4
-        return size.diameter_m / math.sqrt(square_m2) if depth_m > 0 and square_m2 > 0 else None
-    longest_m = _longest_m(size)
-    return longest_m / depth_m if depth_m > longest_m / 4 else None
-
-
-def _longest_m(size: SheetSize | TagSize | DiscSize) -> float:
-    match size:
-        case SheetSize():
-            return max(size.width_m, size.height_m)
-        case TagSize():
-            return size.side_m
-        case DiscSize():
-            return size.diameter_m
+def _nearer_m(depth_m: float, shape: TargetShape) -> float:
+    """Return ``sqrt(Z² - r²)``, by which extents appear smaller; 0 for a target around the camera or behind it."""
+    square_m2 = depth_m * depth_m - shape.limb_radius_m * shape.limb_radius_m
+    return math.sqrt(square_m2) if depth_m > 0 and square_m2 > 0 else 0.0

@@ -1,0 +1,265 @@
+"""The shapes of flat targets, disc, sheet and tag, and where one is: from its pose, or else by one length."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, Points
+from stadimeter.core.target import Reading
+from stadimeter.ranging.circle_pose import circle_poses, cone_through
+from stadimeter.ranging.plane_pose import PlanePose, ambiguity, distance_share, doubt_share, plane_poses, rectangle
+from stadimeter.ranging.similar_triangles import read_by_one_length, size_noise_share
+
+KnownSide = Literal["auto", "width", "height"]
+
+NO_IDEA = 1.0
+"""The ambiguity of every disc: its outline fits two mirrored poses equally well."""
+
+CLOSER = 1e-9
+"""Poses are ordered by misfit; of two that fit to rounding, the one as the sheet hangs comes first."""
+
+_SIGMA_FLOOR_PX = 0.015
+_SIGMA_OF_SMALL_TAG_PX2 = 1.35
+"""The detectors' standard deviation on rendered pictures: a floor, and for tags a part inverse to the apparent side."""
+
+
+class _Flat:
+    """What flat shapes have in common. Their outline is their rim, however they are turned."""
+
+    __slots__ = ()
+
+    @property
+    def limb_radius_m(self) -> float:
+        """None: the outline is the rim."""
+        return 0.0
+
+    def size_sigma_px(self, size_px: float) -> float:  # noqa: ARG002 - the same for all sizes
+        """Return the standard deviation of the apparent size in a good picture."""
+        return _SIGMA_FLOOR_PX
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiscSize(_Flat):
+    """A flat circle, such as a sticker, a lid or a printed dot.
+
+    Attributes:
+        relative_sigma: Standard deviation of the diameter, as a share: how well it is known.
+    """
+
+    diameter_m: float
+    relative_sigma: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Kind and diameter."""
+        return f"disc of {self.diameter_m:g} m"
+
+    @property
+    def longest_m(self) -> float:
+        """The diameter."""
+        return self.diameter_m
+
+    @property
+    def shortest_m(self) -> float:
+        """The diameter."""
+        return self.diameter_m
+
+    @property
+    def has_corners(self) -> bool:
+        """No: its outline is points on its rim."""
+        return False
+
+    def locate(self, detection: Detection, camera: CameraModel) -> Reading:
+        """Return where the centre is, from the ellipse that the disc is seen as; by its larger diameter without points.
+
+        Distance and tilt are exact at any tilt: they are the same in both poses of `stadimeter.ranging.circle_pose`, so
+        not knowing which of them it is adds nothing to the uncertainty of the distance. The position is put half way
+        between them, on the axis of the cone; their lines of sight are at most some degrees apart, near by and tilted,
+        and much less from afar.
+        """
+        apparent = max(detection.width_px / camera.fx_px, detection.height_px / camera.fy_px)
+        cone = cone_through(camera.directions(detection.outline_px))
+        found = None if cone is None else circle_poses(cone, self.diameter_m)
+        if found is None:
+            return read_by_one_length(detection, camera, self.diameter_m, apparent)
+        x_m, y_m, z_m = (float(each) * found.distance_m for each in found.axis)
+        return Reading(
+            position_m=(x_m, y_m, z_m),
+            noise_share=size_noise_share(detection, camera, apparent),
+            tilt_rad=found.tilt_rad,
+            ambiguity=NO_IDEA,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetSize(_Flat):
+    """A flat rectangle, such as a sheet of paper.
+
+    Attributes:
+        width_m: Its horizontal side as it hangs.
+        height_m: Its vertical side as it hangs.
+        known_side: Which side the distance is computed from, as if it were square to the line of sight: the other one
+            may be unknown, or curled. ``auto`` takes all four corners.
+        relative_sigma: Standard deviation of the sides, as a share: how well they are known.
+    """
+
+    width_m: float
+    height_m: float
+    known_side: KnownSide = "auto"
+    relative_sigma: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Kind and sides."""
+        return f"sheet of {self.width_m:g} x {self.height_m:g} m"
+
+    @property
+    def longest_m(self) -> float:
+        """The longer side."""
+        return max(self.width_m, self.height_m)
+
+    @property
+    def shortest_m(self) -> float:
+        """The shorter side."""
+        return min(self.width_m, self.height_m)
+
+    @property
+    def has_corners(self) -> bool:
+        """Yes, four."""
+        return True
+
+    def locate(self, detection: Detection, camera: CameraModel) -> Reading:
+        """Return where the centre is. Four corners tell how a sheet is turned, so its distance is right at any tilt.
+
+        It may hang upright or across; both are tried, and the one that explains the corners better is taken. How
+        probable the others are counts in the systematic share.
+        """
+        size_m, apparent = self._one_side(detection.width_px / camera.fx_px, detection.height_px / camera.fy_px)
+        has_pose = self.known_side == "auto" and len(detection.outline_px) == 4
+        poses = sheet_poses(camera.directions(detection.outline_px), self) if has_pose else ()
+        if not poses:
+            return read_by_one_length(detection, camera, size_m, apparent)
+        # A side is the difference of two corners, so each of these errs by its share of the square root of two.
+        corner_sigma = detection.size_sigma_px / math.sqrt(2 * camera.fx_px * camera.fy_px)
+        best, corners_m = poses[0]
+        noise_share = distance_share(best, corners_m, corner_sigma)
+        if not math.isfinite(noise_share):
+            noise_share = size_noise_share(detection, camera, apparent)
+        return _of_pose(tuple(pose for pose, _ in poses), corner_sigma, noise_share)
+
+    def _one_side(self, width: float, height: float) -> tuple[float, float]:
+        """Return the side that tells the distance, in metres and as it appears per unit of depth.
+
+        With ``auto`` that is the one that gives the nearer distance: turning a sheet away from the camera can only
+        shorten a side. The longer side in the picture is taken for the longer side of the sheet, however it hangs. Once
+        it is turned so far that its longer side appears as the shorter one (40 degrees for letter paper), that is
+        wrong; naming the side then helps.
+        """
+        if self.known_side == "width":
+            return self.width_m, width
+        if self.known_side == "height":
+            return self.height_m, height
+        sides = (self.longest_m, max(width, height)), (self.shortest_m, min(width, height))
+        return max(sides, key=lambda side: side[1] / side[0])
+
+
+def sheet_poses(directions: Points, size: SheetSize) -> tuple[tuple[PlanePose, Points], ...]:
+    """Return the poses that a sheet may have, with its width across the picture or down it.
+
+    Args:
+        directions: Where its corners appear, x and y per unit of depth with the lens's distortion undone, clockwise in
+            the picture, shape ``(4, 2)``.
+        size: Its size.
+
+    Returns:
+        Poses, and the corners in the sheet's frame that belong to them, shape ``(4, 3)``; the pose that explains the
+        corners best comes first. None where the corners are not those of a rectangle in front of the camera.
+    """
+    found = []
+    for width_m, height_m in dict.fromkeys(((size.width_m, size.height_m), (size.height_m, size.width_m))):
+        corners_m = rectangle(width_m, height_m)
+        found += [(pose, corners_m) for pose in plane_poses(corners_m, directions)]
+    found.sort(key=lambda each: round(each[0].misfit / CLOSER))
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TagSize(_Flat):
+    """A square fiducial, such as an ArUco marker or an AprilTag.
+
+    Attributes:
+        side_m: The side of its black square, without the white around it.
+        relative_sigma: Standard deviation of the side, as a share: how well it is known.
+    """
+
+    side_m: float
+    relative_sigma: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Kind and side."""
+        return f"tag of {self.side_m:g} m"
+
+    @property
+    def longest_m(self) -> float:
+        """The side."""
+        return self.side_m
+
+    @property
+    def shortest_m(self) -> float:
+        """The side."""
+        return self.side_m
+
+    @property
+    def has_corners(self) -> bool:
+        """Yes, four."""
+        return True
+
+    def size_sigma_px(self, size_px: float) -> float:
+        """Return the standard deviation of the apparent side in a good picture."""
+        return math.hypot(_SIGMA_FLOOR_PX, _SIGMA_OF_SMALL_TAG_PX2 / size_px)
+
+    def locate(self, detection: Detection, camera: CameraModel) -> Reading:
+        """Return where the centre is.
+
+        Seen from far, a tag has two poses that explain its corners nearly equally well, mirrored about the line of
+        sight. Their distances and directions hardly differ; how much they do counts in the systematic share, the more
+        so the less is known which of them it is.
+        """
+        # The mean of the sides, not the longest: turned, a tag is measured less well.
+        apparent = (detection.width_px / camera.fx_px + detection.height_px / camera.fy_px) / 2
+        poses = tag_poses(camera.directions(detection.outline_px), self) if len(detection.outline_px) == 4 else ()
+        if not poses:
+            return read_by_one_length(detection, camera, self.side_m, apparent)
+        noise_share = size_noise_share(detection, camera, apparent)
+        return _of_pose(poses, noise_share * apparent / math.sqrt(2), noise_share)
+
+
+def tag_poses(directions: Points, size: TagSize) -> tuple[PlanePose, ...]:
+    """Return the poses that a tag may have, the one that explains its corners best first.
+
+    Args:
+        directions: Where its corners appear, x and y per unit of depth with the lens's distortion undone, clockwise in
+            the picture from its own top left one, shape ``(4, 2)``.
+        size: Its size.
+
+    Returns:
+        Two poses; fewer where the corners are not those of a square in front of the camera.
+    """
+    return plane_poses(rectangle(size.side_m, size.side_m), directions)
+
+
+def _of_pose(poses: tuple[PlanePose, ...], corner_sigma: float, noise_share: float) -> Reading:
+    """Return the reading of the best of some poses; the doubt which of them is true counts as systematic."""
+    best = poses[0]
+    x_m, y_m, z_m = best.position_m.tolist()
+    return Reading(
+        position_m=(x_m, y_m, z_m),
+        noise_share=noise_share,
+        systematic_share=doubt_share(poses, corner_sigma),
+        tilt_rad=best.tilt_rad,
+        ambiguity=ambiguity(poses[:2]),
+    )

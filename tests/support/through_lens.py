@@ -1,0 +1,45 @@
+"""A detector behind a lens, as a run has it: the lens is scaled to each frame and passed on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, Prediction
+from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Measurement
+from stadimeter.core.target import TargetShape
+from stadimeter.detectors.protocol import Detector
+from stadimeter.ranging.measure import measure
+
+
+@dataclass(frozen=True, slots=True)
+class ThroughLens:
+    """A detector with the lens that it looks through.
+
+    Attributes:
+        detector: The detector.
+        camera: The camera model, at any resolution of the frames' aspect; None where it is not known.
+    """
+
+    detector: Detector
+    camera: CameraModel | None
+
+    @property
+    def target_size(self) -> TargetShape:
+        """The target's shape."""
+        return self.detector.target_size
+
+    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+        """Look for the target through the lens."""
+        return self.detector.detect(frame, prediction, lens=self._lens(frame))
+
+    def measure(self, frame: Frame, prediction: Prediction | None = None) -> Measurement:
+        """Look for the target, and measure how far away it is."""
+        lens = self._lens(frame)
+        assert lens is not None, "without a lens there is no distance"
+        found = self.detector.detect(frame, prediction, lens=lens)
+        return measure(found, self.target_size, lens, frame.captured_at_s)
+
+    def _lens(self, frame: Frame) -> CameraModel | None:
+        return self.camera and self.camera.scaled_to(frame.width_px, frame.height_px)
