@@ -1,9 +1,7 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 
 import pytest
 
@@ -11,12 +9,12 @@ from stadimeter.bases.protocol import MobileBase
 from stadimeter.config.plugins import BASES, DriverContext, load_plugin
 from stadimeter.errors import DeviceClosedError, LinkLostError
 from stadimeter.simulation.options import WorldOptions
-from stadimeter.simulation.ros_arduino_firmware import EmulatedRosArduino, emulated_ros_arduino
+from stadimeter.simulation.ros_arduino_firmware import emulated_ros_arduino
 from stadimeter.simulation.world import World
 from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.rig import TICK_S, impossible
-from stadimeter.testing.wires import is_locked
+from stadimeter.testing.wires import clog, is_locked
 
 TRACK_WIDTH_M = 0.16
 
@@ -60,7 +58,7 @@ class TestRosArduinoBase(BaseContract):
             faults={
                 UNPLUGGED: pulled_cable(context),
                 SILENT: lambda begins: setattr(board.firmware, "silent", begins),
-                TAKES_NO_BYTES: lambda begins: stop_reading(board, is_read=not begins),
+                TAKES_NO_BYTES: lambda begins: clog(board.port, begins=begins),
             },
         )
 
@@ -95,18 +93,6 @@ def pulled_cable(context: DriverContext) -> Callable[[bool], None]:
         context.clock.sleep_until_s(context.clock.now_s() + TICK_S)  # the port goes with its next service
 
     return pull
-
-
-def stop_reading(board: EmulatedRosArduino, *, is_read: bool) -> None:
-    """Let nobody read at the board's end, and fill the port up with what the firmware passes over."""
-    board.port.is_read = is_read
-    if is_read:
-        return
-    descriptor = os.open(board.port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    with suppress(BlockingIOError):
-        while True:
-            os.write(descriptor, b"\n" * 64)
-    os.close(descriptor)
 
 
 def is_connected(base: MobileBase) -> bool:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+from contextlib import suppress
 
 from gpiozero.pins.mock import MockFactory, MockPWMPin
 
 from stadimeter.actuators.pin_factory import SHARED_KEY
 from stadimeter.config.plugins import DriverContext
+from stadimeter.simulation.emulated_port import EmulatedPort
 
 
 class WatchedPin(MockPWMPin):  # type: ignore[misc] # gpiozero has no types
@@ -101,3 +103,15 @@ def is_locked(path: str) -> bool:
     finally:
         os.close(descriptor)
     return False
+
+
+def clog(port: EmulatedPort, *, begins: bool) -> None:
+    """Begin or end the fault that a port takes no more bytes: nothing is read at the board's end, and it is full."""
+    port.is_read = not begins
+    if not begins:
+        return
+    descriptor = os.open(port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(descriptor, b"\n" * 64)  # firmware passes over empty lines
+    os.close(descriptor)
