@@ -127,3 +127,20 @@ def test_leading_noise_is_dropped_and_counted_and_hides_no_acknowledgement(data:
     parser = ReplyParser()
     assert parser.feed(stream + b"OK\r\n") == [Garbage(size=len(stream)), Acknowledged()]
     assert parser.dropped_bytes == len(stream)
+
+
+def test_dropped_bytes_add_up_over_lines() -> None:
+    parser = ReplyParser()
+    parser.feed(b"NOT OK\r\nhello\r\n")
+    assert parser.dropped_bytes == 11
+
+
+def test_of_a_line_that_is_too_long_the_end_is_kept() -> None:
+    text = bytes(33 + number % 90 for number in range(100))
+    (garbage,) = ReplyParser().feed(text + b"\r")
+    assert isinstance(garbage, Garbage)
+    assert (garbage.size, garbage.text) == (100, text[-64:].decode())
+
+
+def test_a_delete_character_is_noise() -> None:
+    assert ReplyParser().feed(b"1\x7f2 34\r") == [Garbage(size=6, text="2 34")]

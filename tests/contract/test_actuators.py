@@ -5,61 +5,34 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from gpiozero.pins.mock import MockFactory, MockPWMPin
 
-from stadimeter.actuators.pin_factory import SHARED_KEY
 from stadimeter.config.plugins import ACTUATORS, DriverContext, load_plugin
+from stadimeter.errors import DeviceOpenError
 from stadimeter.simulation.actuator import SimulatedActuator
-from stadimeter.testing.actuator_contract import ActuatorContract, ActuatorRig
+from stadimeter.testing.actuator_contract import ABSENT, FAILS, ActuatorContract, ActuatorRig
 from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.recording import RecordingActuator
+from stadimeter.testing.recording import Action, RecordingActuator
+from stadimeter.testing.rig import Fault, impossible
+from stadimeter.testing.wires import WatchedPins
 
 PIN = 18
 
 
-class WatchedPin(MockPWMPin):
-    """A mock pin that remembers what it did when it was let go: as an input it no longer drives anything."""
-
-    released: float | None = None
-
-    def close(self) -> None:
-        self._remember()
-        super().close()
-
-    def _set_frequency(self, value: float | None) -> None:
-        if value is None and self._frequency is not None:
-            self._remember()
-        super()._set_frequency(value)
-
-    def _set_function(self, value: str) -> None:
-        super()._set_function(value)
-        if value == "output":
-            self.released = None
-
-    def _remember(self) -> None:
-        if self._function == "output" and self.released is None:
-            self.released = self._state
-
-
 def gpiozero_rig(driver: str, options: dict[str, object]) -> ActuatorRig:
-    clock = ManualClock()
-    context = DriverContext(name="it", clock=clock)
-    factory = context.share(SHARED_KEY, lambda: MockFactory(pin_class=WatchedPin))
+    context = DriverContext(name="it", clock=ManualClock())
+    pins = WatchedPins(context)
     plugin = load_plugin(ACTUATORS, driver)
     checked = plugin.options.model_validate({"pin": PIN, **options})
-
-    def output() -> float:
-        pin = factory.pin(PIN)
-        state = float(pin.state if pin.released is None else pin.released)
-        return state if checked.active_high else 1.0 - state
-
-    def held() -> bool:
-        reserved = any(reference() for references in factory._reservations.values() for reference in references)
-        driven = any(pin.function == "output" for pin in factory.pins.values())
-        assert reserved == driven
-        return reserved
-
-    return ActuatorRig(actuator=plugin.build(checked, context), clock=clock, output=output, held=held)
+    return ActuatorRig(
+        device=plugin.build(checked, context),
+        clock=context.clock,
+        output=lambda: pins.state(PIN) if checked.active_high else 1.0 - pins.state(PIN),
+        is_held=pins.is_held,
+        faults={
+            ABSENT: lambda begins: pins.occupy(PIN, begins=begins),
+            FAILS: lambda begins: pins.fail(PIN, begins=begins),
+        },
+    )
 
 
 @pytest.mark.parametrize(
@@ -85,31 +58,50 @@ class TestGpiozeroActuators(ActuatorContract):
         return lambda: gpiozero_rig(driver, options)
 
 
+def simulated_rig(options: dict[str, object]) -> ActuatorRig:
+    clock = ManualClock()
+    plugin = load_plugin(ACTUATORS, "simulated")
+    actuator: SimulatedActuator = plugin.build(
+        plugin.options.model_validate(options), DriverContext(name="it", clock=clock)
+    )
+    never = impossible("the simulated actuator has no fault knob")
+    return ActuatorRig(
+        device=actuator,
+        clock=clock,
+        output=lambda: actuator.level,
+        is_held=lambda: actuator.is_open,
+        faults={ABSENT: never, FAILS: never},
+    )
+
+
 @pytest.mark.parametrize("options", [{}, {"steps": 1}, {"steps": 7}], ids=str)
 class TestSimulatedActuator(ActuatorContract):
     @pytest.fixture
     def make_rig(self, options: dict[str, object]) -> Callable[[], ActuatorRig]:
-        def make() -> ActuatorRig:
-            clock = ManualClock()
-            plugin = load_plugin(ACTUATORS, "simulated")
-            actuator: SimulatedActuator = plugin.build(
-                plugin.options.model_validate(options), DriverContext(name="it", clock=clock)
-            )
-            return ActuatorRig(
-                actuator=actuator, clock=clock, output=lambda: actuator.level, held=lambda: actuator.is_open
-            )
+        return lambda: simulated_rig(options)
 
-        return make
+
+def recording_rig() -> ActuatorRig:
+    clock = ManualClock()
+    actuator = RecordingActuator(clock)
+
+    def fail(*actions: Action) -> Fault:
+        def switch(begins: bool) -> None:
+            actuator.fail_on = actions
+            actuator.fail_with = DeviceOpenError("it: as asked for") if begins else None
+
+        return switch
+
+    return ActuatorRig(
+        device=actuator,
+        clock=clock,
+        output=lambda: actuator.level,
+        is_held=lambda: actuator.is_open,
+        faults={ABSENT: fail("open"), FAILS: fail("open", "apply", "stop", "close")},
+    )
 
 
 class TestRecordingActuator(ActuatorContract):
     @pytest.fixture
     def make_rig(self) -> Callable[[], ActuatorRig]:
-        def make() -> ActuatorRig:
-            clock = ManualClock()
-            actuator = RecordingActuator(clock)
-            return ActuatorRig(
-                actuator=actuator, clock=clock, output=lambda: actuator.level, held=lambda: actuator.is_open
-            )
-
-        return make
+        return recording_rig

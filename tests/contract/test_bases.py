@@ -1,10 +1,7 @@
 from __future__ import annotations
 
-import fcntl
 import math
-import os
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 
 import pytest
 
@@ -12,10 +9,12 @@ from stadimeter.bases.protocol import MobileBase
 from stadimeter.config.plugins import BASES, DriverContext, load_plugin
 from stadimeter.errors import DeviceClosedError, LinkLostError
 from stadimeter.simulation.options import WorldOptions
-from stadimeter.simulation.ros_arduino_firmware import EmulatedRosArduino, emulated_ros_arduino
+from stadimeter.simulation.ros_arduino_firmware import emulated_ros_arduino
 from stadimeter.simulation.world import World
-from stadimeter.testing.base_contract import TICK_S, BaseContract, BaseStand
+from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
 from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import TICK_S, impossible
+from stadimeter.testing.wires import clog, is_locked
 
 TRACK_WIDTH_M = 0.16
 
@@ -40,7 +39,7 @@ class TestRosArduinoBase(BaseContract):
     """Over a real pseudo-terminal to the emulated firmware, which turns the wheels of the simulated robot."""
 
     @pytest.fixture
-    def stand(self, context: DriverContext) -> BaseStand:
+    def make_rig(self, context: DriverContext) -> Callable[[], BaseRig]:
         plugin = load_plugin(BASES, "ros-arduino-bridge")
         options = plugin.options(
             port="emulated-ros-arduino-bridge",
@@ -51,15 +50,15 @@ class TestRosArduinoBase(BaseContract):
         )
         board = emulated_ros_arduino(context)
         path = board.port.path
-        return BaseStand(
-            base=plugin.build(options, context),
+        return lambda: BaseRig(
+            device=plugin.build(options, context),
             clock=context.clock,
             is_held=lambda: is_locked(path),
             motion=lambda: true_motion(context),
             faults={
-                "unplugged": pulled_cable(context),
-                "silent": lambda begins: setattr(board.firmware, "silent", begins),
-                "takes no bytes": lambda begins: stop_reading(board, is_read=not begins),
+                UNPLUGGED: pulled_cable(context),
+                SILENT: lambda begins: setattr(board.firmware, "silent", begins),
+                TAKES_NO_BYTES: lambda begins: clog(board.port, begins=begins),
             },
         )
 
@@ -68,16 +67,24 @@ class TestSimulatedBase(BaseContract):
     """In the simulated world, without a port."""
 
     @pytest.fixture
-    def stand(self, context: DriverContext) -> BaseStand:
+    def make_rig(self, context: DriverContext) -> Callable[[], BaseRig]:
         plugin = load_plugin(BASES, "simulated")
-        base = plugin.build(plugin.options(), context)
-        return BaseStand(
-            base=base,
-            clock=context.clock,
-            is_held=lambda: is_connected(base),
-            motion=lambda: true_motion(context),
-            faults={"unplugged": pulled_cable(context)},
-        )
+
+        def make() -> BaseRig:
+            base = plugin.build(plugin.options(), context)
+            return BaseRig(
+                device=base,
+                clock=context.clock,
+                is_held=lambda: is_connected(base),
+                motion=lambda: true_motion(context),
+                faults={
+                    UNPLUGGED: pulled_cable(context),
+                    SILENT: impossible("the simulated base has no line"),
+                    TAKES_NO_BYTES: impossible("the simulated base has no port"),
+                },
+            )
+
+        return make
 
 
 def pulled_cable(context: DriverContext) -> Callable[[bool], None]:
@@ -88,18 +95,6 @@ def pulled_cable(context: DriverContext) -> Callable[[bool], None]:
     return pull
 
 
-def stop_reading(board: EmulatedRosArduino, *, is_read: bool) -> None:
-    """Let nobody read at the board's end, and fill the port up with what the firmware passes over."""
-    board.port.is_read = is_read
-    if is_read:
-        return
-    descriptor = os.open(board.port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    with suppress(BlockingIOError):
-        while True:
-            os.write(descriptor, b"\n" * 64)
-    os.close(descriptor)
-
-
 def is_connected(base: MobileBase) -> bool:
     try:
         base.tick(0.0)
@@ -108,17 +103,3 @@ def is_connected(base: MobileBase) -> bool:
     except LinkLostError:
         pass
     return True
-
-
-def is_locked(path: str) -> bool:
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except FileNotFoundError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False

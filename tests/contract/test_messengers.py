@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.messaging.mqtt_options import MqttOptions
 from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.messenger_contract import MessengerContract, MessengerRig
+from stadimeter.testing.messenger_contract import GONE, SILENT, MessengerContract, MessengerRig
+from stadimeter.testing.rig import impossible
 from support.broker import AmqttBroker, BrokerAccess, LoopbackBroker, make_broker
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel
@@ -33,11 +34,18 @@ def paho_rig(broker: LoopbackBroker, answer_s: float) -> Iterator[MessengerRig]:
         patience = Patience(answer_s=answer_s, first_pause_s=0.05, longest_pause_s=0.2)
         messenger = PahoMessenger(MqttOptions(port=tunnel.port, node="contract"), patience)
         closing.callback(messenger.close)
+
+        def fall_silent(begins: bool) -> None:
+            if begins:
+                tunnel.clog()
+            else:
+                tunnel.cut()
+                tunnel.mend()
+
         yield MessengerRig(
-            messenger=messenger,
+            device=messenger,
             delivered=lambda: [(heard.topic.removeprefix(f"{BASE}/"), heard.payload) for heard in listener.heard],
-            break_link=tunnel.cut,
-            mend_link=tunnel.mend,
+            faults={GONE: lambda begins: tunnel.cut() if begins else tunnel.mend(), SILENT: fall_silent},
         )
 
 
@@ -45,36 +53,38 @@ class TestPahoMessenger(MessengerContract):
     """With mosquitto where it is installed, else with amqtt."""
 
     @pytest.fixture
-    def rig(self, tmp_path: Path) -> Iterator[MessengerRig]:
+    def make_rig(self, tmp_path: Path) -> Iterator[Callable[[], MessengerRig]]:
         broker = make_broker(tmp_path)
         with paho_rig(broker, answer_s=0.3 if isinstance(broker, AmqttBroker) else 10.0) as rig:
-            yield rig
+            yield lambda: rig
 
 
 class TestPahoMessengerWithABrokerOfMqtt311(MessengerContract):
     """With amqtt, which does not answer MQTT 5."""
 
     @pytest.fixture
-    def rig(self, tmp_path: Path) -> Iterator[MessengerRig]:
+    def make_rig(self, tmp_path: Path) -> Iterator[Callable[[], MessengerRig]]:
         with paho_rig(AmqttBroker(tmp_path, BrokerAccess()), answer_s=0.3) as rig:
-            yield rig
+            yield lambda: rig
+
+
+def simulated_rig() -> MessengerRig:
+    context = DriverContext(name="it", clock=ManualClock())
+    world_plugin = load_plugin(WORLDS, "simulated")
+    world = world_plugin.build(world_plugin.options(), context)
+    plugin = load_plugin(MESSENGERS, "simulated")
+    messenger = plugin.build(plugin.options(), context)
+    return MessengerRig(
+        device=messenger,
+        delivered=lambda: [(sent.message.topic, sent.message.payload) for sent in messenger.sent],
+        faults={
+            GONE: lambda begins: setattr(world.faults, "broker_gone", begins),
+            SILENT: impossible("the simulated broker acknowledges at once"),
+        },
+    )
 
 
 class TestSimulatedMessenger(MessengerContract):
     @pytest.fixture
-    def rig(self) -> MessengerRig:
-        context = DriverContext(name="it", clock=ManualClock())
-        world_plugin = load_plugin(WORLDS, "simulated")
-        world = world_plugin.build(world_plugin.options(), context)
-        plugin = load_plugin(MESSENGERS, "simulated")
-        messenger = plugin.build(plugin.options(), context)
-
-        def set_gone(*, gone: bool) -> None:
-            world.faults.broker_gone = gone
-
-        return MessengerRig(
-            messenger=messenger,
-            delivered=lambda: [(sent.message.topic, sent.message.payload) for sent in messenger.sent],
-            break_link=lambda: set_gone(gone=True),
-            mend_link=lambda: set_gone(gone=False),
-        )
+    def make_rig(self) -> Callable[[], MessengerRig]:
+        return simulated_rig

@@ -1,8 +1,12 @@
 """What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere."""
 
 import ast
+import os
 import re
 import shlex
+import subprocess
+import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -182,28 +186,56 @@ def test_make_targets_that_are_named_exist():
             assert target in targets, f"{page.name}: make {target}"
 
 
-def driver_example():
-    text = (ROOT / "docs" / "writing-a-driver.md").read_text()
-    return [code for kind, code in FENCE.findall(text) if kind == "python"]
+GUIDE = (ROOT / "docs" / "writing-a-driver.md").read_text()
+GUIDE_FILES = {
+    name: code
+    for _, code in FENCE.findall(GUIDE)
+    for name in re.findall(r"\A# (\S+\.(?:py|toml))$", code, re.MULTILINE)
+}
 
 
-def test_the_driver_of_the_guide_passes_the_contract_suite(tmp_path):
-    """Run the guide's own files, as a stranger would."""
-    import subprocess
-    import sys
+@pytest.fixture
+def driver_package(tmp_path):
+    """Write the files of the guide, as a stranger would, and a record of its entry points, as pip does."""
+    for name, code in GUIDE_FILES.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(code)
+    (tmp_path / "my_package" / "__init__.py").touch()
+    record = tmp_path / "my_package-0.1.dist-info"
+    record.mkdir()
+    (record / "METADATA").write_text("Metadata-Version: 2.1\nName: my-package\nVersion: 0.1\n")
+    groups = tomllib.loads(GUIDE_FILES["pyproject.toml"])["project"]["entry-points"]
+    lines = [
+        f"[{group}]\n" + "".join(f"{name} = {at}\n" for name, at in each.items()) for group, each in groups.items()
+    ]
+    (record / "entry_points.txt").write_text("\n".join(lines))
+    return tmp_path
 
-    package = tmp_path / "my_package"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    driver, test = driver_example()
-    (package / "kernel_led.py").write_text(driver)
-    (tmp_path / "test_kernel_led.py").write_text(test)
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), str(tmp_path)],
+
+def python_in(folder, *arguments):
+    return subprocess.run(
+        [sys.executable, *arguments],
         capture_output=True,
         text=True,
         check=False,
-        cwd=tmp_path,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder)},
     )
+
+
+@pytest.mark.parametrize("test", ["tests/test_kernel_led.py", "tests/test_line_bot.py"])
+def test_the_drivers_of_the_guide_pass_their_contract_suites(driver_package, test):
+    done = python_in(driver_package, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", ".", test)
     assert done.returncode == 0, done.stdout
     assert " passed" in done.stdout
+
+
+def test_the_drivers_of_the_guide_are_found_by_their_entry_points(driver_package):
+    (driver_package / "config.toml").write_text(
+        '[actuators.lamp]\ndriver = "kernel-led"\nbrightness_file = "x"\nbright = 3\n'
+        '[base]\ndriver = "line-bot"\nport = "/dev/ttyUSB0"\nmax_sped = "1 m/s"\n'
+    )
+    done = python_in(driver_package, "-m", "stadimeter", "check", "config.toml")
+    assert "bright" in done.stdout + done.stderr
+    assert "did you mean 'max_speed'" in done.stdout + done.stderr

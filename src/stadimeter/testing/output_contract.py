@@ -1,0 +1,187 @@
+"""What actuators and bases have in common: taking and releasing the device, coming to rest, failing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError
+from stadimeter.testing.rig import OutputRig
+
+AnyRig = OutputRig[Any]
+
+
+class OutputContract:
+    """The tests. Subclasses name the faults that their devices may have."""
+
+    @pytest.fixture
+    def make_rig(self) -> Callable[[], AnyRig]:
+        """Return a function that builds a new rig. Override it."""
+        raise NotImplementedError(f"override the fixture make_rig in {type(self).__name__}")
+
+    @pytest.fixture
+    def rig(self, make_rig: Callable[[], AnyRig]) -> AnyRig:
+        """Return a rig that is not open."""
+        return make_rig()
+
+    @pytest.fixture
+    def opened(self, rig: AnyRig) -> Iterator[AnyRig]:
+        """Open a rig, and close it at the end."""
+        rig.device.open()
+        yield rig
+        with suppress(DriverError):
+            rig.device.close()
+
+    @pytest.fixture
+    def opening_fault(self) -> str:
+        """Return each fault that keeps the device from being opened. Override it with params."""
+        raise NotImplementedError
+
+    @pytest.fixture
+    def fault(self) -> str:
+        """Return each fault that may come up in use. Override it with params."""
+        raise NotImplementedError
+
+    def test_the_constructor_touches_no_hardware(self, rig: AnyRig) -> None:
+        assert not rig.is_held()
+
+    def test_it_opens_at_rest(self, opened: AnyRig) -> None:
+        assert opened.is_held()
+        assert opened.rests()
+        opened.pass_time_s(1.0, lambda: pytest.fail("it acts without a command") if not opened.rests() else None)
+
+    def test_opening_it_twice_takes_the_device_once(self, rig: AnyRig) -> None:
+        """A second `open` does nothing: what it took besides would stay taken for ever."""
+        rig.device.open()
+        rig.device.open()
+        assert rig.is_held()
+        rig.device.close()
+        assert not rig.is_held()
+        rig.device.open()
+        rig.act()
+        assert not rig.rests()
+        rig.device.close()
+
+    def test_it_acts_and_ticks_without_keeping_the_loop_waiting(self, opened: AnyRig) -> None:
+        opened.act()
+        assert not opened.rests()
+        opened.pass_time_s(0.1)
+
+    def test_stop_brings_it_to_rest(self, opened: AnyRig) -> None:
+        opened.act()
+        opened.device.stop()
+        assert opened.comes_to_rest()
+
+    def test_it_acts_again_after_a_stop(self, opened: AnyRig) -> None:
+        """A stop does not latch."""
+        opened.act()
+        opened.device.stop()
+        assert opened.comes_to_rest()
+        opened.act()
+        assert not opened.rests()
+
+    def test_close_stops_first_and_may_come_again(self, opened: AnyRig) -> None:
+        opened.act()
+        opened.device.close()
+        assert opened.comes_to_rest()
+        assert not opened.is_held()
+        opened.device.close()
+
+    def test_using_it_before_it_is_open_raises(self, rig: AnyRig) -> None:
+        self._check_unusable(rig)
+
+    def test_using_it_after_it_was_closed_raises(self, opened: AnyRig) -> None:
+        opened.device.close()
+        self._check_unusable(opened)
+
+    def test_stopping_and_closing_what_is_closed_does_nothing(self, rig: AnyRig) -> None:
+        """Whoever cleans up need not know what was opened."""
+        for _ in range(2):
+            rig.device.stop()
+            rig.device.close()
+            assert not rig.is_held()
+            rig.device.open()
+            rig.device.close()
+
+    def test_it_can_be_opened_again(self, opened: AnyRig) -> None:
+        """What it did before is forgotten, and it works."""
+        opened.act()
+        opened.device.close()
+        opened.device.open()
+        assert opened.is_held()
+        opened.pass_time_s(1.0)
+        assert opened.rests()
+        opened.act()
+        assert not opened.rests()
+
+    def test_a_device_that_cannot_be_opened_raises_and_is_not_held(self, rig: AnyRig, opening_fault: str) -> None:
+        rig.begin(opening_fault)
+        assert isinstance(raised_by(rig.device.open), DeviceOpenError)
+        rig.device.stop()
+        rig.device.close()
+        rig.end(opening_fault)
+        rig.clock.advance_s(rig.settles_s)
+        assert not rig.is_held()
+        rig.device.open()
+        rig.act()
+        assert not rig.rests()
+        rig.device.close()
+
+    def test_a_device_that_fails_raises_one_of_our_errors(self, opened: AnyRig, fault: str) -> None:
+        opened.act()
+        opened.begin(fault)
+        error = raised_by(lambda: self._use(opened))
+        assert error, "the device fails, and the driver does not notice"
+        assert not isinstance(error, DeviceClosedError)
+        for call in (opened.device.stop, opened.tick, opened.device.close):
+            raised_by(call)
+
+    def test_a_device_that_fails_is_released_all_the_same(self, opened: AnyRig, fault: str) -> None:
+        opened.begin(fault)
+        with suppress(DriverError):
+            self._use(opened)
+        with suppress(DriverError):
+            opened.device.close()
+        assert not opened.is_held()
+
+    def test_a_device_that_failed_opens_at_rest_and_works_again(self, opened: AnyRig, fault: str) -> None:
+        opened.act()
+        opened.begin(fault)
+        with suppress(DriverError):
+            self._use(opened)
+        with suppress(DriverError):
+            opened.device.close()
+        opened.end(fault)
+        opened.clock.advance_s(opened.settles_s)
+        opened.device.open()
+        opened.pass_time_s(1.0)
+        assert opened.rests()
+        opened.act()
+        assert not opened.rests()
+
+    def _use(self, rig: AnyRig) -> None:
+        """Use the device for as long as it may take to notice that it fails."""
+        raise NotImplementedError
+
+    def _check_unusable(self, rig: AnyRig) -> None:
+        with pytest.raises(DeviceClosedError):
+            rig.act()
+        with pytest.raises(DeviceClosedError):
+            rig.device.tick(rig.clock.now_s())
+        assert not rig.is_held()
+
+
+def raised_by(call: Callable[[], object]) -> DriverError | None:
+    """Call, and return the error of the driver's interface that came; None for none. Any other error fails the test."""
+    try:
+        call()
+    except DriverError as error:
+        if error.__cause__ is None and not isinstance(error.__context__, DriverError | None):
+            pytest.fail(f"{error!r} hides {error.__context__!r}, from which it was made: write `raise … from error`")
+        return error
+    except Exception as error:  # noqa: BLE001 - whatever the vendor raises
+        pytest.fail(f"{type(error).__name__}: {error}: this is the vendor's error; raise a DriverError from it")
+    return None

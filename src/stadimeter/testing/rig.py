@@ -1,0 +1,197 @@
+"""The one shape of rig that every contract suite takes: a driver, the wire behind it, and a way to make it fail.
+
+A suite is a class. Subclass it with a fixture ``make_rig`` that returns a function; each call of that function builds
+a new driver, not opened, and wraps it in the suite's kind of rig::
+
+    class TestMyActuator(ActuatorContract):
+        @pytest.fixture
+        def make_rig(self) -> Callable[[], ActuatorRig]:
+            return my_rig
+
+A rig never asks the driver what it does. It looks at the wire: the pin, the file, the port, the service.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Generic, TypeVar
+
+import pytest
+
+from stadimeter.core.command import Command
+from stadimeter.testing.eventually import eventually
+from stadimeter.testing.manual_clock import ManualClock
+
+DeviceT = TypeVar("DeviceT")
+ResultT = TypeVar("ResultT")
+
+TICK_S = 0.02
+"""The runtime ticks its outputs this often."""
+
+SLOW_CALL_S = 0.05
+SLOW_IN_A_ROW = 3
+"""One slow call may be the fault of a busy computer; this many in a row are the driver's."""
+
+HUNG_AFTER_S = 5.0
+
+Fault = Callable[[bool], None]
+"""Begins with True and ends with False."""
+
+_too_slow: dict[str, str] = {}
+"""Drivers that were found too slow, with the message: the rest of their suite fails at once, without waiting again."""
+
+
+def impossible(reason: str) -> Fault:
+    """Return a fault that the device cannot have: the tests that need it are skipped, with the reason."""
+
+    def skip(begins: bool) -> None:
+        if begins:
+            pytest.skip(reason)
+
+    return skip
+
+
+@dataclass(slots=True)
+class Stopwatch:
+    """Fails a driver whose calls keep the control loop waiting."""
+
+    slow_in_a_row: Counter[str] = field(default_factory=Counter)
+
+    def time(self, device: object, method: str, *args: object) -> Any:
+        """Call a method and return what it returns."""
+        name = f"{type(device).__module__}.{type(device).__qualname__}"
+        if name in _too_slow:
+            pytest.fail(_too_slow[name])
+        begun_s = time.perf_counter()
+        with _alarm(lambda: _too_slow.setdefault(name, f"{name}.{method}() has not returned in {HUNG_AFTER_S:g} s")):
+            result = getattr(device, method)(*args)
+        took_s = time.perf_counter() - begun_s
+        self.slow_in_a_row[method] = self.slow_in_a_row[method] + 1 if took_s > SLOW_CALL_S else 0
+        if self.slow_in_a_row[method] == SLOW_IN_A_ROW:
+            _too_slow[name] = (
+                f"{name}.{method}() is too slow: {SLOW_IN_A_ROW} calls in a row took more than "
+                f"{SLOW_CALL_S * 1e3:.0f} ms, the last one {took_s * 1e3:.0f} ms. The control loop calls it, "
+                "and must never wait: leave waiting to a thread, or look again at the next tick"
+            )
+            pytest.fail(_too_slow[name])
+        return result
+
+
+@contextmanager
+def _alarm(message: Callable[[], str]) -> Iterator[None]:
+    """Fail the test if the block does not end; only where signals arrive and nobody else uses this one."""
+    is_free = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGALRM) in {
+        signal.SIG_DFL,
+        signal.SIG_IGN,
+    }
+    if not is_free:
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail(message()))
+    signal.setitimer(signal.ITIMER_REAL, HUNG_AFTER_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@contextmanager
+def threads_left() -> Iterator[Callable[[], list[str]]]:
+    """Return a function that waits a moment for the threads that were begun in the block, and names those that stay."""
+    before = set(threading.enumerate())
+
+    def left() -> list[str]:
+        begun = [thread for thread in threading.enumerate() if thread not in before]
+        for thread in begun:
+            thread.join(1.0)
+        return [thread.name for thread in begun if thread.is_alive()]
+
+    yield left
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rig(Generic[DeviceT]):
+    """A driver and its device.
+
+    Attributes:
+        device: The driver, built but not opened.
+        faults: For each fault that the suite names, a function that begins it (True) and ends it (False); or
+            `impossible` with the reason. A fault that is left out fails the tests that need it.
+        patience_s: How long `eventually` waits, in real seconds: for a slow computer, not for a slow driver.
+    """
+
+    device: DeviceT
+    faults: Mapping[str, Fault]
+    patience_s: float = 20.0
+    _stopwatch: Stopwatch = field(default_factory=Stopwatch, init=False, repr=False, compare=False)
+
+    def begin(self, fault: str) -> None:
+        """Let something go wrong."""
+        self._fault(fault)(True)
+
+    def end(self, fault: str) -> None:
+        """Let it come right again."""
+        self._fault(fault)(False)
+
+    def eventually(self, condition: Callable[[], ResultT]) -> ResultT:
+        """Wait until another thread or program has made something true, and return it."""
+        return eventually(condition, self.patience_s)
+
+    def timed(self, method: str, *args: object) -> Any:
+        """Call a method of the driver that must return at once, and fail the test if it does not."""
+        return self._stopwatch.time(self.device, method, *args)
+
+    def _fault(self, fault: str) -> Fault:
+        if fault not in self.faults:
+            pytest.fail(
+                f"the rig does not say how to cause the fault {fault!r}: add it to `faults`, or `impossible(reason)` "
+                "if the device cannot have it"
+            )
+        return self.faults[fault]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputRig(Rig[DeviceT]):
+    """An actuator or a base with its device.
+
+    Attributes:
+        clock: The clock that the driver was given. Its device lives on it too.
+        is_held: Whether the device is taken (a pin reserved, a port locked), seen from outside of the driver.
+    """
+
+    clock: ManualClock
+    is_held: Callable[[], bool]
+    settles_s: ClassVar[float]
+    """How long the device may take to come to rest after a stop."""
+
+    @abstractmethod
+    def rests(self) -> bool:
+        """Return whether the device is off or stands, seen on the wire."""
+
+    @abstractmethod
+    def act(self) -> Command:
+        """Command something that is plain to see on the wire, and return what was applied."""
+
+    def comes_to_rest(self) -> bool:
+        """Return whether the device rests after the time that it may take, without any call of the driver."""
+        self.clock.advance_s(self.settles_s)
+        return self.rests()
+
+    def tick(self) -> None:
+        """Tick the driver as the runtime does."""
+        self.timed("tick", self.clock.now_s())
+
+    def pass_time_s(self, seconds: float, each_tick: Callable[[], object] = lambda: None) -> None:
+        """Let time pass with ticks, and call ``each_tick`` after each of them."""
+        for _ in range(round(seconds / TICK_S)):
+            self.clock.advance_s(TICK_S)
+            self.tick()
+            each_tick()

@@ -1,0 +1,117 @@
+"""Looking at the wire behind a driver: pins in memory that remember, and who holds a serial port."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+from contextlib import suppress
+
+from gpiozero.pins.mock import MockFactory, MockPWMPin
+
+from stadimeter.actuators.pin_factory import SHARED_KEY
+from stadimeter.config.plugins import DriverContext
+from stadimeter.simulation.emulated_port import EmulatedPort
+
+
+class WatchedPin(MockPWMPin):  # type: ignore[misc] # gpiozero has no types
+    """A pin in memory that remembers what it did when it was let go: as an input it no longer drives anything.
+
+    Attributes:
+        released: What it did when it was let go, from 0, low, to 1, high; None while it is an output.
+        is_failing: Fault: whatever is written to it raises an `OSError`, as a chip that does not answer does.
+    """
+
+    released: float | None = None
+    is_failing = False
+
+    def close(self) -> None:
+        """Become an input."""
+        self._remember()
+        super().close()
+
+    def _set_state(self, value: float) -> None:
+        if self.is_failing:
+            raise OSError(errno.EIO, "the pin does not answer")
+        super()._set_state(value)
+
+    def _set_frequency(self, value: float | None) -> None:
+        if value is None and self._frequency is not None:
+            self._remember()
+        super()._set_frequency(value)
+
+    def _set_function(self, value: str) -> None:
+        super()._set_function(value)
+        if value == "output":
+            self.released = None
+
+    def _remember(self) -> None:
+        if self._function == "output" and self.released is None:
+            self.released = self._state
+
+
+class _OtherProgram:
+    """Holds a pin that a driver wants."""
+
+
+class WatchedPins:
+    """One run's pins in memory, for drivers made with gpiozero.
+
+    Args:
+        context: The run; its drivers then use these pins.
+    """
+
+    def __init__(self, context: DriverContext) -> None:
+        self._factory = context.share(SHARED_KEY, lambda: MockFactory(pin_class=WatchedPin))
+        self._other_program = _OtherProgram()
+
+    def state(self, pin: int) -> float:
+        """Return what a pin does, from 0, low, to 1, high; for one that was let go, what it did then."""
+        watched = self._factory.pin(pin)
+        return float(watched.state if watched.released is None else watched.released)
+
+    def is_held(self) -> bool:
+        """Return whether a driver has reserved any pin or drives one."""
+        reservations = self._factory._reservations.values()  # noqa: SLF001 - gpiozero has no other way to ask
+        holders = [reference() for references in reservations for reference in references]
+        reserved = any(holder not in {None, self._other_program} for holder in holders)
+        driven = any(pin.function == "output" for pin in self._factory.pins.values())
+        return bool(reserved or driven)
+
+    def occupy(self, pin: int, *, begins: bool) -> None:
+        """Begin or end the fault that something else has taken a pin."""
+        if begins:
+            self._factory.reserve_pins(self._other_program, pin)
+        else:
+            self._factory.release_pins(self._other_program, pin)
+
+    def fail(self, pin: int, *, begins: bool) -> None:
+        """Begin or end the fault that a pin cannot be written."""
+        self._factory.pin(pin).is_failing = begins
+
+
+def is_locked(path: str) -> bool:
+    """Return whether some program holds the serial port at ``path`` for itself alone."""
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def clog(port: EmulatedPort, *, begins: bool) -> None:
+    """Begin or end the fault that a port takes no more bytes: nothing is read at the board's end, and it is full."""
+    port.is_read = not begins
+    if not begins:
+        return
+    descriptor = os.open(port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(descriptor, b"\n" * 64)  # firmware passes over empty lines
+    os.close(descriptor)

@@ -1,0 +1,89 @@
+"""Which request an output follows when rules of equal priority ask for different things."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.core.plan import BaseOutput, LevelOutput
+from stadimeter.core.rules.arbitration import arbitrate
+from stadimeter.core.rules.request import LevelRequest, TwistRequest
+
+RESTRICTIVE = {"base": BaseOutput(name="base", combine="most_restrictive")}
+speeds = st.floats(-2, 2)
+
+
+def twist(rule, linear_mps, angular_radps=0.0, priority=5):
+    return TwistRequest(rule=rule, output="base", priority=priority, linear_mps=linear_mps, angular_radps=angular_radps)
+
+
+def level(rule, value, priority=5):
+    return LevelRequest(rule=rule, output="motor", priority=priority, level=value)
+
+
+def combined(*requests):
+    winner = arbitrate(requests, RESTRICTIVE)["base"][0]
+    return winner.linear_mps, winner.angular_radps
+
+
+def test_of_two_equals_that_go_the_same_way_the_slower_speed_counts_for_each_axis():
+    assert combined(twist("a", 0.4, 0.1), twist("b", 0.2, 0.9)) == (0.2, 0.1)
+    assert combined(twist("a", -0.4, -0.1), twist("b", -0.2, -0.9)) == (-0.2, -0.1)
+
+
+@pytest.mark.parametrize(("first", "second"), [(0.4, -0.2), (-0.2, 0.4), (0.1, -0.1)])
+def test_equals_that_go_opposite_ways_stand_still(first, second):
+    """The slower of the two would drive somewhere that one of the rules does not want."""
+    assert combined(twist("a", first), twist("b", second)) == (0.0, 0.0)
+    assert combined(twist("a", 0.3, first), twist("b", 0.3, second)) == (0.3, 0.0)
+
+
+def test_one_of_three_equals_that_goes_the_other_way_is_enough_to_stand_still():
+    assert combined(twist("a", 0.1), twist("b", 0.2), twist("c", -0.3)) == (0.0, 0.0)
+
+
+def test_an_equal_that_stands_still_holds_the_others():
+    assert combined(twist("a", 0.4, 0.5), twist("b", 0.0)) == (0.0, 0.0)
+
+
+@given(st.lists(st.tuples(speeds, speeds), min_size=2, max_size=5))
+def test_what_equals_agree_on_is_never_faster_than_any_of_them_nor_another_way(wanted):
+    got = combined(*(twist(f"r{number}", *both) for number, both in enumerate(wanted)))
+    for axis in (0, 1):
+        asked = [both[axis] for both in wanted]
+        assert abs(got[axis]) <= min(map(abs, asked))
+        assert got[axis] == 0 or all(math.copysign(1, each) == math.copysign(1, got[axis]) for each in asked)
+        if min(asked) > 0 or max(asked) < 0:
+            assert got[axis] == min(asked, key=abs)
+
+
+def test_a_base_that_combines_names_every_rule_and_keeps_the_losers_of_lower_priority():
+    requests = arbitrate([twist("low", 0.1, priority=1), twist("a", 0.4), twist("b", 0.2)], RESTRICTIVE)["base"]
+    assert [(each.rule, each.priority) for each in requests] == [("a+b", 5), ("low", 1)]
+
+
+def test_a_single_winner_is_not_combined_with_lower_priorities():
+    requests = arbitrate([twist("low", -0.1, priority=1), twist("high", 0.4)], RESTRICTIVE)["base"]
+    assert [(each.rule, each.linear_mps) for each in requests] == [("high", 0.4), ("low", -0.1)]
+
+
+@pytest.mark.parametrize(("combine", "rules"), [("max", ["b", "c", "a"]), ("min", ["a", "c", "b"])])
+def test_an_actuator_takes_the_highest_or_the_lowest_of_equal_levels(combine, rules):
+    outputs = {"motor": LevelOutput(name="motor", combine=combine)}
+    requests = [level("a", 0.2), level("b", 0.9), level("c", 0.5), level("low", 1.0, priority=1)]
+    assert [each.rule for each in arbitrate(requests, outputs)["motor"]] == [*rules, "low"]
+
+
+def test_an_actuator_combines_two_as_well_as_three():
+    outputs = {"motor": LevelOutput(name="motor", combine="max")}
+    assert [each.rule for each in arbitrate([level("a", 0.2), level("b", 0.9)], outputs)["motor"]] == ["b", "a"]
+
+
+def test_without_a_combination_the_first_in_the_configuration_wins():
+    outputs = {"motor": LevelOutput(name="motor")}
+    assert [each.rule for each in arbitrate([level("a", 0.2), level("b", 0.9)], outputs)["motor"]] == ["a", "b"]
+
+
+def test_outputs_that_are_not_asked_for_are_left_out():
+    assert dict(arbitrate([], RESTRICTIVE)) == {}

@@ -1,0 +1,142 @@
+"""Edges of a track's life that its other tests left open: counts, times and signs, each to the last one."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from stadimeter.core.plan import Tracking
+from stadimeter.core.track import TrackStatus
+from stadimeter.core.tracking.life_cycle import after_gap, new_track, step
+from support.observing import measured, missed
+
+FRAME_S = 0.1
+SETTINGS = Tracking(confirm_frames=3, coast_s=0.3, outliers_max=3, gate_sigmas=4.0)
+
+
+def see(state, *distances_m, start_s=None, settings=SETTINGS):
+    """Step a track through a frame for each distance; None is a frame without the target."""
+    at_s = state.filter_at_s if start_s is None else start_s
+    at_s = at_s if math.isfinite(at_s) else 0.0
+    for distance_m in distances_m:
+        at_s += FRAME_S
+        seen = missed("ball", at_s) if distance_m is None else measured("ball", at_s, distance_m)
+        state = step(state, seen, at_s, settings)
+    return state
+
+
+def tracked(distance_m=2.0, frames=20, **settings):
+    return see(new_track("ball"), *[distance_m] * frames, settings=replace(SETTINGS, **settings))
+
+
+@pytest.mark.parametrize("outliers_max", [1, 2, 3, 5])
+def test_as_many_outliers_as_allowed_are_refused_and_one_more_is_believed(outliers_max):
+    settings = replace(SETTINGS, outliers_max=outliers_max, coast_s=10.0)
+    state = tracked(outliers_max=outliers_max, coast_s=10.0)
+    for number in range(1, outliers_max + 1):
+        state = see(state, 7.0, settings=settings)
+        assert state.track.status is TrackStatus.COASTING
+        assert state.track.rejected == number
+        assert state.track.distance_m == pytest.approx(2.0, abs=0.05)
+    state = see(state, 7.0, settings=settings)
+    assert state.track.status is TrackStatus.TRACKING
+    assert state.track.distance_m == pytest.approx(7.0, abs=0.05)
+    assert state.track.rejected == 0
+
+
+def test_a_target_counts_in_exactly_the_frame_that_completes_the_row():
+    assert see(new_track("ball"), 2.0, 2.0).track.status is TrackStatus.SEARCHING
+    assert see(new_track("ball"), 2.0, 2.0, 2.0).track.status is TrackStatus.TRACKING
+
+
+def test_a_miss_begins_the_row_anew_and_says_why():
+    state = see(new_track("ball"), 2.0, 2.0, None)
+    assert state.track.reason == "no blob"
+    assert see(state, 2.0, 2.0, start_s=0.3).track.status is TrackStatus.SEARCHING
+    assert see(state, 2.0, 2.0, 2.0, start_s=0.3).track.status is TrackStatus.TRACKING
+
+
+def test_a_contradiction_begins_the_row_anew_with_itself():
+    state = see(new_track("ball"), 2.0, 2.0, 9.0)
+    assert state.track.status is TrackStatus.SEARCHING
+    assert see(state, 9.0).track.status is TrackStatus.SEARCHING
+    assert see(state, 9.0, 9.0).track.distance_m == pytest.approx(9.0, abs=0.05)
+
+
+def test_a_target_that_was_lost_begins_its_row_anew():
+    lost = see(tracked(), *[None] * 5)
+    assert lost.track.status is TrackStatus.LOST
+    at_s = 20 * FRAME_S + 0.5
+    assert see(lost, 2.0, 2.0, start_s=at_s).track.status is TrackStatus.LOST
+    assert see(lost, 2.0, 2.0, 2.0, start_s=at_s).track.status is TrackStatus.TRACKING
+
+
+def test_a_gap_begins_the_row_and_the_time_out_of_sight_anew():
+    gap = after_gap(tracked(), 50.0, "the program stood still")
+    assert (gap.track.status, gap.track.reason, gap.track.since_s) == (
+        TrackStatus.LOST,
+        "the program stood still",
+        50.0,
+    )
+    searching = after_gap(see(new_track("ball"), 2.0, 2.0), 50.0, "the program stood still")
+    assert see(searching, 2.0, 2.0, start_s=50.0).track.status is TrackStatus.SEARCHING
+
+
+@pytest.mark.parametrize("figure", ["distance_m", "depth_m", "sigma_m", "noise_m", "bearing_rad", "elevation_rad"])
+@pytest.mark.parametrize("value", [None, math.nan, math.inf, -math.inf])
+def test_a_measurement_with_a_missing_or_endless_figure_counts_as_a_miss(figure, value):
+    broken = replace(measured("ball", 2.1, 2.0), **{figure: value})
+    state = step(tracked(), broken, 2.1, SETTINGS)
+    assert state.track.status is TrackStatus.COASTING
+    assert state.track.reason == "the measurement holds no usable figures"
+
+
+@pytest.mark.parametrize("distance_m", [0.0, -1.0])
+def test_a_distance_that_cannot_be_counts_as_a_miss(distance_m):
+    state = step(tracked(), replace(measured("ball", 2.1, 2.0), distance_m=distance_m), 2.1, SETTINGS)
+    assert state.track.status is TrackStatus.COASTING
+
+
+def test_a_track_shows_what_its_measurements_say():
+    state = new_track("ball")
+    for number in range(40):
+        at_s = FRAME_S * (number + 1)
+        distance_m = 5.0 - 0.5 * at_s
+        seen = replace(
+            measured("ball", at_s, distance_m, bearing_rad=0.2), depth_m=0.8 * distance_m, elevation_rad=-0.1
+        )
+        state = step(state, seen, at_s, SETTINGS)
+    track = state.track
+    assert track.closing_mps == pytest.approx(0.5, abs=0.05)
+    assert track.depth_m == pytest.approx(0.8 * track.distance_m)
+    assert (track.bearing_rad, track.elevation_rad) == (0.2, -0.1)
+    assert track.as_of_s == track.measured_at_s == pytest.approx(4.0)
+
+
+def test_a_prediction_is_for_the_time_of_the_frame_and_measured_when_it_was():
+    state = see(tracked(), None)
+    assert state.track.as_of_s == pytest.approx(2.1)
+    assert state.track.measured_at_s == pytest.approx(2.0)
+
+
+def test_a_target_that_really_leapt_may_leap_again_without_a_frame_of_doubt():
+    """Near the camera a first leap within what a manoeuvre allows waits for one frame; the next ones do not."""
+    state = tracked()
+    first = see(state, 1.8)
+    assert first.track.status is TrackStatus.COASTING
+    assert "the next frame tells" in first.track.reason
+    believed = see(first, 1.8)
+    assert believed.track.status is TrackStatus.TRACKING
+    settled = see(believed, *[1.8] * 10)
+    assert see(settled, 2.0).track.status is TrackStatus.TRACKING
+
+
+def test_a_target_that_has_been_at_rest_for_long_is_doubted_again():
+    believed = see(tracked(), 1.8, 1.8)
+    settled = see(believed, *[1.8] * 40)
+    assert see(settled, 2.0).track.status is TrackStatus.COASTING
+
+
+def test_two_errors_to_different_sides_are_not_a_leap():
+    doubted = see(tracked(), 1.8)
+    assert see(doubted, 2.2).track.status is TrackStatus.COASTING
