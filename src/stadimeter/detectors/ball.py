@@ -25,11 +25,13 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import BallSize
 from stadimeter.detectors.ball_judge import Ball, BallGates
 from stadimeter.detectors.ball_limb import find_limb, within
-from stadimeter.detectors.ball_search import Blob, Region, find_blobs, search_step
+from stadimeter.detectors.ball_search import Blob, find_blobs, search_step
 from stadimeter.detectors.circle_fit import Circle
 from stadimeter.detectors.edge_circle import edge_circle
 from stadimeter.detectors.hsv_range import HsvRangeText
 from stadimeter.detectors.lens import lens_for
+from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.region import Region
 
 FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
 """How far from the circle around a blob its limb is looked for, both ways: so far, and a cell and a half of the
@@ -135,6 +137,7 @@ class BallDetector:
             points to the middle of the picture; width and height are both its smaller diameter, across that
             direction, which is the one that says how deep the ball lies.
         """
+        check_image(frame)
         known = lens_for(self._camera, frame)
         scene = _Scene(
             image=frame.image,
@@ -183,7 +186,7 @@ class BallDetector:
                 return in_ring
         half_px = 1.5 * start.radius_px + REGION_SIGMAS * prediction.sigma_px + FIRST_REACH_PX
         region = Region.around((x_px, y_px), half_px, scene.image)
-        return self._best(scene, find_blobs(scene.image, self._colour, self._step, region))
+        return None if region is None else self._best(scene, find_blobs(scene.image, self._colour, self._step, region))
 
     def _best(self, scene: _Scene, blobs: Sequence[Blob]) -> Ball | None:
         """Return the ball that looks most like one around one of the blobs.

@@ -16,6 +16,7 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.circle_fit import Circle
 from stadimeter.detectors.hsv_range import HsvRange
+from stadimeter.detectors.region import Region
 
 SMALLEST_SEARCHED_RADIUS_PX = 1.25
 """Pixels are left out only as long as the smallest accepted ball still has this radius in what remains."""
@@ -70,34 +71,6 @@ class Blob:
         return outline_px[:: max(1, math.ceil(len(outline_px) / MOST_POINTS))]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Region:
-    """A part of a picture.
-
-    Attributes:
-        left: Its first column.
-        top: Its first row.
-        right: The column after its last one.
-        bottom: The row after its last one.
-    """
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    @classmethod
-    def around(cls, centre_px: tuple[float, float], half_px: float, image: Image) -> Region:
-        """Return the square about a place, as far as it is inside the picture."""
-        (x, y), (height, width) = centre_px, image.shape[:2]
-        return cls(
-            left=int(min(max(x - half_px, 0), width)),
-            top=int(min(max(y - half_px, 0), height)),
-            right=int(min(max(x + half_px + 1, 0), width)),
-            bottom=int(min(max(y + half_px + 1, 0), height)),
-        )
-
-
 def search_step(min_radius_px: float) -> int:
     """Return the k of "every k-th pixel"."""
     return max(1, min(GREATEST_STEP, int(min_radius_px / SMALLEST_SEARCHED_RADIUS_PX)))
@@ -115,14 +88,13 @@ def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None 
     Returns:
         `MOST_BLOBS` at most, the largest first.
     """
-    left, top = (0, 0) if region is None else (region.left, region.top)
-    part = image if region is None else image[top : region.bottom, left : region.right]
-    if part.size == 0:
-        return []
-    contours, _ = cv2.findContours(colour.mask(thinned(part, step)), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    region = region or Region.whole(image)
+    contours, _ = cv2.findContours(
+        colour.mask(thinned(region.of(image), step)), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
     boxed = [(contour, cv2.boundingRect(contour)) for contour in contours]
     boxed.sort(key=lambda pair: (-max(pair[1][2:]), pair[1]))
-    return [_blob(contour, box, step, left, top) for contour, box in boxed[:MOST_BLOBS]]
+    return [_blob(contour, box, step, region.left, region.top) for contour, box in boxed[:MOST_BLOBS]]
 
 
 def thinned(image: Image, step: int) -> Image:

@@ -21,7 +21,6 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import DiscSize
-from stadimeter.detectors.border import touches_border
 from stadimeter.detectors.disc_shape import Trouble, diameters_px, prominence, quality, trouble_with
 from stadimeter.detectors.disc_view import Lens, View
 from stadimeter.detectors.ellipse_arcs import find_partly_hidden
@@ -38,6 +37,8 @@ from stadimeter.detectors.ellipse_search import (
 from stadimeter.detectors.ellipse_shape import Ellipse
 from stadimeter.detectors.lens import lens_for
 from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.region import Region, touches_border
 
 MOST_MEASURED = 12
 """How many candidates have their outlines measured: the most promising."""
@@ -175,6 +176,7 @@ class DiscDetector:
             The disc: the one most like the prediction, or else the one that stands out most. Its width is its larger
             diameter and its height its smaller one, however it is turned.
         """
+        check_image(frame)
         lens = Lens(camera=lens_for(self._camera, frame))
         near = None if prediction is None else self._near(frame, lens, prediction)
         return near or self._anywhere(frame, lens)
@@ -183,7 +185,10 @@ class DiscDetector:
         """Return the whole disc most like the prediction; None if there is none around it."""
         expected = np.array(prediction.centre_px)
         reach = AROUND_SIZES * prediction.size_px + AROUND_SIGMAS * prediction.sigma_px + AROUND_PX
-        judged = self._judge_all(frame, View.of(frame.image, expected - reach, expected + reach), lens)
+        region = Region.around(prediction.centre_px, reach, frame.image)
+        if region is None:
+            return None
+        judged = self._judge_all(frame, View.of(frame.image, region), lens)
 
         def unlike_px(disc: _Disc) -> float:
             apart_px = np.abs(lens.bent(disc.edges.ellipse.centre_px) - expected).max()
@@ -194,7 +199,7 @@ class DiscDetector:
         return None if found is None or found.truncated else self._found(found, judged, lens)
 
     def _anywhere(self, frame: Frame, lens: Lens) -> Detection:
-        judged = self._judge_all(frame, View.of(frame.image), lens)
+        judged = self._judge_all(frame, View.of(frame.image, Region.whole(frame.image)), lens)
         found = self._first_of(judged.ranked(), frame, lens, judged)
         return self._not_found(judged, lens) if found is None else self._found(found, judged, lens)
 

@@ -13,6 +13,7 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.ellipse_profiles import Bend
 from stadimeter.detectors.ellipse_search import Plane
 from stadimeter.detectors.ellipse_shape import Ellipse, ellipse_through
+from stadimeter.detectors.region import Region
 from stadimeter.detectors.sampling import reduced, to_full_scale
 
 SEARCH_LONG_SIDE_PX = 800
@@ -62,32 +63,20 @@ class View:
     """A part of a picture, reduced if it is large.
 
     Attributes:
-        image: The part.
-        left_top_px: Where it begins in the whole picture, x and y.
+        left_top_px: Its first pixel in the whole picture, x and y.
         grey: It in code values, reduced.
         scale: By how much: 0.5 for half the size.
     """
 
-    image: Image
-    left_top_px: tuple[int, int]
+    left_top_px: Points
     grey: Plane
     scale: float
 
     @classmethod
-    def of(cls, image: Image, low_px: Points | None = None, high_px: Points | None = None) -> View:
-        """Return a view of a picture, or of the part of it between two points."""
-        height, width = image.shape[:2]
-        left, top = (0, 0) if low_px is None else (int(each) for each in np.clip(low_px, 0, (width, height)))
-        right, bottom = (
-            (width, height)
-            if high_px is None
-            else (int(each) + 1 for each in np.clip(high_px, -1, (width - 1, height - 1)))
-        )
-        part = image[top:bottom, left:right]
-        if not part.size:
-            return cls(image=part, left_top_px=(left, top), grey=np.zeros((1, 1), np.uint8), scale=1.0)
-        small, scale = reduced(part, SEARCH_LONG_SIDE_PX)
-        return cls(image=part, left_top_px=(left, top), grey=_grey(small), scale=scale)
+    def of(cls, image: Image, region: Region) -> View:
+        """Return a view of a part of a picture."""
+        small, scale = reduced(region.of(image), SEARCH_LONG_SIDE_PX)
+        return cls(left_top_px=region.left_top_px, grey=_grey(small), scale=scale)
 
     def in_full(self, ellipse: Ellipse) -> Ellipse:
         """Return where an ellipse of the reduced part is in the whole picture."""

@@ -1,4 +1,4 @@
-"""What a detector is to the rest of the program."""
+"""The interface of detectors."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Protocol
 from stadimeter.core.detection import Detection, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetSize
+from stadimeter.errors import PictureError
 
 
 class Detector(Protocol):
@@ -14,7 +15,7 @@ class Detector(Protocol):
 
     @property
     def target_size(self) -> TargetSize:
-        """The known size of what it finds."""
+        """The known size of the target."""
         ...
 
     def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
@@ -23,12 +24,30 @@ class Detector(Protocol):
         A frame without the target is an ordinary result, not an error.
 
         Args:
-            frame: The frame; its image is not changed.
+            frame: Its image is not changed.
             prediction: Where the target is expected, for a detector that can look there first; None to search the
-                whole frame.
+                whole frame. It may be wrong in any way, NaN included: a target that is not found there whole is looked
+                for in the whole frame.
 
         Returns:
             Where the target is; or that it is cut off by the border; or that it is not there, with a reason that
             holds the figures: ``largest blob 6 px, limit 12 px``.
+
+        Raises:
+            PictureError: The image has not the form that a `Frame` promises, see `check_image`.
         """
         ...
+
+
+def check_image(frame: Frame) -> None:
+    """Refuse a frame whose image is not of shape ``(height, width, 3)`` with 8 bits a channel and some pixels.
+
+    Raises:
+        PictureError: It is not; the message names what it is.
+    """
+    shape, dtype = frame.image.shape, frame.image.dtype
+    if dtype != "uint8" or len(shape) != 3 or shape[2] != 3 or not frame.image.size:
+        raise PictureError(
+            f"a frame's image has the shape {shape} and the type {dtype}, not (height, width, 3) and uint8;"
+            " the camera driver has to convert it"
+        )

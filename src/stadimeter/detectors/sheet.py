@@ -12,11 +12,13 @@ from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
-from stadimeter.core.frame import Frame
+from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import KnownSide, SheetSize
 from stadimeter.detectors.lens import lens_for
+from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.quad_shape import diagonals_meet, grown, width_and_height
-from stadimeter.detectors.sheet_findings import Candidate, Findings, Region
+from stadimeter.detectors.region import Region
+from stadimeter.detectors.sheet_findings import Candidate, Findings
 from stadimeter.detectors.sheet_search import SheetSearch
 
 REGION_SIDES = 0.8
@@ -87,15 +89,16 @@ class SheetDetector:
             The outline that looks most like the sheet, the larger the better; whole ones before those that the border
             cuts off.
         """
+        check_image(frame)
         lens = lens_for(self._camera, frame)
         search = SheetSearch(frame.image, self._size, self._min_side_px, lens)
         bias_px = 0.0 if lens is None else lens.edge_bias_px
-        near = None if prediction is None else _around(prediction, frame)
+        near = None if prediction is None else _around(prediction, frame.image)
         if near is not None and prediction is not None:
             findings = search.look(near, prediction)
             if findings.best is not None:
                 return self._found(findings.best, findings, bias_px)
-        findings = search.look(Region(left=0, top=0, right=frame.width_px, bottom=frame.height_px))
+        findings = search.look(Region.whole(frame.image))
         if findings.best is not None:
             return self._found(findings.best, findings, bias_px)
         return self._not_measured(findings)
@@ -135,17 +138,10 @@ class SheetDetector:
         return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
 
 
-def _around(prediction: Prediction, frame: Frame) -> Region | None:
-    """Return the part of the frame where a sheet is expected; None if there is none."""
+def _around(prediction: Prediction, image: Image) -> Region | None:
+    """Return the part of the picture where a sheet is expected; None if there is none."""
     reach_px = REGION_SIDES * prediction.size_px + REGION_SIGMAS * prediction.sigma_px + REGION_MARGIN_PX
-    x_px, y_px = prediction.centre_px
-    if not (math.isfinite(reach_px) and math.isfinite(x_px) and math.isfinite(y_px)):
-        return None
-    left, right = max(math.floor(x_px - reach_px), 0), min(math.ceil(x_px + reach_px) + 1, frame.width_px)
-    top, bottom = max(math.floor(y_px - reach_px), 0), min(math.ceil(y_px + reach_px) + 1, frame.height_px)
-    if right <= left or bottom <= top:
-        return None
-    return Region(left=left, top=top, right=right, bottom=bottom)
+    return Region.around(prediction.centre_px, reach_px, image, outwards=True)
 
 
 def _without_bias(best: Candidate, bias_px: float) -> Points:

@@ -18,16 +18,6 @@ MOST_REFUSED = 8
 REFUSED_OF_A_KIND = 3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Region:
-    """A part of a picture, in whole pixels; right and bottom are the first beyond it."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Candidate:
     """An outline that looks like the sheet.

@@ -18,7 +18,6 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
 from stadimeter.core.target import SheetSize
-from stadimeter.detectors.border import corners_on_border, sides_on_border
 from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.quad_edges import QuadEdges, distinct_edges, measure_edges, measure_edges_closer, settle_edges
 from stadimeter.detectors.quad_shape import QuadShapes, longest_sides_px, quad_shapes
@@ -29,8 +28,9 @@ from stadimeter.detectors.quadrilaterals import (
     quick_masks,
     thorough_masks,
 )
+from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
 from stadimeter.detectors.sampling import reduced, to_full_scale
-from stadimeter.detectors.sheet_findings import Candidate, Findings, Region
+from stadimeter.detectors.sheet_findings import Candidate, Findings
 from stadimeter.detectors.sheet_fit import SheetFit, SheetShape
 
 Values = NDArray[np.float64]
@@ -164,7 +164,7 @@ class SheetSearch:
         Returns:
             What is there.
         """
-        part = self._image[region.top : region.bottom, region.left : region.right]
+        part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX
         small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
         findings = Findings()
@@ -172,7 +172,7 @@ class SheetSearch:
         for masks in SEARCHES:
             smallest_px = max(self._min_side_px * scale / 2, LEAST_SEARCHED_PX)
             outlines = find_quadrilaterals(masks(small), smallest_px)
-            outlines = to_full_scale(outlines, scale) + np.array((region.left, region.top))
+            outlines = to_full_scale(outlines, scale) + region.left_top_px
             if masks is quick_masks:
                 findings.calm = min(max(CALM_OUTLINES / max(len(outlines), 1), 1.0), MOST_CALM)
             on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))

@@ -23,10 +23,11 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TagSize
-from stadimeter.detectors.border import touches_border
 from stadimeter.detectors.lens import lens_for
 from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.quad_shape import diagonals_meet, grown, side_lengths, width_and_height
+from stadimeter.detectors.region import touches_border
 from stadimeter.detectors.tag_code import SeenTag
 from stadimeter.detectors.tag_families import SMALL_TAG_FAMILIES, TagFamilyName, tag_family
 from stadimeter.detectors.tag_frame import BentSides
@@ -145,6 +146,7 @@ class TagDetector:
             The tag. Without a number it is the one nearest to the prediction or else the largest, and where several
             are in view the reason says so.
         """
+        check_image(frame)
         near = None if prediction is None else self._near(frame, prediction)
         return near or self._anywhere(frame)
 

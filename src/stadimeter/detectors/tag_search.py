@@ -20,6 +20,7 @@ from stadimeter.core.detection import Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.detectors.linear_light import Light
 from stadimeter.detectors.quad_shape import side_lengths
+from stadimeter.detectors.region import Region
 from stadimeter.detectors.tag_code import SeenTag, Unread, read_tag
 from stadimeter.detectors.tag_families import TagFamily
 from stadimeter.detectors.tag_outlines import find_outlines
@@ -122,10 +123,10 @@ class TagSearch:
         longest_px = prediction.size_px + SIGMAS * prediction.sigma_px
         least_px = max((prediction.size_px - SIGMAS * prediction.sigma_px) / 2, self.min_side_px)
         half_px = HALF_DIAGONAL * prediction.size_px + SIGMAS * prediction.sigma_px + MARGIN_PX
-        part = _part(image, prediction.centre_px, half_px)
-        if part is None:
+        region = Region.around(prediction.centre_px, half_px, image, outwards=True)
+        if region is None:
             return None
-        left_top, grey = part
+        left_top, grey = region.left_top_px, _grey(region.of(image))
         reduced_px = max(1, round(max(grey.shape) * min(1.0, TRACKED_PX / longest_px)))
         sighting = self._whole(grey, left_top, least_px, reduced_px)
         # A tag that is turned far is much narrower than it is long.
@@ -194,18 +195,6 @@ class TagSearch:
 def _same(tag: SeenTag, other: SeenTag) -> bool:
     apart = np.abs(tag.corners_px.mean(axis=0) - other.corners_px.mean(axis=0)).max()
     return tag.number == other.number and bool(apart < other.side_px / 2)
-
-
-def _part(image: Image, centre_px: tuple[float, float], half_px: float) -> tuple[Points, Plane] | None:
-    """Cut a square out of a picture; return where it starts, and itself in grey."""
-    height, width = image.shape[:2]
-    left, top = (max(0, math.floor(centre - half_px)) for centre in centre_px)
-    right, bottom = (
-        min(size, math.ceil(centre + half_px) + 1) for centre, size in zip(centre_px, (width, height), strict=True)
-    )
-    if right <= left or bottom <= top:
-        return None
-    return np.array((left, top), np.float64), _grey(image[top:bottom, left:right])
 
 
 def _grey(image: Image) -> Plane:

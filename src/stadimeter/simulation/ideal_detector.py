@@ -14,6 +14,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import BallSize
+from stadimeter.detectors.protocol import check_image
 from stadimeter.errors import ConfigError
 from stadimeter.simulation.camera import lens
 from stadimeter.simulation.noise import gaussian_pair
@@ -86,6 +87,7 @@ class IdealDetector:
             CalibrationError: The frame has another aspect than the lens.
             DriverError: The frame is older than the robot remembers its way.
         """
+        check_image(frame)
         if self._world.faults.target_hidden:
             return self._not_found("the ball is hidden")
         model = self._model.scaled_to(frame.width_px, frame.height_px)
