@@ -17,7 +17,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import SheetSize
-from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet import PLUGIN, SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene

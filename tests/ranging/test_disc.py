@@ -15,7 +15,7 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import DiscSize
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
-from stadimeter.detectors.ellipse_shape import ellipse_through
+from stadimeter.detectors.disc.ellipse import ellipse_through
 from stadimeter.ranging.apparent_size import apparent_size
 from stadimeter.ranging.disc import read_disc
 from stadimeter.ranging.feasibility import expect, farthest_m

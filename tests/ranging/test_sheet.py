@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import SheetSize
-from stadimeter.detectors.quad_shape import diagonals_meet, width_and_height
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
+from stadimeter.detectors.sides import diagonals_meet, width_and_height
 from stadimeter.ranging.calibration import KnownDistance, calibrate
 from stadimeter.ranging.measure import measure, measure_frame
 from stadimeter.ranging.sheet import read_sheet

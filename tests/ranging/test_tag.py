@@ -16,7 +16,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TagSize
-from stadimeter.detectors.quad_shape import diagonals_meet, width_and_height
+from stadimeter.detectors.sides import diagonals_meet, width_and_height
 from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.ranging.measure import measure, measure_frame
 from stadimeter.ranging.tag import ambiguity, read_tag, tag_poses

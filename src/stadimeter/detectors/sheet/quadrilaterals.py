@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.quad_shape import grown
+from stadimeter.detectors.sides import grown
 
 Mask = NDArray[np.uint8]
 Values = NDArray[np.float64]

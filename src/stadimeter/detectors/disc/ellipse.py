@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.ranging.circle_pose import cone_through
 
 Values = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Bend = Callable[[Points], Points]
+"""Takes points from where they would be without the lens's distortion to where they are in the picture."""
+
+RIM_POINTS = 32
+"""An ellipse is taken through the lens by this many points around it."""
 
 SMALLEST_PX = 0.5
 """Half axes shorter than this are no ellipse in a picture."""
@@ -139,3 +146,39 @@ def ellipse_through(points_px: Points) -> Ellipse | None:
     if not half_axes.min() > SMALLEST_PX:
         return None
     return Ellipse(centre_px=np.asarray(centre), half_axes_px=(directions * half_axes) @ directions.T)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Lens:
+    """Leads between places in a picture and where they would be without distortion.
+
+    Attributes:
+        camera: The camera at the picture's resolution; None if it is not known, and then nothing is bent.
+    """
+
+    camera: CameraModel | None
+
+    @property
+    def bend(self) -> Bend | None:
+        """How outlines are bent; None if they are not."""
+        return self.bent if self.camera is not None and self.camera.distortion else None
+
+    def bent(self, points_px: Points) -> Points:
+        """Return where points appear, any shape that ends with x and y."""
+        if self.camera is None or not self.camera.distortion:
+            return points_px
+        straight = (points_px.reshape(-1, 2) - self._centre()) / self._focal()
+        return self.camera.project(straight).reshape(points_px.shape)
+
+    def straightened(self, ellipse: Ellipse) -> Ellipse | None:
+        """Return the ellipse that appears as one; None for one that none appears as."""
+        if self.camera is None or not self.camera.distortion:
+            return ellipse
+        straight = self.camera.directions(ellipse.rim(RIM_POINTS).points_px) * self._focal() + self._centre()
+        return ellipse_through(straight)
+
+    def _focal(self) -> Points:
+        return np.array([self.camera.fx_px, self.camera.fy_px]) if self.camera else np.ones(2)
+
+    def _centre(self) -> Points:
+        return np.array([self.camera.cx_px, self.camera.cy_px]) if self.camera else np.zeros(2)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball_limb import Limb
-from stadimeter.detectors.ball_search import colour_share
-from stadimeter.detectors.circle_fit import Circle
-from stadimeter.detectors.hsv_range import HsvRange
+from stadimeter.detectors.ball.blobs import HsvRange, colour_share
+from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.limb import Limb
 
 LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.5
 """How much of the limb must be seen: so much if its steps lie on it exactly; and the more they scatter, the more, up to

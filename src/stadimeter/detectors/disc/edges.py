@@ -1,7 +1,7 @@
 """The outline of a disc, to a few hundredths of a pixel.
 
 Light is read along lines across an ellipse that is near the outline. Where it passes half way from inside to outside
-is the edge, see `stadimeter.detectors.linear_light`; the ellipse is moved to these edges by least squares, and the
+is the edge, see `stadimeter.detectors.sampling`; the ellipse is moved to these edges by least squares, and the
 light is read again, until the ellipse stays. So the result does not depend on where it began.
 """
 
@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stadimeter.detectors.ellipse_profiles import LEAST_LIGHT, EdgePicture, Mask, Steps, middle, ranked, read_steps
-from stadimeter.detectors.ellipse_shape import Ellipse, Rim, Values, turns
+from stadimeter.detectors.disc.ellipse import Ellipse, Rim, Values, turns
+from stadimeter.detectors.disc.profiles import LEAST_LIGHT, EdgePicture, Mask, Steps, read_steps
+from stadimeter.detectors.sampling import quantile
 
 LEAST_LINES = 40
 """Across how many lines the light is read at least; if the effort allows, one for each pixel of the outline."""
@@ -208,9 +209,9 @@ def _moved(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int)
     (x, y), (cosine, sine) = rim.outward.T, rim.turns.T
     parts = np.array((x, y, x * cosine, y * sine, x * sine + y * cosine))
     # Begin from the middle of the edges, so that a start that is too large or too small all around counts as near.
-    left = off_px - middle(off_px[is_edge]) if fits == FIRST_FITS else off_px
+    left = off_px - quantile(off_px[is_edge]) if fits == FIRST_FITS else off_px
     for _ in range(fits):
-        band = max(LEAST_BAND_PX, BAND_SCATTERS * MAD_SIGMAS * middle(np.abs(left[is_edge])))
+        band = max(LEAST_BAND_PX, BAND_SCATTERS * MAD_SIGMAS * quantile(np.abs(left[is_edge])))
         weights = np.where(is_edge, np.maximum(1 - (left / band) ** 2, 0.0) ** 2, 0.0)
         weighted = parts * weights
         normal = weighted @ parts.T
@@ -252,8 +253,8 @@ def _sigma_px(normal: Values, scatter_px: float, ellipse: Ellipse) -> float:
 def _described(picture: EdgePicture, fit: _Fit, steps: Steps) -> EllipseEdges:
     seen = fit.on_ellipse
     contrast = steps.contrast[seen]
-    usual = middle(contrast)
-    inside = middle(steps.inside[seen])
+    usual = quantile(contrast)
+    inside = quantile(steps.inside[seen])
     sign = 1.0 if inside > 0 else -1.0
     return EllipseEdges(
         ellipse=fit.ellipse,
@@ -261,7 +262,7 @@ def _described(picture: EdgePicture, fit: _Fit, steps: Steps) -> EllipseEdges:
         visible=float(steps.visible.mean()),
         widest_gap=_widest_gap(seen),
         contrast=sign * usual,
-        weakest=ranked(contrast, 0.1),
+        weakest=quantile(contrast, 0.1),
         inside=abs(inside),
         outside=abs(inside - usual),
         unevenness=_unevenness(picture, fit.ellipse, abs(inside)) / max(usual, LEAST_LIGHT),
@@ -295,4 +296,4 @@ def _bend_px(left_px: Values, seen: Mask) -> float:
 def _unevenness(picture: EdgePicture, ellipse: Ellipse, rim_light: float) -> float:
     """Return how far the light inside an ellipse is from that along its rim, but for the part that differs most."""
     light, is_inside = picture.read(INSIDE @ ellipse.half_axes_px + ellipse.centre_px)
-    return ranked(np.abs(light[is_inside] - rim_light), EVEN_SHARE) if is_inside.any() else 0.0
+    return quantile(np.abs(light[is_inside] - rim_light), EVEN_SHARE) if is_inside.any() else 0.0

@@ -16,10 +16,10 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import KnownSide, SheetSize
 from stadimeter.detectors.lens import lens_for
 from stadimeter.detectors.protocol import check_image
-from stadimeter.detectors.quad_shape import diagonals_meet, grown, width_and_height
 from stadimeter.detectors.region import Region
-from stadimeter.detectors.sheet_findings import Candidate, Findings
-from stadimeter.detectors.sheet_search import SheetSearch
+from stadimeter.detectors.sheet.candidates import Candidate, Findings
+from stadimeter.detectors.sheet.search import SheetSearch
+from stadimeter.detectors.sides import diagonals_meet, grown, width_and_height
 
 REGION_SIDES = 0.8
 REGION_SIGMAS = 4.0

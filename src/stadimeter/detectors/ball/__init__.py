@@ -23,12 +23,10 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import BallSize
-from stadimeter.detectors.ball_judge import Ball, BallGates
-from stadimeter.detectors.ball_limb import find_limb, within
-from stadimeter.detectors.ball_search import Blob, find_blobs, search_step
-from stadimeter.detectors.circle_fit import Circle
-from stadimeter.detectors.edge_circle import edge_circle
-from stadimeter.detectors.hsv_range import HsvRangeText
+from stadimeter.detectors.ball.blobs import Blob, HsvRangeText, find_blobs, search_step
+from stadimeter.detectors.ball.circles import Circle, edge_circle
+from stadimeter.detectors.ball.judge import Ball, BallGates
+from stadimeter.detectors.ball.limb import find_limb, within
 from stadimeter.detectors.lens import lens_for
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Image
-from stadimeter.detectors.linear_light import Light
-from stadimeter.detectors.quad_shape import side_lengths
 from stadimeter.detectors.region import Region
-from stadimeter.detectors.tag_code import SeenTag, Unread, read_tag
-from stadimeter.detectors.tag_families import TagFamily
-from stadimeter.detectors.tag_outlines import find_outlines
-from stadimeter.detectors.tag_sides import measure_sides
+from stadimeter.detectors.sampling import Light
+from stadimeter.detectors.sides import side_lengths
+from stadimeter.detectors.tag.codes import SeenTag, TagFamily, Unread, read_tag
+from stadimeter.detectors.tag.outlines import find_outlines
+from stadimeter.detectors.tag.sides import measure_sides
 
 Plane = NDArray[np.uint8]
 

@@ -2,7 +2,7 @@
 
 Spokes cross the expected outline all around. Each is a piece of the row of pixels, or of the column, that crosses the
 outline more squarely, so no pixel has to be interpolated; only where the step lies between two of them is. The step is
-where the light passes half way from what is inside to what is outside, see `stadimeter.detectors.linear_light`; with
+where the light passes half way from what is inside to what is outside, see `stadimeter.detectors.sampling`; with
 colours, on the straight line from the one colour to the other. Both levels are read just beside the step: further
 inside a ball is shaded differently, further outside begins something else. Three things are then put right:
 
@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.circle_fit import Circle
-from stadimeter.detectors.linear_light import Light
+from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.sampling import Light, quantile
 
 Values = NDArray[np.float64]
 Profiles = NDArray[np.float32]
@@ -186,7 +186,7 @@ def limb_edges(
     steepest, is_clear = _steepest(codes[:, first:last])
     steepest += first
     steps = _sharp_steps(codes, steepest, light)
-    if ranked_value(steps.width) > BLURRED_PX:
+    if quantile(steps.width) > BLURRED_PX:
         steps = _blurred_steps(codes, steepest, light)
     found = steps.found & is_clear
     width = steps.width.compress(found)
@@ -208,13 +208,6 @@ def limb_edges(
 def _bias_px(steps: _Steps, bias_px: float) -> float:
     """Return how far outwards the camera shows the steps: of something dark, those of the bright around it."""
     return math.copysign(bias_px, bias_px * float(steps.way.sum())) if bias_px else 0.0
-
-
-def ranked_value(values: Profiles | Values, share: float = 0.5) -> float:
-    """Return the value that a share of them are below, or the (upper) median; much faster than numpy for so few."""
-    ordered = values.copy()
-    ordered.sort()
-    return float(ordered[int(share * len(ordered))])
 
 
 @lru_cache(maxsize=MOST_SPOKES_A_SIDE)
@@ -274,7 +267,7 @@ def _steepest(codes: Image) -> tuple[Indices, Flags]:
     length = change.shape[1]
     steepest = squared.reshape(-1, length).argmax(axis=1)
     most = squared.take(steepest + np.arange(0, len(squared), length))
-    least = max(LEAST_CHANGE**2, CLEAR_SHARE**2 * ranked_value(most, 0.75))
+    least = max(LEAST_CHANGE**2, CLEAR_SHARE**2 * quantile(most, 0.75))
     return steepest + 1, most > least
 
 
@@ -301,7 +294,7 @@ def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
 def _shade(rise: Profiles, width: Profiles) -> float:
     """Return by how much the level inside is brighter where it is read than at the limb, as a share of the step."""
     sharp = rise.compress(width < SHARP_PX)
-    return min(max(ranked_value(sharp), 0.0), MOST_SHADE) if len(sharp) else 0.0
+    return min(max(quantile(sharp), 0.0), MOST_SHADE) if len(sharp) else 0.0
 
 
 def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:

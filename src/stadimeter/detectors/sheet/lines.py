@@ -1,17 +1,138 @@
-"""Lines through the steps along the sides of outlines, and the corners where they meet."""
+"""Where the sides of outlines are expected, in whole pixels along and across each of them.
+
+Along is x for a side that is more horizontal and y for one that is more vertical; across is the other one. Many
+outlines are worked on at once: arrays have the outlines first, then their four sides, then the steps along a side.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.detectors.quad_frame import QuadFrame, Values
 
-Real = TypeVar("Real", np.float32, np.float64)
+Values = NDArray[np.float64]
+
+CORNER_SHARE = 0.08
+"""Share of a side left out at each end, where the other side blurs in and corners are bent, torn or rounded."""
+
+REACH_SHARE = 0.3
+"""How far across a side is looked at most, as a share of how far away the opposite one is."""
+
+LEAST_REACH_PX = 2
+
+CURVE_POINTS = 33
+"""In so many places between two corners it is computed how the lens bends a side."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class QuadFrame:
+    """Where the sides are expected. Arrays are of shape ``(c, 4, n)``, or ``(c, 4, 1)`` where nothing else is said.
+
+    Attributes:
+        flat: Which sides are more horizontal.
+        outward: Which way across leads out of the outline, 1 or -1.
+        along: Where the steps are looked for: whole pixels, with n steps.
+        across: Where the side is expected there, with n steps; bent as the lens bends it.
+        pixel: The pixel there, or the nearest one around which so far can be looked, with n steps.
+        slope: How the straight line between the corners rises across.
+        at_zero: Where it crosses along = 0.
+        cosine: What turns a difference across into a distance from the side.
+        length_px: How long the side is.
+        reach: How many pixels are looked at in each direction.
+    """
+
+    flat: NDArray[np.bool_]
+    outward: NDArray[np.int64]
+    along: Values
+    across: Values
+    pixel: Values
+    slope: Values
+    at_zero: Values
+    cosine: Values
+    length_px: Values
+    reach: NDArray[np.int64]
+
+
+def quad_frame(
+    corners_px: Points, steps: int, reach_px: Values, shape: tuple[int, ...], lens: CameraModel | None = None
+) -> QuadFrame:
+    """Return where the sides between corners are.
+
+    Args:
+        corners_px: The corners of outlines, clockwise on the screen, shape ``(c, 4, 2)``.
+        steps: In how many places along a side it is looked for.
+        reach_px: How far across, shape ``(c, 4)``; less where the outline is small.
+        shape: Height and width of the picture.
+        lens: How the lens bends sides; None if it does not.
+
+    Returns:
+        The sides.
+    """
+    vector = corners_px[:, [1, 2, 3, 0]] - corners_px
+    size = np.abs(vector)
+    flat = size[..., 0] >= size[..., 1]
+    forward, sideways = _along_first(vector, flat)
+    start, level = _along_first(corners_px, flat)
+    forward = np.where(forward == 0, 1e-9, forward)
+    slope = sideways / forward
+    at_zero = level - slope * start
+    length_px = np.hypot(forward, sideways)
+    cosine = np.abs(forward) / length_px
+    height, width = shape[:2]
+    last_along, last_across = (np.where(flat, *ends)[..., None] - 1 for ends in ((width, height), (height, width)))
+    shares = np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
+    along = np.minimum(np.maximum(np.rint(start[..., None] + shares * forward[..., None]), 0), last_along)
+    across = at_zero[..., None] + slope[..., None] * along
+    if lens is not None and lens.distortion:
+        across = across + _bend(corners_px, flat, along, lens)
+    most = REACH_SHARE * (_areas(corners_px)[:, None] / length_px) / cosine
+    reach = np.maximum(np.minimum(np.ceil(reach_px), most), LEAST_REACH_PX).astype(np.int64)
+    reach = np.minimum(reach, max((min(height, width) - 1) // 2, 0))
+    widest = reach[..., None]
+    return QuadFrame(
+        flat=flat[..., None],
+        outward=np.where((forward > 0) == flat, -1, 1)[..., None],
+        along=along,
+        across=across,
+        pixel=np.minimum(np.maximum(np.rint(across), widest), last_across - widest),
+        slope=slope[..., None],
+        at_zero=at_zero[..., None],
+        cosine=cosine[..., None],
+        length_px=length_px[..., None],
+        reach=widest,
+    )
+
+
+def _along_first(pairs: Points, flat: NDArray[np.bool_]) -> tuple[Values, Values]:
+    x, y = pairs[..., 0], pairs[..., 1]
+    return np.where(flat, x, y), np.where(flat, y, x)
+
+
+def _areas(corners: Points) -> Values:
+    first, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
+    return np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+
+
+def _bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraModel) -> Values:
+    """Return how far off the straight line between its corners each side appears: it is straight before the lens."""
+    count = len(corners)
+    ends = lens.directions(corners.reshape(-1, 2)).reshape(count, 4, 1, 2)
+    shares = np.linspace(0, 1, CURVE_POINTS)[:, None]
+    straight = ends + (ends[:, [1, 2, 3, 0]] - ends) * shares
+    seen = lens.project(straight.reshape(-1, 2)).reshape(count, 4, CURVE_POINTS, 2)
+    seen_along, seen_across = _along_first(seen, flat[..., None])
+    first, last = seen_across[..., :1], seen_across[..., -1:]
+    run = seen_along[..., -1:] - seen_along[..., :1]
+    part = (seen_along - seen_along[..., :1]) / run
+    off = np.nan_to_num(seen_across - first - (last - first) * part)
+    wanted = (along - seen_along[..., :1]) / run
+    bend = [np.interp(wanted[i, side], part[i, side], off[i, side]) for i in range(count) for side in range(4)]
+    return np.array(bend).reshape(along.shape)
+
 
 MAD_TO_SIGMA = 1.4826
 
@@ -91,12 +212,6 @@ def intersections(frame: QuadFrame, lines: QuadLines) -> Points:
     x = (level[:, before] * b - b[:, before] * level) / safe
     y = (a[:, before] * level - level[:, before] * a) / safe
     return np.stack((x, y), axis=2)
-
-
-def median(rows: NDArray[Real]) -> NDArray[Real]:
-    """Return the (upper) median along the last axis, which stays with length 1; sooner than numpy's for so few."""
-    half = rows.shape[-1] // 2
-    return np.partition(rows, half, axis=-1)[..., half : half + 1]
 
 
 def _most_agreed(along: Values, off: Values, found: NDArray[np.bool_], limit: Values) -> tuple[Values, Values]:

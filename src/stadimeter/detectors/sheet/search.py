@@ -18,20 +18,24 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
 from stadimeter.core.target import SheetSize
-from stadimeter.detectors.linear_light import light_table
-from stadimeter.detectors.quad_edges import QuadEdges, distinct_edges, measure_edges, measure_edges_closer, settle_edges
-from stadimeter.detectors.quad_shape import QuadShapes, longest_sides_px, quad_shapes
-from stadimeter.detectors.quadrilaterals import (
+from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
+from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
+from stadimeter.detectors.sheet.candidates import Candidate, Findings, SheetFit, SheetShape
+from stadimeter.detectors.sheet.edges import (
+    QuadEdges,
+    distinct_edges,
+    measure_edges,
+    measure_edges_closer,
+    settle_edges,
+)
+from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
     more_bright_masks,
     quick_masks,
     thorough_masks,
 )
-from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
-from stadimeter.detectors.sampling import reduced, to_full_scale
-from stadimeter.detectors.sheet_findings import Candidate, Findings
-from stadimeter.detectors.sheet_fit import SheetFit, SheetShape
+from stadimeter.detectors.sides import QuadShapes, longest_sides_px, quad_shapes
 
 Values = NDArray[np.float64]
 Which = NDArray[np.bool_]

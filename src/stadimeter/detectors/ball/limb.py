@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.circle_fit import Circle, most_common_circle
-from stadimeter.detectors.limb_edges import LimbEdges, limb_edges
-from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.ball.circles import Circle, most_common_circle
+from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
+from stadimeter.detectors.sampling import light_table
 from stadimeter.ranging.sphere_cone import LEAST_RAYS, ConeFrame, SphereCone, with_ones
 
 Values = NDArray[np.float64]

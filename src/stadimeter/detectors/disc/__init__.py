@@ -21,24 +21,24 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import DiscSize
-from stadimeter.detectors.disc_shape import Trouble, diameters_px, prominence, quality, trouble_with
-from stadimeter.detectors.disc_view import Lens, View
-from stadimeter.detectors.ellipse_arcs import find_partly_hidden
-from stadimeter.detectors.ellipse_edges import ROUGHLY, THOROUGHLY, Effort, EllipseEdges, measure_ellipse
-from stadimeter.detectors.ellipse_profiles import EdgePicture
-from stadimeter.detectors.ellipse_search import (
+from stadimeter.detectors.disc.edges import ROUGHLY, THOROUGHLY, Effort, EllipseEdges, measure_ellipse
+from stadimeter.detectors.disc.ellipse import Ellipse, Lens
+from stadimeter.detectors.disc.judge import Trouble, diameters_px, prominence, quality, trouble_with
+from stadimeter.detectors.disc.profiles import EdgePicture
+from stadimeter.detectors.disc.search import (
     LEAST_ASPECT,
     LEAST_FILL,
     LEAST_RANGE,
     Outline,
+    View,
     find_outlines,
+    find_partly_hidden,
     largest,
 )
-from stadimeter.detectors.ellipse_shape import Ellipse
 from stadimeter.detectors.lens import lens_for
-from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region, touches_border
+from stadimeter.detectors.sampling import light_table
 
 MOST_MEASURED = 12
 """How many candidates have their outlines measured: the most promising."""

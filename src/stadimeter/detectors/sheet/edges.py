@@ -2,7 +2,7 @@
 
 Light is read along columns of pixels where a side is more horizontal and along rows where it is more vertical, so
 nothing is interpolated but the last step: where, between two neighbouring pixels, it passes half way from what is
-inside to what is outside. In light that is where the edge is, see `stadimeter.detectors.linear_light`. Half way is
+inside to what is outside. In light that is where the edge is, see `stadimeter.detectors.sampling`. Half way is
 meant in all three channels at once, along the straight line between both colours, and for each step anew, since what
 is behind a sheet is of many colours. A line through these steps is fitted to each side, and the corners are where the
 lines meet.
@@ -21,9 +21,15 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.linear_light import Light
-from stadimeter.detectors.quad_frame import CORNER_SHARE, QuadFrame, Values, quad_frame
-from stadimeter.detectors.quad_lines import fit_lines, intersections, median
+from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.sheet.lines import (
+    CORNER_SHARE,
+    QuadFrame,
+    Values,
+    fit_lines,
+    intersections,
+    quad_frame,
+)
 
 Profiles = NDArray[np.float32]
 

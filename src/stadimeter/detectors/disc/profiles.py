@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,13 +11,11 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ellipse_shape import Rim, Values
-from stadimeter.detectors.linear_light import Light
+from stadimeter.detectors.disc.ellipse import Bend, Rim, Values
+from stadimeter.detectors.sampling import Light, quantile
 
 Profiles = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Bend = Callable[[Points], Points]
-"""Takes points from where they would be without the lens's distortion to where they are in the picture."""
 
 LUMINANCE = np.array((0.0722, 0.7152, 0.2126), np.float32)
 """How much of the light is blue, green and red (ITU-R BT.709). Channels are decoded one by one and added as light: the
@@ -133,9 +130,9 @@ def _steepest(bright: Profiles, visible: Mask, along: Values) -> Steps:
     best = np.argmax(fall, axis=1)
     height = fall[np.arange(len(fall)), best]
     contrast = bright.max(axis=1) - bright.min(axis=1)
-    usual = middle(height[visible]) if visible.any() else 0.0
+    usual = quantile(height[visible]) if visible.any() else 0.0
     is_edge = visible & (height > max(LEAST_LIGHT, usual / 4))
-    steps_wide = middle(contrast[is_edge] / height[is_edge]) if is_edge.any() else 0.0
+    steps_wide = quantile(contrast[is_edge] / height[is_edge]) if is_edge.any() else 0.0
     return Steps(
         off_px=along[best + 1],
         is_edge=is_edge,
@@ -165,7 +162,7 @@ def _half_way(bright: Profiles, visible: Mask, along: Values) -> Steps:
     towards = np.where(along < off[:, None], 1.0, -1.0)
     blur = _deviation_px(step_px * (0.5 - share * towards).sum(axis=1))
     seen = blur[is_edge] if is_edge.any() else np.ones(1)
-    usual_px = max(middle(seen), 0.0)
+    usual_px = max(quantile(seen), 0.0)
     return Steps(
         off_px=off,
         is_edge=is_edge,
@@ -174,7 +171,7 @@ def _half_way(bright: Profiles, visible: Mask, along: Values) -> Steps:
         inside=inside,
         blur_px=np.clip(blur, 0.0, MOST_BLURS * usual_px),
         edge_px=usual_px,
-        widest_px=max(ranked(seen, WIDEST_SHARE), 0.0),
+        widest_px=max(quantile(seen, WIDEST_SHARE), 0.0),
     )
 
 
@@ -190,14 +187,3 @@ def _smoothed(values: Values) -> Values:
     around = np.concatenate((values[-side:], values, values[:side]))
     neighbours = np.lib.stride_tricks.sliding_window_view(around, LEVEL_LINES)
     return np.asarray(np.partition(neighbours, side, axis=1)[:, side])
-
-
-def middle(values: Values) -> float:
-    """Return the median, or of an even number of values the upper one of the two in the middle."""
-    return ranked(values, 0.5)
-
-
-def ranked(values: Values, share: float) -> float:
-    """Return the value that this share of the values is below; much faster than numpy's quantile."""
-    place = int(share * len(values))
-    return float(np.partition(values, place)[place])

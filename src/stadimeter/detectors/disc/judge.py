@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stadimeter.detectors.ellipse_edges import EllipseEdges
-from stadimeter.detectors.linear_light import CODES, Light
+from stadimeter.detectors.disc.edges import EllipseEdges
+from stadimeter.detectors.sampling import CODES, Light
 
 GREATEST_TILT_RAD = math.radians(75)
 """A disc turned away further from the line of sight is not accepted: it would be seen at a fourth of its height."""

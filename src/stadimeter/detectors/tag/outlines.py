@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.detectors.sampling import to_full_scale
+from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag
 
 Plane = NDArray[np.uint8]
 
@@ -127,3 +128,50 @@ def distinct(outlines: Points) -> Points:
         is_same = np.abs(outlines[one] - outlines[other]).reshape(-1, 8).max(axis=1) < SAME_PX
         is_left[np.maximum(one, other)[is_same]] = False
     return outlines[is_left]
+
+
+LEAST_MARGIN = 20.0
+"""How clearly the cells must differ from what decides between black and white, in levels: noise reaches about 10."""
+
+
+class ApriltagFinder:
+    """Finds small AprilTags, of 16 to 24 pixels, with their authors' own library.
+
+    It takes several times as long as `find_outlines`, and needs the extra ``tags``.
+
+    Args:
+        family: One of `SMALL_TAG_FAMILIES`.
+
+    Raises:
+        ImportError: The library is not installed.
+    """
+
+    def __init__(self, family: str) -> None:
+        import pyapriltags  # noqa: PLC0415 - an optional library
+
+        self._detector = pyapriltags.Detector(families=SMALL_TAG_FAMILIES[family], nthreads=1, quad_decimate=1.0)
+
+    def find(self, grey: Plane) -> list[SeenTag]:
+        """Return the tags of the family in a picture.
+
+        Args:
+            grey: The picture, shape ``(height, width)``.
+
+        Returns:
+            The tags, in no order.
+        """
+        if min(grey.shape) < LEAST_PICTURE_PX:
+            return []
+        return [
+            SeenTag(number=int(tag.tag_id), errors=int(tag.hamming), corners_px=_clockwise(tag.corners))
+            for tag in self._detector.detect(grey)
+            if tag.decision_margin >= LEAST_MARGIN
+        ]
+
+
+def _clockwise(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return corners that come anticlockwise from the bottom left clockwise from the top left.
+
+    The library has (0, 0) at the corner of the first pixel instead of at its centre.
+    """
+    return np.asarray(corners[::-1] - 0.5, np.float64)

@@ -4,7 +4,7 @@ A tag says itself which one it is, so clutter is hardly ever taken for one.
 
 The corners that OpenCV and the AprilTag library give are good to some tenths of a pixel; both part black from white
 half way up in code values instead of light, which alone makes a tag of 48 pixels 1.5 % too small. Here they are the
-start for `stadimeter.detectors.tag_sides`.
+start for `stadimeter.detectors.tag.sides`.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Predic
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TagSize
 from stadimeter.detectors.lens import lens_for
-from stadimeter.detectors.linear_light import light_table
 from stadimeter.detectors.protocol import check_image
-from stadimeter.detectors.quad_shape import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.detectors.region import touches_border
-from stadimeter.detectors.tag_code import SeenTag
-from stadimeter.detectors.tag_families import SMALL_TAG_FAMILIES, TagFamilyName, tag_family
-from stadimeter.detectors.tag_frame import BentSides
-from stadimeter.detectors.tag_search import Sighting, SmallTagFinder, TagSearch, candidate
-from stadimeter.detectors.tag_sides import TagSides, measure_sides
+from stadimeter.detectors.sampling import light_table
+from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
+from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamilyName, tag_family
+from stadimeter.detectors.tag.frame import BentSides
+from stadimeter.detectors.tag.outlines import ApriltagFinder
+from stadimeter.detectors.tag.search import Sighting, SmallTagFinder, TagSearch, candidate
+from stadimeter.detectors.tag.sides import TagSides, measure_sides
 from stadimeter.errors import DriverUnavailableError
 
 MOST_REJECTED = 8
@@ -294,13 +294,12 @@ def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
     if options.finder == "opencv":
         return None
     try:
-        from stadimeter.detectors.tag_apriltag import ApriltagFinder  # noqa: PLC0415 - an optional library
+        return ApriltagFinder(options.family)
     except ImportError as error:
         raise DriverUnavailableError(
             f"target {name}: finder = 'pyapriltags' needs a library that is not installed: {error}; install it with "
             "pip install 'stadimeter[tags]', or write finder = 'opencv'"
         ) from error
-    return ApriltagFinder(options.family)
 
 
 PLUGIN = Plugin(TagOptions, _build)
