@@ -46,7 +46,6 @@ class MjpegStream:
     the picture, 0 if it has none.
 
     Args:
-        body: The body of the answer.
         boundary: What parts the pictures.
         begin: What was read of the body already.
         read_timeout_s: How long `grab` waits.
@@ -113,9 +112,7 @@ def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float) -> Mj
     authentication, and go to no other host.
 
     Args:
-        address: The address, ``http://`` or ``https://``.
         open_timeout_s: How long each step of the connection may take.
-        read_timeout_s: How long to wait for each picture.
 
     Returns:
         The stream; None if the address answers with something else, such as HLS or MP4.

@@ -68,8 +68,6 @@ class OpenCvCamera:
     does not end, `close` returns after `CLOSE_WAIT_S` and the reading thread releases the device as soon as it can.
 
     Args:
-        options: The device and its settings.
-        clock: The run's clock.
         open_capture: Opens the device; another one than OpenCV's is for tests.
         monotonic: The clock of the device's stamps; another one is for tests.
     """
@@ -130,9 +128,6 @@ class OpenCvCamera:
 
     def read(self) -> Frame:
         """Wait for the next frame and return it.
-
-        Returns:
-            The frame.
 
         Raises:
             CaptureTimeoutError: No whole picture came within the read time-out.

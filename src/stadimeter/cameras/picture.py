@@ -34,9 +34,6 @@ def read_picture(path: Path | str) -> Image:
     A JPEG or PNG that was cut short is refused. OpenCV would fill the missing part with grey, and a target at the edge
     of that part would be measured.
 
-    Args:
-        path: The file.
-
     Returns:
         The picture, shape ``(height, width, 3)``.
 
@@ -71,9 +68,6 @@ def decode_whole_jpeg(data: bytes) -> Image:
     an end marker, all are refused; of those that lack up to 1.5 kB somewhere in the middle, 97 in 100 (the rest of the
     Huffman code then happens to give as many blocks as are needed). TCP loses no bytes in the middle; relays cut.
 
-    Args:
-        data: The JPEG.
-
     Returns:
         The picture, shape ``(height, width, 3)``, blue first.
 
@@ -98,7 +92,6 @@ def check_file(path: Path, kind: str) -> bytes:
     """Raise an error unless the path is that of a regular file with something in it.
 
     Args:
-        path: The file.
         kind: What it should be, such as ``picture``; for the message.
 
     Returns:

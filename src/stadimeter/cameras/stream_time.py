@@ -73,7 +73,6 @@ class StreamTime:
         """Return when a picture was captured.
 
         Args:
-            arrived_at_s: When it arrived, on the run's clock.
             stamp_s: The sender's time stamp, on any clock; 0 if it has none.
             pictures: How many have come since the one before, this one included.
 
@@ -171,7 +170,6 @@ class Pace:
         """Return whether a picture may have waited.
 
         Args:
-            arrived_at_s: When it came.
             pictures: How many have come since the one before, this one included.
         """
         last_s, self._last_at_s = self._last_at_s, arrived_at_s

@@ -10,10 +10,6 @@ from stadimeter.errors import CalibrationError
 def lens_for(camera: CameraModel | None, frame: Frame) -> CameraModel | None:
     """Return the camera model at a frame's resolution.
 
-    Args:
-        camera: The model, if there is one.
-        frame: The frame.
-
     Returns:
         The model; None if there is none, or if it is for pictures of another aspect: the target can be looked for all
         the same, and measuring it says what is wrong.

@@ -33,9 +33,7 @@ class Region:
         """Return the square around a point, as far as it is inside the picture.
 
         Args:
-            centre_px: The point.
             half_px: Half of a side.
-            image: The picture.
             outwards: Whether the last row and column are rounded outwards; the first ones always are.
 
         Returns:
@@ -66,9 +64,6 @@ def touches_border(points_px: Points, width_px: int, height_px: int, margin_px: 
 
     Args:
         points_px: The outline, shape ``(n, 2)``.
-        width_px: Width of the picture.
-        height_px: Height of the picture.
-        margin_px: The margin.
     """
     left, top = points_px.min(axis=0).tolist()
     right, bottom = points_px.max(axis=0).tolist()

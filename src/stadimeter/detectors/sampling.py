@@ -23,7 +23,6 @@ def sample(image: Image, x_px: Points, y_px: Points) -> Samples:
     """Read a picture between its pixels, bilinearly. Outside, the outermost pixels go on for ever.
 
     Args:
-        image: The picture, shape ``(height, width, channels)``.
         x_px: Horizontal coordinates, any shape.
         y_px: Vertical coordinates, the same shape.
 
@@ -47,10 +46,6 @@ def sample(image: Image, x_px: Points, y_px: Points) -> Samples:
 def reduced(image: Image, long_side_px: int) -> tuple[Image, float]:
     """Return a picture with its long side no longer than that, each pixel the mean of those that it replaces.
 
-    Args:
-        image: The picture.
-        long_side_px: The longest that a side may be.
-
     Returns:
         The picture, the same one if it is small enough, and its scale: 0.5 for half the size.
     """
@@ -67,10 +62,6 @@ def to_full_scale(points_px: Points, scale: float) -> Points:
 
     Args:
         points_px: Points in the reduced picture, shape ``(n, 2)``, with (0, 0) at the centre of its first pixel.
-        scale: The scale of the reduced picture.
-
-    Returns:
-        The points in the full picture.
     """
     return (points_px + 0.5) / scale - 0.5
 

@@ -39,9 +39,6 @@ def quad_shapes(corners: Points) -> QuadShapes:
 
     Args:
         corners: Their corners in order around each, shape ``(c, 4, 2)``.
-
-    Returns:
-        Their shapes.
     """
     sides = corners[:, [1, 2, 3, 0]] - corners
     sides_px = np.maximum(np.hypot(sides[..., 0], sides[..., 1]), 1e-9)
@@ -110,9 +107,6 @@ def grown(corners: Points, by_px: float | Values) -> Points:
     Args:
         corners: Convex outlines, clockwise on the screen, shape ``(k, 4, 2)``.
         by_px: How far; one figure, or one for each outline.
-
-    Returns:
-        The corners where the moved sides meet.
     """
     after = np.roll(corners, -1, axis=1) - corners
     along = after / np.maximum(np.linalg.norm(after, axis=2, keepdims=True), 1e-9)

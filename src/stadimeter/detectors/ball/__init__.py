@@ -83,7 +83,6 @@ class _Scene:
     """A frame that is searched.
 
     Attributes:
-        image: Its picture.
         lens: The camera at its resolution; a likely one if it is not known.
         is_lens_known: Whether it is.
         rejected: What was looked at and is no ball, filled while searching.
@@ -101,8 +100,6 @@ class BallDetector:
     """Finds a sphere of one colour, whole or partly hidden.
 
     Args:
-        name: The target's name.
-        options: Its size, colour and limits.
         camera: The lens; None where it is not known yet.
     """
 
@@ -125,10 +122,6 @@ class BallDetector:
 
     def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
         """Look for the ball.
-
-        Args:
-            frame: The frame; its image is not changed.
-            prediction: Where the ball is expected: it is looked for there first.
 
         Returns:
             The roundest blob of the ball's colour. Away from the optical axis a ball looks like an ellipse that

@@ -82,10 +82,7 @@ def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None 
     """Find the largest blobs of a colour.
 
     Args:
-        image: The picture, three channels.
-        colour: The colour.
         step: Only every so manieth pixel is looked at, each way.
-        region: The part of the picture to look at; None for all of it.
 
     Returns:
         `MOST_BLOBS` at most, the largest first.
@@ -114,9 +111,7 @@ def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
     """Return how much of a circle has a colour, from a grid of pixels in the square within it, 0 to 1.
 
     Args:
-        image: The picture.
         circle: The circle; what is outside of the picture does not count.
-        colour: The colour.
     """
     half_px = max(1.0, circle.radius_px * math.sqrt(0.5))
     left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
@@ -158,10 +153,6 @@ class HsvRange:
 
     Hue runs from 0 to 179, half a degree each, as OpenCV has it; saturation and value from 0 to 255. A lower hue above
     the upper one wraps through 0, which is red: ``"170,120,70:10,255,255"``.
-
-    Attributes:
-        lower: Hue, saturation and value of the lower limit.
-        upper: Those of the upper limit.
     """
 
     lower: tuple[int, int, int]
@@ -169,9 +160,6 @@ class HsvRange:
 
     def mask(self, image: Image) -> Mask:
         """Return which pixels have such a colour.
-
-        Args:
-            image: A picture, blue first.
 
         Returns:
             255 where it has, 0 elsewhere, shape ``(height, width)``. A pixel that is all but grey has no hue, so it
@@ -204,9 +192,6 @@ def parse_hsv_range(text: object) -> HsvRange:
 
     Args:
         text: Lower and upper limit, each as hue, saturation and value.
-
-    Returns:
-        The range.
 
     Raises:
         ValueError: It is no such text, or a number is outside its channel.

@@ -51,9 +51,7 @@ def edge_circle(image: Image, blob_px: Points, area_px2: float) -> Circle | None
     """Find the circle of edges around a blob.
 
     Args:
-        image: The picture, three channels.
         blob_px: Points along the outline of the blob, shape ``(n, 2)``.
-        area_px2: The blob's area.
 
     Returns:
         The circle, or None if there is none of edges that has the blob inside.
@@ -120,13 +118,7 @@ SECTORS = 72
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circle:
-    """A circle in pixels.
-
-    Attributes:
-        x_px: Horizontal coordinate of its centre.
-        y_px: Vertical coordinate of its centre.
-        radius_px: Its radius.
-    """
+    """A circle in pixels."""
 
     x_px: float
     y_px: float
@@ -139,7 +131,6 @@ def most_common_circle(points_px: Points, band_px: float = 1.0) -> Circle | None
     Circles through three points each are tried. The same points always give the same circle.
 
     Args:
-        points_px: The points, shape ``(n, 2)``.
         band_px: How far from a circle its points may lie.
 
     Returns:
@@ -162,7 +153,6 @@ def find_circle(
     Circles through three points each are tried. The same points always give the same circle.
 
     Args:
-        points_px: The points, shape ``(n, 2)``.
         strength: How much each counts, 0 to 1, shape ``(n,)``.
         around_px: Points that the circle should enclose, shape ``(m, 2)``.
         area_px2: The area of what should fill it.

@@ -59,7 +59,6 @@ class Ball:
     """A limb that passed every test.
 
     Attributes:
-        limb: The limb.
         fill: How much of the ball has its colour; 1 where that is known from before.
         margin: By how much more of the limb is seen than is asked for.
         is_cut_off: Whether the border of the picture cuts it off.
@@ -103,8 +102,6 @@ class BallGates:
     """The tests that a limb has to pass.
 
     Attributes:
-        colour: The ball's colours.
-        min_radius_px: The smallest radius.
         max_radius_px: The largest radius, perhaps infinite.
     """
 
@@ -118,8 +115,6 @@ class BallGates:
         """Test a limb.
 
         Args:
-            image: The picture.
-            limb: The limb; None if there is none.
             start: Where it was looked for.
             is_lens_known: Whether the limb was fitted with the camera's own model.
             is_expected: Whether a ball is expected just there: then less of it need be seen, and if nearly all of it

@@ -101,8 +101,6 @@ def find_limb(image: Image, start: Circle, within_px: float, lens: CameraModel) 
     """Fit the limb near an expected circle, looked for again around where the last fit put it.
 
     Args:
-        image: The picture, three channels.
-        start: Where it is expected.
         within_px: How far from there it may be.
         lens: The camera at the picture's resolution.
 

@@ -167,11 +167,8 @@ def limb_edges(
     """Look for the steps near an expected circle.
 
     Args:
-        image: The picture, three channels.
-        circle: Where the outline is expected.
         reach_px: How far from it pixels are looked at, along rows and columns.
         within_px: How far from it the steps may be.
-        light: What each code value stands for.
         bias_px: The camera's edge bias: how far outwards the edge of something bright appears.
 
     Returns:

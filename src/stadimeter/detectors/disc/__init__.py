@@ -146,8 +146,6 @@ class DiscDetector:
     """Finds a flat circle of one brightness that differs from all that is around it.
 
     Args:
-        name: The target's name.
-        options: What it looks like.
         camera: The lens, if it is known: its tone curve, distortion and edge bias are allowed for.
     """
 
@@ -167,10 +165,6 @@ class DiscDetector:
 
     def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
         """Look for the disc.
-
-        Args:
-            frame: The frame; its image is not changed.
-            prediction: Where the disc is expected. If no whole one is there, the whole frame is searched.
 
         Returns:
             The disc: the one most like the prediction, or else the one that stands out most. Its width is its larger

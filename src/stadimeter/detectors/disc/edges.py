@@ -127,7 +127,6 @@ def measure_ellipse(
     """Fit an ellipse to the outline of a disc.
 
     Args:
-        picture: The picture.
         start: About where the outline is, without distortion.
         is_bright: Whether the disc is brighter than what is around it.
         reach_px: How far from there the outline may be.

@@ -108,8 +108,6 @@ def ellipse_from_moments(
     A full ellipse with the half axes M has the covariance ``M² / 4``.
 
     Args:
-        area: The shape's area in px².
-        centre: Its centroid, x and y in px.
         spread: Its central second moments xx, xy and yy in px⁴.
 
     Returns:
@@ -127,9 +125,6 @@ def ellipse_from_moments(
 
 def ellipse_through(points_px: Points) -> Ellipse | None:
     """Return the ellipse through points on most of it, by linear least squares.
-
-    Args:
-        points_px: The points, shape ``(n, 2)``.
 
     Returns:
         The ellipse; None if they are on none.

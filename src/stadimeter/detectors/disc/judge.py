@@ -54,9 +54,7 @@ def trouble_with(edges: EllipseEdges, least_px: float, light: Light) -> Trouble 
     """Say why an outline is not that of a disc.
 
     Args:
-        edges: The outline.
         least_px: The least larger diameter.
-        light: What each code value stands for.
 
     Returns:
         The first test that it failed; None if it is a disc, as far as a picture tells.

@@ -53,7 +53,6 @@ class EdgePicture:
 
     Attributes:
         image: The picture, 2 pixels each way at least.
-        light: What each code value stands for.
         bend: How the lens bends outlines; None if it does not.
     """
 
@@ -110,10 +109,8 @@ def read_steps(picture: EdgePicture, rim: Rim, reach_px: float, *, is_bright: bo
     """Find the edges of a disc on lines across an ellipse.
 
     Args:
-        picture: The picture.
         rim: Where the lines cross the ellipse.
         reach_px: How far the lines reach to both sides.
-        is_bright: Whether the disc is brighter than what is around it.
         is_first: Whether to take the steepest place, since both ends of the line may be anywhere, instead of that half
             way from inside to outside.
     """

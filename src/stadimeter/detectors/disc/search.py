@@ -102,8 +102,6 @@ class Outline(NamedTuple):
     """A shape beside the ellipse that it is most like.
 
     Attributes:
-        shape: The shape.
-        ellipse: The ellipse.
         size_px: The larger diameter of the ellipse.
         fill: The area of the shape, as a share of that of the ellipse.
         off_px: How far the outline lies from the ellipse, root mean square; infinite if it is flat or hollow.
@@ -147,13 +145,7 @@ def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> 
     """Find what may be a disc.
 
     Args:
-        grey: The picture, shape ``(height, width)``.
         least_px: The least larger diameter.
-        bright: Whether to look for discs brighter than what is around them.
-        dark: Whether to look for darker ones.
-
-    Returns:
-        The outlines.
     """
     smooth = np.asarray(cv2.blur(grey, (SMOOTH, SMOOTH)), np.uint8)
     darkest, brightest = (int(each) for each in cv2.minMaxLoc(smooth)[:2])
@@ -176,12 +168,7 @@ def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> 
 
 
 def largest(shapes: Iterable[Shape], count: int) -> list[Outline]:
-    """Return the largest of shapes that are no ellipses, what was seen at several levels once.
-
-    Args:
-        shapes: The shapes.
-        count: How many at most.
-    """
+    """Return the largest of shapes that are no ellipses, what was seen at several levels once."""
     looked_at = sorted(shapes, key=lambda each: -each.area)[:MOST_LOOKED_AT]
     outlines = (_outline(each) for each in looked_at)
     return distinct([each for each in outlines if each is not None])[:count]

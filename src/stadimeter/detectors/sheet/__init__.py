@@ -61,8 +61,6 @@ class SheetDetector:
     """Finds a flat rectangle, such as a sheet of paper, brighter or darker than what is behind it.
 
     Args:
-        name: The target's name.
-        options: Its size and limits.
         camera: The lens, if it is known: then only what fits a picture of the sheet is taken for one, and its tone
             curve, distortion and edge bias are allowed for.
     """
@@ -80,10 +78,6 @@ class SheetDetector:
 
     def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
         """Look for the sheet.
-
-        Args:
-            frame: The frame; its image is not changed.
-            prediction: Where the sheet is expected. If it is not whole there, the whole frame is searched.
 
         Returns:
             The outline that looks most like the sheet, the larger the better; whole ones before those that the border

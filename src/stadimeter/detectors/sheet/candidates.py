@@ -52,7 +52,6 @@ class Findings:
     Attributes:
         best: The outline that looks most like the sheet; None if none is one.
         cut_off: The largest outline that could be one and is cut off by the border, if there is no whole one.
-        refused: What else was looked at.
         calm: How many times as easily an outline may fit by chance, because there are few.
     """
 
@@ -67,8 +66,6 @@ class Findings:
         Args:
             stage: How many tests came before; what passed more of them is more like the sheet.
             corners: The candidates' corners, shape ``(c, 4, 2)``.
-            failing: Which of them fail.
-            why: Says for one of them why.
         """
         numbers = np.nonzero(failing)[0]
         if not len(numbers):
@@ -122,7 +119,6 @@ class SheetShape:
     """What pictures of the sheet look like.
 
     Args:
-        size: The sheet's size.
         lens: The camera model at the picture's resolution; None if it is not known.
         picture: Width and height of the picture.
     """

@@ -110,32 +110,17 @@ def measure_edges(
     """Fit lines to the sides of candidates once, quickly, in few places and far across.
 
     Args:
-        image: The picture at full resolution, three channels.
         corners_px: About where the corners are, clockwise on the screen, shape ``(c, 4, 2)``.
         reach_px: How far from there the true sides may be.
-        light: What each code value stands for.
         lens: How the lens bends straight sides; None if it does not.
         free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
-
-    Returns:
-        The sides.
     """
     reaches = np.full(corners_px.shape[:2], reach_px + PLATEAU_PX)
     return _fit(image, quad_frame(corners_px, FIRST_STEPS, reaches, image.shape, lens), light, free)
 
 
 def measure_edges_closer(image: Image, edges: QuadEdges, light: Light, lens: CameraModel | None = None) -> QuadEdges:
-    """Fit lines to the sides of candidates once more, in few places but narrowly.
-
-    Args:
-        image: The picture at full resolution, three channels.
-        edges: The sides as they were measured before.
-        light: What each code value stands for.
-        lens: How the lens bends straight sides; None if it does not.
-
-    Returns:
-        The sides.
-    """
+    """Fit lines to the sides of candidates once more, in few places but narrowly."""
     return _fit(image, _narrow_frame(image, edges, NEXT_STEPS, lens), light, None)
 
 
@@ -149,14 +134,7 @@ def settle_edges(
     """Fit lines to the sides of candidates again and again, in many places and narrowly, until they stay.
 
     Args:
-        image: The picture at full resolution, three channels.
-        edges: The sides as they were measured before.
-        light: What each code value stands for.
-        lens: How the lens bends straight sides; None if it does not.
         free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
-
-    Returns:
-        The sides.
     """
     moving = np.arange(len(edges))
     for _ in range(LOOKS):

@@ -64,13 +64,7 @@ def quad_frame(
 
     Args:
         corners_px: The corners of outlines, clockwise on the screen, shape ``(c, 4, 2)``.
-        steps: In how many places along a side it is looked for.
         reach_px: How far across, shape ``(c, 4)``; less where the outline is small.
-        shape: Height and width of the picture.
-        lens: How the lens bends sides; None if it does not.
-
-    Returns:
-        The sides.
     """
     vector = corners_px[:, [1, 2, 3, 0]] - corners_px
     size = np.abs(vector)
@@ -175,12 +169,8 @@ def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     """Fit lines by least squares with Tukey's weights, from the line that most steps agree on.
 
     Args:
-        frame: Where the sides are expected.
         across: Where the steps are, shape ``(c, 4, n)``.
         worth: How much each counts, shape ``(c, 4, n)``; 0 for what is no step.
-
-    Returns:
-        The lines.
     """
     middle = (frame.along[..., :1] + frame.along[..., -1:]) / 2
     along, off = frame.along - middle, across - frame.across

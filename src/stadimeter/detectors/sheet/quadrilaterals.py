@@ -65,9 +65,6 @@ def quick_masks(image: Image) -> Iterator[tuple[Mask, float]]:
 
     White paper on brown wood hardly differs in brightness but clearly in its darkest channel.
 
-    Args:
-        image: The picture, three channels.
-
     Yields:
         Each version, and by how many pixels things are too small in it.
     """
@@ -77,38 +74,17 @@ def quick_masks(image: Image) -> Iterator[tuple[Mask, float]]:
 
 
 def bright_masks(image: Image) -> Iterator[tuple[Mask, float]]:
-    """Yield black and white versions of a picture that show a bright sheet before things of many colours.
-
-    Args:
-        image: The picture, three channels.
-
-    Yields:
-        Each version, and by how many pixels things are too small in it.
-    """
+    """Yield black and white versions of a picture that show a bright sheet before things of many colours."""
     yield from _levels(_extremes(image)[0], slice(0, None, 2))
 
 
 def more_bright_masks(image: Image) -> Iterator[tuple[Mask, float]]:
-    """Yield those at the levels between, for a sheet with something nearly as bright behind it.
-
-    Args:
-        image: The picture, three channels.
-
-    Yields:
-        Each version, and by how many pixels things are too small in it.
-    """
+    """Yield those at the levels between, for a sheet with something nearly as bright behind it."""
     yield from _levels(_extremes(image)[0], slice(1, None, 2))
 
 
 def thorough_masks(image: Image) -> Iterator[tuple[Mask, float]]:
-    """Yield black and white versions of a picture that show a dark sheet, and one of any kind under uneven light.
-
-    Args:
-        image: The picture, three channels.
-
-    Yields:
-        Each version, and by how many pixels things are too small in it.
-    """
+    """Yield black and white versions of a picture that show a dark sheet, and one of any kind under uneven light."""
     darkest, brightest = _extremes(image)
     around_px = max(round(AROUND_SHARE * max(darkest.shape)), 1) | 1
     for plane, sign in ((darkest, 1), (brightest, -1)):

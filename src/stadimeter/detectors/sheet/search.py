@@ -140,8 +140,6 @@ class SheetSearch:
     """Looks for a sheet in one picture.
 
     Args:
-        image: The picture.
-        size: The sheet's size.
         min_side_px: Sheets whose shorter side is smaller are not accepted.
         lens: The camera model at the picture's resolution; None if it is not known.
     """
@@ -162,11 +160,7 @@ class SheetSearch:
         """Look for the sheet in a part of the picture.
 
         Args:
-            region: The part.
             expected: What is expected there; only what is about as large is taken for the sheet then.
-
-        Returns:
-            What is there.
         """
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX

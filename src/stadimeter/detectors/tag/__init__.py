@@ -104,8 +104,6 @@ class TagDetector:
     """Finds one tag.
 
     Args:
-        name: The target's name.
-        options: What it looks like.
         camera: The lens, if it is known: its tone curve, distortion and edge bias are allowed for.
         small_tags: Finds what is too small for the rest; None to do without.
     """
@@ -137,10 +135,6 @@ class TagDetector:
 
     def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
         """Look for the tag.
-
-        Args:
-            frame: The frame; its image is not changed.
-            prediction: Where the tag is expected. If it is not whole there, the whole frame is searched.
 
         Returns:
             The tag. Without a number it is the one nearest to the prediction or else the largest, and where several

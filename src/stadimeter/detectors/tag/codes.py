@@ -83,9 +83,7 @@ def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bo
     Cybernetics 9, 1979).
 
     Args:
-        grey: The picture, shape ``(height, width)``.
         corners_px: The outline's corners clockwise on the screen.
-        family: Whose codes to compare with.
         inverted: Whether a white border on black counts too.
 
     Returns:
@@ -206,9 +204,6 @@ def tag_family(name: str) -> TagFamily:
 
     Args:
         name: One of `DICTIONARIES`.
-
-    Returns:
-        The family.
     """
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARIES[name]))
     size = int(dictionary.markerSize)
@@ -249,9 +244,6 @@ def _rows(codes: NDArray[np.float32]) -> dict[bytes, int]:
 
 def parse_family(text: object) -> str:
     """Read the name of a family; ``36h11`` and ``4x4-50`` are enough where only one family ends so.
-
-    Args:
-        text: What was written.
 
     Returns:
         One of `DICTIONARIES`.

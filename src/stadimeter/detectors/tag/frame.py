@@ -80,7 +80,6 @@ class Side(NamedTuple):
 
     Attributes:
         flat: Whether it is more horizontal.
-        length_px: Its length.
         start: Where it starts along.
         forward: How far it leads along, below zero for backwards.
         slope: How it rises across.
@@ -159,10 +158,7 @@ def side_frame(
     Args:
         corners_px: The corners, clockwise on the screen, shape ``(4, 2)``.
         cells: How many cells a side is long.
-        look: How far across and in how many places a side is looked at.
-        shape: Height and width of the picture.
         edges_px: How many pixels each side takes from black to white.
-        bent: How the lens bends sides; None if it does not.
 
     Returns:
         The sides; None where they, or the picture, are too small to be looked at, or lead out of the picture.

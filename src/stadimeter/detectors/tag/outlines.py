@@ -44,7 +44,6 @@ def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, 
     side and its default, 0.03, means nothing in a small part of a picture.
 
     Args:
-        grey: The picture, shape ``(height, width)``.
         smallest_perimeter_px: Outlines that are shorter than this around are left out.
         long_side_px: The picture is searched with its long side reduced to this.
         thorough: Whether three window sizes are tried instead of one.
@@ -152,14 +151,7 @@ class ApriltagFinder:
         self._detector = pyapriltags.Detector(families=SMALL_TAG_FAMILIES[family], nthreads=1, quad_decimate=1.0)
 
     def find(self, grey: Plane) -> list[SeenTag]:
-        """Return the tags of the family in a picture.
-
-        Args:
-            grey: The picture, shape ``(height, width)``.
-
-        Returns:
-            The tags, in no order.
-        """
+        """Return the tags of the family in a picture."""
         if min(grey.shape) < LEAST_PICTURE_PX:
             return []
         return [

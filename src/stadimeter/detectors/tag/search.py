@@ -96,10 +96,7 @@ class TagSearch:
     """Looks for the tags of a family.
 
     Attributes:
-        family: The family.
-        light: What each code value stands for.
         min_side_px: Tags whose longest side is smaller than this are not looked for.
-        inverted: Whether a white border on black counts too.
         small_tags: Finds what is too small for the rest; None to do without.
     """
 
@@ -111,10 +108,6 @@ class TagSearch:
 
     def around(self, image: Image, prediction: Prediction) -> Sighting | None:
         """Look where a tag is expected.
-
-        Args:
-            image: The picture.
-            prediction: Where it is expected.
 
         Returns:
             What was seen, without tags that may be cut off; None if the place is not in the picture.
@@ -140,9 +133,6 @@ class TagSearch:
 
     def everywhere(self, image: Image) -> Iterator[Sighting]:
         """Look at the whole picture, each time harder.
-
-        Args:
-            image: The picture.
 
         Yields:
             What was seen. Who has what he wants stops here and saves the rest, which takes longer each time.

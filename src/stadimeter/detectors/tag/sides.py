@@ -90,11 +90,8 @@ def measure_sides(
     """Fit lines to the sides of a tag.
 
     Args:
-        grey: The picture, shape ``(height, width)``.
         corners_px: About where the corners are, clockwise on the screen, shape ``(4, 2)``.
         cells: How many cells a side is long.
-        light: What each code value stands for.
-        bent: How the lens bends straight sides; None if it does not.
 
     Returns:
         The sides; None where they form no outline near the given corners.
@@ -234,13 +231,9 @@ def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit:
     """Fit lines by least squares with Tukey's weights, from a line through medians, which outliers do not move.
 
     Args:
-        frame: Where the sides are expected.
         off: How far across from there the steps are, shape ``(4, n)``.
         found: Which of them are steps, shape ``(4, n)``.
         refit: Whether the line is fitted again; otherwise it is the one through the medians.
-
-    Returns:
-        The lines.
     """
     along = frame.from_middle
     half = along.shape[1] // 2
