@@ -17,7 +17,7 @@ os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 import cv2
 import numpy as np
 
-from stadimeter.cameras.frame_stamp import FrameStamp, KernelTime
+from stadimeter.cameras.capture_time import FrameStamp, KernelTime, Pace, StreamTime
 from stadimeter.cameras.opencv_settings import (
     CaptureLike,
     OpenCvOptions,
@@ -25,7 +25,6 @@ from stadimeter.cameras.opencv_settings import (
     not_for_motion,
     size_differs,
 )
-from stadimeter.cameras.stream_time import Pace, StreamTime
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame, Image

@@ -1,4 +1,9 @@
-"""Reading a picture between its pixels, and at a smaller size.
+"""Reading a picture: as light, between its pixels, and at a smaller size.
+
+A pixel on an edge sees some of the one side and some of the other, and what it collects is light. A picture file does
+not hold light: a camera writes each value through a tone curve, so that half the light between black and white becomes
+188 of 255, not 128. Half way up in code values is therefore not where the edge is: on a sharp picture it lies about a
+third of a pixel inside the brighter side. Measured in light it is.
 
 Written out with numpy where OpenCV's own functions round differently from one version to the next.
 """

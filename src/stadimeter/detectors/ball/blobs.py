@@ -1,7 +1,8 @@
-"""Where in a picture a ball may be: blobs of its colour, found in every fourth pixel.
+"""Blobs of a range of colours, such as ``"29,86,6:64,255,255"``: where in a picture a ball may be.
 
-Most of a picture is not the ball. Leaving out pixels, not averaging them, costs a thirteenth of a proper reduction, and
-each pixel that is left keeps its colour. How large the ball is comes later, from all pixels along its limb.
+Most of a picture is not the ball, so only every fourth pixel or so is looked at. Leaving out pixels, not averaging
+them, costs a thirteenth of a proper reduction, and each pixel that is left keeps its colour. How large the ball is
+comes later, from all pixels along its limb.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Blob:
     Attributes:
         circle: The circle around which its limb may be: as wide or as high as the blob, whichever is more.
         contour: Its outline as OpenCV has it, in pixels of the thinned part of the picture.
-        step: Every so manieth pixel of that was looked at.
+        step: Every step-th pixel of that was looked at.
         origin_px: Where that part begins in the picture, x and y.
     """
 
@@ -82,7 +83,7 @@ def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None 
     """Find the largest blobs of a colour.
 
     Args:
-        step: Only every so manieth pixel is looked at, each way.
+        step: Every step-th pixel is looked at, each way.
 
     Returns:
         `MOST_BLOBS` at most, the largest first.

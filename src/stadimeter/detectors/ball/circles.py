@@ -1,4 +1,4 @@
-"""The circle of edges around a blob that is not round: a first guess where the blob itself gives none.
+"""Circles through points of which many do not belong to it, and the circle of edges around a blob that is not round.
 
 A range of colours hardly ever covers a whole ball: one side is in the shade, felt fades towards the limb, a seam or a
 finger crosses it. Then the blob only says where to look. All strong edges around it are collected, and the circle with

@@ -1,4 +1,4 @@
-"""Whether a limb is that of the ball, and how well it is measured."""
+"""Tests whether a limb is that of the ball, and how well it is measured."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ SIGMA_OF_BLUR = 0.1
 SIGMA_OF_SCATTER, USUAL_SCATTER_PX = 1.0, 0.25
 """The standard deviation of a radius r is ``hypot(2 s, 0.015, 0.4 / r, 0.1 b, e)`` pixels. s is what the fit
 gives for steps that err each by itself, which they do not; small balls suffer from what is behind them; blur b hides
-where the ball was in the middle of the exposure; and where steps scatter by more than 0.25 px, by e more, a hand or
+where the ball was half way through the exposure; and where steps scatter by more than 0.25 px, by e more, a hand or
 felt bends the whole limb. Fitted to rendered balls of known distance under fifteen troubles, where the 95 % interval
 then holds 96 % of the errors."""
 

@@ -50,7 +50,7 @@ NARROWEST_PX = 0.25
 """Steps no further from the cone than this always count fully: noise alone puts them there."""
 
 OUTLIER_SIGMAS = 4.0
-"""Steps further from the cone than so many of their usual distances do not belong to it."""
+"""Steps further from the cone than this many of their usual distances are outliers."""
 
 OFF_PX, OFF_SHARE, OFF_OF_WIDTH = 1.0, 0.015, 0.6
 """Nor do steps further away than this, however far they usually are: pixels, a share of the radius for felt, and a
@@ -64,7 +64,7 @@ DOUBTFUL_SHARE = 0.75
 """A usual distance above the one, or a share of steps on the cone below the other, may be a fit to the wrong steps."""
 
 OUTLINE_POINTS = 16
-"""From so many points of the outline it is told how a lens that bends lines shows it."""
+"""Points of the outline from which its circle follows where the lens distorts."""
 
 SQUARENESS = 1.11
 """Spokes cross the limb at up to 45 degrees, so steps are wider along them; this is the mean."""
@@ -108,6 +108,8 @@ def find_limb(image: Image, start: Circle, within_px: float, lens: CameraModel) 
         The limb, or None where there are too few steps near the circle for any.
     """
     light = light_table(lens.tone_curve)
+    # Invariant: the result does not depend on where the search began. So the spokes are laid again around each fit
+    # until the part of the picture that they cover holds the whole of every step.
     limb, circle, reach_px = None, start, within_px + BEYOND_PX
     for _ in range(MOST_LOOKS):
         edges = limb_edges(image, circle, reach_px, within_px, light, lens.edge_bias_px)
@@ -144,6 +146,8 @@ def _fitted(edges: LimbEdges, circle: Circle, lens: CameraModel) -> Limb | None:
         return None
     frame = _cone_frame(edges, circle, lens)
     most_px = _most_px(circle, edges)
+    # Least squares first: with few outliers, reweighting finds them. Where too many steps miss the cone, least squares
+    # may have settled between the limb and another edge; then the fit starts again from the circle of most votes.
     fit = _robust(frame, frame.fit(), lens, most_px)
     if fit is None or fit.usual_px > DOUBTFUL_PX or fit.steps < DOUBTFUL_SHARE * count:
         points = edges.points_px
@@ -189,6 +193,7 @@ def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_p
         if limit > SETTLED_SHARE * last_px or furthest < NARROWEST_PX:
             break
         last_px = limit
+        # Tukey's biweight: (1 - (miss / limit)²)², and nothing beyond the limit.
         share = misses * (1 / limit)
         weights = np.maximum(1 - share * share, 0.0)
         cone = frame.fit(weights * weights)

@@ -42,7 +42,7 @@ LEAST_RADIUS_PX = 2.0
 """A smaller circle is looked around as if it had this radius."""
 
 LEAST_CHANGE, CLEAR_SHARE = 12.0, 0.25
-"""Over two pixels the colour must change by so many levels of 8 bits, and by this share of what it does elsewhere."""
+"""Least change over two pixels: in levels of 8 bits, and as a share of the upper quartile of all spokes."""
 
 NEAR = np.arange(-6, 4)[:, None]
 """The pixels beside the steepest place that tell where a sharp step is."""
@@ -191,6 +191,7 @@ def limb_edges(
         return None
     width.sort()
     usual_px = float(width[len(width) // 2])
+    # A blur of σ draws the step of a circle of radius r inwards by σ² / 2 r.
     outwards_px = (BLUR_OF_WIDTH * usual_px) ** 2 / (2 * circle.radius_px) - _bias_px(steps, bias_px)
     places = spokes.start + spokes.step * (steps.at + outwards_px * spokes.slant)
     return LimbEdges(
@@ -280,6 +281,8 @@ def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
         way = way * (np.maximum.reduce(near_codes, axis=0) < CLIPPED).ravel()
     products = (levels * way).reshape(-1, 3).dot(CHANNELS).reshape(-1, spokes)
     rise, before, here, after = products[1:] / np.maximum(products[0], LEAST_LIGHT)
+    # From here on light is a share of the step: 1 inside, 0 outside. At the limb a ball is darker than where the inner
+    # level is read, so half way is lowered by half of that shade.
     width = 2 / np.maximum(before - after, 0.02)
     half = 0.5 - 0.5 * _shade(rise, width)
     above = here - half
@@ -304,6 +307,7 @@ def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     share = np.matmul(lit, (way / squared[:, None])[:, :, None])[:, :, 0]
     fall = np.maximum((share[spoke, steepest - 1] - share[spoke, steepest + 1]) / 2, 1e-3)
     middle, width = steepest, np.full(len(share), SHARP_PX, np.float32)
+    # How wide a step is and where its levels are read follow from each other: a few rounds settle both.
     for _ in range(MOST_ROUNDS):
         gap = np.rint(GAP_PX + GAP_OF_WIDTH * width).clip(1, MOST_GAP_PX).astype(np.intp)
         inner, outer = np.maximum(middle - gap, 1), np.minimum(middle + gap, last - 1)

@@ -1,7 +1,7 @@
 """The disc detector: a flat circle of one brightness, such as a sticker, a lid or a printed dot, at any tilt.
 
 A circle that does not face the camera appears as an ellipse. Another ellipse of even brightness, such as another lid,
-cannot be told from the disc: the one that stands out most is taken, see `stadimeter.detectors.disc_shape.prominence`. A
+looks the same as the disc: the one that stands out most is taken, see `stadimeter.detectors.disc.judge.prominence`. A
 disc that is partly hidden, or touches what is as bright, is looked for where there is no whole one.
 """
 
@@ -58,7 +58,7 @@ REACH_AGAIN_PX = 2.5
 """How far from where it was measured roughly."""
 
 AROUND_SIZES, AROUND_SIGMAS, AROUND_PX = 0.75, 4.0, 8.0
-"""How far around a predicted centre is searched: so many sizes, standard deviations and pixels."""
+"""Reach of the search around a prediction: in sizes, standard deviations and pixels."""
 
 OUTLINE_POINTS = 64
 SIGMA_FACTOR = 1.4

@@ -40,7 +40,7 @@ LEAST_HOPE = 0.4
 """Looking ends if the edges on the ellipse are less than this share of the lines, or fewer than that number."""
 
 HOPELESS_PX, HOPELESS_BLURS, HOPELESS_SHARE = 0.6, 0.4, 0.015
-"""It ends as well if they scatter by more than so many pixels, blurs and shares of the larger diameter together."""
+"""It ends as well if they scatter by more than the sum of these: pixels, blurs, and shares of the larger diameter."""
 
 MAD_SIGMAS = 1.4826
 """The standard deviation of a normal distribution in units of its median absolute deviation."""
@@ -139,6 +139,8 @@ def measure_ellipse(
     ellipse, widest_px, seen = start, 0.0, None
     outwards_px = edge_bias_px if is_bright else -edge_bias_px
     lines = int(min(max(start.perimeter_px(), LEAST_LINES), effort.most_lines))
+    # Gauss-Newton, the light read anew after each step: the ellipse that stays is one whose edges are all half way,
+    # wherever the search began. The first look takes the steepest place, since both ends of a line may be anywhere.
     for look in range(effort.most_looks):
         rim, smaller = ellipse.rim(lines), ellipse.axes()[1]
         reach = min(reach_px if look == 0 else _reach_px(widest_px, smaller), INNER_SHARE * smaller)
@@ -282,6 +284,8 @@ def _bend_px(left_px: Values, seen: Mask) -> float:
 
     How much that is, is seen from how much each differs from the next.
     """
+    # Noise of single edges averages out over a part of the outline, a bend does not: the variance of the means, less
+    # the share of it that noise explains, is that of the bend. Differences of neighbours give the noise alone.
     together = max(1, len(seen) // BEND_PARTS)
     both = seen[:-1] & seen[1:]
     alone = float(np.mean((left_px[1:] - left_px[:-1])[both] ** 2)) / 2 if both.any() else 0.0

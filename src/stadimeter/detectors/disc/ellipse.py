@@ -28,7 +28,7 @@ SMALLEST_PX = 0.5
 
 @cache
 def turns(count: int) -> Points:
-    """Return so many places evenly around the unit circle, shape ``(count, 2)``. Read-only."""
+    """Return points evenly around the unit circle, shape ``(count, 2)``. Read-only."""
     angles = np.linspace(0, 2 * math.pi, count, endpoint=False)
     places = np.column_stack((np.cos(angles), np.sin(angles)))
     places.setflags(write=False)
@@ -72,7 +72,7 @@ class Ellipse:
         return middle + apart, middle - apart, (math.cos(angle), math.sin(angle))
 
     def rim(self, count: int) -> Rim:
-        """Return so many places around it, the closer together the more it bends there."""
+        """Return points around it, the closer together the more it bends there."""
         circle = turns(count)
         (xx, xy), (_, yy) = self.half_axes_px
         area = xx * yy - xy * xy

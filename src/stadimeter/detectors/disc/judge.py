@@ -1,4 +1,4 @@
-"""What tells the outline of a disc from other outlines."""
+"""Tests that distinguish the outline of a disc from other outlines."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ WIDEST_GAP = 0.36
 """How much of the outline must be seen, and how much of it may be hidden in one place, such as by a finger."""
 
 SCATTER_PX, SCATTER_BLURS, SCATTER_SHARE = 0.15, 0.15, 0.004
-"""Edges may scatter about the ellipse by so many pixels, widths of the edge, and shares of the diameter together."""
+"""Edges may scatter about the ellipse by the sum of these: pixels, widths of the edge, and shares of the diameter."""
 
 BEND_PX, BEND_SHARE = 0.12, 0.003
-"""The outline may differ from an ellipse by so many pixels and shares of the diameter together: an octagon does by
+"""The outline may differ from an ellipse by the sum of these pixels and share of the diameter: an octagon does by
 1.1 % of its diameter, a regular polygon of twelve corners by 0.5 %."""
 
 MOST_UNEVEN = 0.12

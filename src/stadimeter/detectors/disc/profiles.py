@@ -44,7 +44,7 @@ LEAST_RISE = 0.02
 
 LEAST_LIGHT = 1e-4
 LEVEL_LINES = 9
-"""The light inside is the median of so many neighbouring lines."""
+"""Lines over which the median of the light inside is taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -156,6 +156,7 @@ def _half_way(bright: Profiles, visible: Mask, along: Values) -> Steps:
     is_edge = visible & (height > LEAST_RISE)
     step_px = along[1] - along[0]
     off = along[best] + step_px * before[lines, best] / np.where(is_edge, height, 1.0)
+    # The mean distance of the light from an ideal step is the mean absolute deviation of the blur, whatever its shape.
     towards = np.where(along < off[:, None], 1.0, -1.0)
     blur = _deviation_px(step_px * (0.5 - share * towards).sum(axis=1))
     seen = blur[is_edge] if is_edge.any() else np.ones(1)

@@ -3,6 +3,9 @@
 The picture is parted at several levels of brightness. What is bright of it or dark may be a disc; whether it is shaped
 like one is seen from its area and its second moments, which an ellipse has in a fixed proportion, and from how far its
 outline lies from the ellipse with these moments.
+
+Of a disc that is partly hidden, or touches what is as bright, or is cut off by the border, only a part of the outline
+is an ellipse: ellipses through pieces of it are tried, and the one that most of the outline lies on is taken.
 """
 
 from __future__ import annotations
@@ -35,7 +38,7 @@ LEAST_RANGE = 6
 """A picture whose brightest and darkest values differ by less holds nothing."""
 
 SMOOTH = 3
-"""Noise is smoothed over so many pixels, or else every level would have thousands of specks."""
+"""Side of the mean filter, in pixels. Without it noise gives thousands of specks at every level."""
 
 COMPACT = 0.5
 """The least area of an outline that is measured, as a share of that of a circle with its length."""
@@ -44,7 +47,7 @@ LEAST_FILL = 0.93
 """The least area of an outline, as a share of that of the ellipse with its moments: a square has 0.955."""
 
 LEAST_ASPECT = 0.2
-"""Flatter outlines are not looked at; the limit for a disc is told from its measured outline."""
+"""Flatter outlines are not looked at; the limit for a disc is applied to its measured outline."""
 
 OFF_PX, OFF_SHARE = 0.8, 0.025
 """How far an outline may lie from its ellipse, root mean square: in pixels, and as a share of the mean half axis."""
@@ -153,6 +156,8 @@ def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> 
         return Outlines((), (), brightest - darkest)
     ellipses: list[Outline] = []
     others: list[Shape] = []
+    # A disc shows as a compact shape at every level between its own brightness and that of what is around it, so the
+    # number of levels at which it was seen tells its contrast.
     for level in np.linspace(darkest, brightest, LEVELS + 2)[1:-1]:
         for shape in _shapes(smooth, float(level), least_px):
             if not (bright if shape.is_bright else dark):
@@ -249,10 +254,10 @@ LEAST_LEFT = 0.55
 POINTS = 96
 PIECE_POINTS = (24, 48)
 PIECES = 8
-"""So many points of an outline are taken, and at so many places among them pieces of these lengths begin."""
+"""Points taken of an outline, the lengths of pieces of it, and how many of each length there are."""
 
 TIMES_OFF = 1.5
-"""Points that are off by less than so many times what a whole outline may be are on the ellipse."""
+"""Points within this multiple of what a whole outline may be off are on the ellipse."""
 
 ON_PIECE_PX = 2.0
 """Points that are off by less are on the ellipse through a piece."""
@@ -327,6 +332,7 @@ def _is_ellipse(a: Conics, b: Conics, c: Conics, d: Conics, e: Conics) -> NDArra
 def _conics(rows: NDArray[np.float64]) -> Conics:
     """Return the conic through each piece, ``a x² + b x y + c y² + d x + e y = 1``, shape ``(pieces, 5)``."""
     twice = np.concatenate((rows, rows))
+    # The normal equations of a piece are the difference of two running sums, so all pieces cost as much as one.
     squares = np.concatenate((np.zeros((1, 5, 5)), np.cumsum(twice[:, :, None] * twice[:, None, :], axis=0)))
     sums = np.concatenate((np.zeros((1, 5)), np.cumsum(twice, axis=0)))
     normal = squares[_ENDS] - squares[_STARTS] + 1e-9 * np.eye(5)

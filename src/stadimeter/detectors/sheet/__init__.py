@@ -24,8 +24,7 @@ from stadimeter.detectors.sides import diagonals_meet, grown, width_and_height
 REGION_SIDES = 0.8
 REGION_SIGMAS = 4.0
 REGION_MARGIN_PX = 12.0
-"""How far around where it is expected a sheet is looked for first: so many of its longer side, so many standard
-deviations and so many pixels to each side of its centre."""
+"""Reach of the search around a prediction, to each side: in longer sides, standard deviations and pixels."""
 
 
 class SheetOptions(Options):

@@ -1,4 +1,4 @@
-"""What a search for a sheet found, and what it refused."""
+"""Candidates for a sheet: how well they fit its shape, and what a search took and refused."""
 
 from __future__ import annotations
 

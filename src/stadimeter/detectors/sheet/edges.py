@@ -173,6 +173,9 @@ def _narrow_frame(image: Image, edges: QuadEdges, most_steps: int, lens: CameraM
 
 
 def _fit(image: Image, frame: QuadFrame, light: Light, free: NDArray[np.bool_] | None) -> QuadEdges:
+    # Levels are the means of two pixels at either end of each profile, beyond the blur. The step is where the light,
+    # projected on the line from the one colour to the other, passes half way; how much it counts follows from its
+    # contrast and from how level the profile is on both sides.
     codes = _profiles(image, frame)
     reach = int(frame.reach.max(initial=0))
     ends = reach + np.concatenate((-frame.reach, 1 - frame.reach, frame.reach - 1, frame.reach), axis=2)

@@ -1,4 +1,4 @@
-"""Where the sides of outlines are expected, in whole pixels along and across each of them.
+"""Sides of outlines: where they are expected, in whole pixels along and across, and lines fitted to their steps.
 
 Along is x for a side that is more horizontal and y for one that is more vertical; across is the other one. Many
 outlines are worked on at once: arrays have the outlines first, then their four sides, then the steps along a side.
@@ -25,7 +25,7 @@ REACH_SHARE = 0.3
 LEAST_REACH_PX = 2
 
 CURVE_POINTS = 33
-"""In so many places between two corners it is computed how the lens bends a side."""
+"""Points between two corners at which the bend of a side by the lens is computed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -66,6 +66,8 @@ def quad_frame(
         corners_px: The corners of outlines, clockwise on the screen, shape ``(c, 4, 2)``.
         reach_px: How far across, shape ``(c, 4)``; less where the outline is small.
     """
+    # Side i is across = at_zero + slope * along. Choosing the longer coordinate as along keeps |slope| <= 1, so every
+    # step is read along whole pixels and nothing is interpolated.
     vector = corners_px[:, [1, 2, 3, 0]] - corners_px
     size = np.abs(vector)
     flat = size[..., 0] >= size[..., 1]
@@ -175,6 +177,8 @@ def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     middle = (frame.along[..., :1] + frame.along[..., -1:]) / 2
     along, off = frame.along - middle, across - frame.across
     widest = np.maximum(LIMITS_PX[1], BEND_SHARE * frame.length_px)
+    # Steps of a finger or of what lies behind are no noise but another edge. Least squares would settle between both,
+    # so the start is a vote (as in RANSAC, but over fixed pairs: the same picture gives the same line).
     offset, slope = _most_agreed(along, off, worth > 0, widest / frame.cosine)
     limit = widest
     distance = (off - offset - slope * along) * frame.cosine

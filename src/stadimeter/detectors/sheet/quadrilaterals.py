@@ -23,15 +23,15 @@ Mask = NDArray[np.uint8]
 Values = NDArray[np.float64]
 
 LEVELS = 10
-"""At so many levels a channel is split where one level does not do."""
+"""Levels at which a channel is split where one does not do."""
 
 LEVEL_RANGE = (1.0, 99.5)
 """Between these percentiles of it."""
 
 AROUND_SHARE = 0.2
 LEAST_APART = 8
-"""Under uneven light, pixels are compared with the mean of a square around them, so large as a share of the picture:
-they must differ by so many levels."""
+"""Under uneven light, pixels are compared with the mean of a square around them: its side as a share of the picture,
+and the least difference in levels."""
 
 FLAT_LIMITS = (5, 8, 13, 20)
 """Where brightness changes by less than this from pixel to pixel, in quarter levels, a picture is even."""
@@ -40,7 +40,7 @@ FLAT_SHRINKS_PX = 1.4
 """By so much what is even ends before the edge of the sheet."""
 
 TOLERANCE_PX = 1.5
-"""How far an outline may be from the straight pieces that stand for it."""
+"""Tolerance of the polygon that stands for an outline (Douglas and Peucker)."""
 
 MOST_CONTOURS = 3000
 """A picture of more outlines than this is noise; looking through them takes long and finds nothing."""
@@ -186,11 +186,13 @@ def _of_pieces(starts: Points, vectors: Points, smallest_side_px: float) -> tupl
     start, ahead = starts[:, chosen], along[:, chosen]
     after, ahead_after = np.roll(start, -1, axis=2), np.roll(ahead, -1, axis=2)
     sine = _cross(ahead, ahead_after)
+    # Convex: the sides turn the same way at all four corners, and by more than the least angle.
     turning = (np.abs(sine) > LEAST_SINE).all(axis=2) & (np.abs(np.sign(sine).sum(axis=2)) == 4)
     row, four = np.nonzero(turning & (length[:, chosen] > 0).all(axis=2))
     start, ahead, after, ahead_after, sine = (each[row, four] for each in (start, ahead, after, ahead_after, sine))
     met = start + (_cross(after - start, ahead_after) / sine)[..., None] * ahead
     corners = np.roll(met, 1, axis=1)
+    # Each side must be made up of enough outline: three sides of a box and a stray piece meet in four corners too.
     sides = met - corners
     reached = (sides * ahead).sum(axis=2)
     is_made_up = cover[row[:, None], chosen[four]] > LEAST_COVER * reached
@@ -227,6 +229,7 @@ def _in_standard_order(corners: Points) -> Points:
 
 def _distinct(corners: Points) -> Points:
     """Leave out outlines whose corners all lie close to those of another, and put the largest first."""
+    # Corners rounded to a coarse grid: outlines in one cell of it are the same sheet, found in several masks.
     _, first = np.unique(np.rint(corners.reshape(-1, 8) / SAME_PX), axis=0, return_index=True)
     corners = corners[first]
     areas = np.abs(_cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])) / 2

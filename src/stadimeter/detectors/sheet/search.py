@@ -42,7 +42,7 @@ Which = NDArray[np.bool_]
 
 SEARCH_SCALE = 0.5
 SEARCH_LONG_SIDES_PX = (320, 800)
-"""Candidates are looked for at half the resolution, with a long side of so many pixels at least and at most."""
+"""Candidates are looked for at half the resolution; least and most pixels of the long side of what is searched."""
 
 LEAST_SEARCHED_PX = 5.0
 
@@ -65,7 +65,7 @@ SECOND_LOOK_OFF_PX = 0.4
 pixels, and as measured at the first two looks."""
 
 SERIOUS_STAGE = 4
-"""What passed so many tests had its sides measured to the end."""
+"""Candidates that passed this many tests had their sides measured to the end."""
 
 MOST_LOOKED_AT = 64
 MOST_SETTLED = 6
@@ -108,7 +108,7 @@ MOST_CALM = 6.0
 
 EXPECTED_TIMES = 8.0
 EXPECTED_SIZES = (0.4, 1.4)
-"""Where a sheet is expected, one of about the expected size, between these factors, is so many times as likely the
+"""Where a sheet is expected, one of about the expected size, between these factors, is this many times as likely the
 sheet. Turned away it appears smaller than expected."""
 
 LEAST_QUALITY = 0.5
@@ -120,7 +120,7 @@ GREATEST_CHANCE = 0.015
 CLEAR_CHANCE = 0.004
 """The share of outlines of any kind that may fit the sheet as well as one that is taken for it. Below the smaller limit
 it may be off by more than its standard deviation tells, and no other one is looked for. Where sides are not seen whole
-the limit shrinks with the fourth power of what is seen: so many sides must be there by chance."""
+the limit shrinks with the fourth power of what is seen: that many sides must be there by chance."""
 
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.012
@@ -131,9 +131,9 @@ of n steps that scatter by s and take e pixels from inside to outside. A line th
 ends as in its middle. The last term is for what is beside a blurred edge and mixes into it."""
 
 MISFIT_FACTOR = 1.5
-"""What is stated adds so many times the misfit: two of the eight coordinates are known beforehand, and where these are
-wrong the others are too. All of these were fitted on rendered sheets, on plain walls and on clutter, with noise, JPEG,
-motion blur and too little light."""
+"""The stated standard deviation adds this multiple of the misfit: two of the eight coordinates are known beforehand,
+and where these are wrong the others are too. All of these were fitted on rendered sheets, on plain walls and on
+clutter, with noise, JPEG, motion blur and too little light."""
 
 
 class SheetSearch:
@@ -162,6 +162,7 @@ class SheetSearch:
         Args:
             expected: What is expected there; only what is about as large is taken for the sheet then.
         """
+        # Cheap masks first. A later, slower search runs only while nothing found is beyond doubt.
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX
         small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
@@ -261,6 +262,9 @@ class SheetSearch:
     def _choose(self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None) -> None:
         """Put the candidates through the last tests, and take the one that looks most like the sheet."""
         fit, sigmas = self._shape.fit(edges.corners_px), corner_sigmas_px(edges)
+        # The decisive test. A pose has six degrees of freedom and four corners eight coordinates, so an outline of a
+        # sheet fulfils two conditions exactly. Other outlines do so with a probability that grows with the square of
+        # the allowed misfit; where sides are partly unseen, with the fourth power of the share that is seen.
         chance = fit.chance_per_square * np.maximum(fit.misfit_px, sigmas) ** 2
         limits = self._misfit_limits(edges)
         quality, least_quality = self._qualities(edges, fit, limits), 0.0 if self._is_strict else LEAST_QUALITY
@@ -362,7 +366,7 @@ def corner_sigmas_px(edges: QuadEdges) -> Values:
 
 
 def _margin_px(scale: float) -> float:
-    """Return how near to the border a candidate cannot be told from one that is cut off."""
+    """Return the distance from the border within which a whole candidate looks like one that is cut off."""
     return 1.0 + 1.0 / scale
 
 

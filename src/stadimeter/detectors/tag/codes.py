@@ -1,4 +1,4 @@
-"""Reading the code of a tag from its four corners.
+"""Families of tags, and reading the code of a tag from its four corners.
 
 OpenCV finds outlines fast but compares each with every member of a family, in version 5 a millisecond for each
 outline. Here the code is read at full resolution, however much the picture was reduced for the search, and looked up
@@ -145,7 +145,7 @@ def _closest(inner: Plane, corners: Points, family: TagFamily, border: float) ->
     if errors > family.most_errors:
         return Unread(f"its code differs from every tag in {errors} cells or more, limit {family.most_errors}", border)
     quarter, number = divmod(row, family.members)
-    # Turned clockwise by so many quarters, its own top left corner is that many further on.
+    # Turned clockwise by n quarters, its own top left corner is n corners further on.
     return SeenTag(number=number, errors=errors, corners_px=corners[FROM[quarter]])
 
 

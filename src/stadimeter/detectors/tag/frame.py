@@ -1,4 +1,4 @@
-"""Where the sides of a tag are expected, in whole pixels along and across each of them.
+"""Expected sides of a tag, in whole pixels along and across each of them.
 
 Along is x for a side that is more horizontal and y for one that is more vertical; across is the other one. All four
 sides are worked on at once: arrays have the sides first. What is one number for each side is kept in plain Python,
@@ -132,12 +132,12 @@ class SideFrame:
     most_reach: tuple[int, ...]
 
     def sees_enough(self, edges_px: OfSides) -> bool:
-        """Say whether edges that take so many pixels were looked at as far as they and the cells ask for."""
+        """Return whether edges of these widths were looked at as far as they and the cells ask for."""
         sides = zip(edges_px, self.most_reach, self.reach, strict=True)
         return all(min(edge_px + PLATEAU_PX, most) <= reach + 0.5 for edge_px, most, reach in sides)
 
     def left_px(self, edges_px: OfSides) -> float:
-        """Return how many pixels are looked at beyond edges that take so many, where these are the fewest.
+        """Return how many pixels are looked at beyond edges of these widths, on the side with the fewest.
 
         At its steepest a Gaussian edge rises as if it took √(2π) = 2.5 standard deviations. So far from its middle it
         is over: it is black or white but for 0.6 %.

@@ -1,4 +1,4 @@
-"""Outlines of four corners that may be tags, found by `cv2.aruco`."""
+"""Outlines of four corners that may be tags, found by `cv2.aruco`; and small tags by the AprilTag library."""
 
 from __future__ import annotations
 

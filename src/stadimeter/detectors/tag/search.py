@@ -86,7 +86,7 @@ class Sighting:
     unread: Sequence[tuple[Points, Unread]] = ()
 
     def rejected(self, most: int) -> list[RejectedCandidate]:
-        """Return so many outlines that show no tag, the most like one first, the larger first where they are alike."""
+        """Return outlines that show no tag, the most like one first, the larger first where they are alike."""
         likely = sorted(self.unread, key=lambda found: found[1].white_border)[:most]
         return [candidate(corners + self.left_top_px, unread.reason) for corners, unread in likely]
 

@@ -100,6 +100,8 @@ def measure_sides(
     if quad_area(corners_px.tolist()) < (LARGE_CELL_PX * cells) ** 2:
         looks = (FIRST_LOOK, *looks)
     sides, corners, edges_px = None, corners_px, START
+    # Each look starts from the last one's lines and widths, until the lines stay and the edges end within what is
+    # looked at: then the corners do not depend on where the outline was found.
     for look in looks:
         frame = side_frame(corners, cells, look, grey.shape, edges_px, bent)
         sides = None if frame is None else _fit(grey, frame, look, light)
@@ -109,7 +111,7 @@ def measure_sides(
         seen = frame.sees_enough(sides.edge_px)
         if seen and look is NEXT_LOOK and moved_px < max(frame.left_px(sides.edge_px), LEAST_MOVE_PX):
             break
-        # An edge that fills what is looked at goes on beyond it, nobody knows how far.
+        # An edge that fills what is looked at goes on beyond it, to an unknown distance.
         corners, edges_px = sides.corners_px, sides.edge_px if seen else tuple([2 * each for each in sides.edge_px])
     return sides
 
@@ -143,6 +145,8 @@ def _steps(profiles: Profiles, frame: SideFrame) -> _Steps:
     half_way = [(black + white) / 2 for black, white in zip(inside, outside, strict=True)]
     no_side = [rise if abs(rise) > LEAST_LIGHT else math.inf for rise in contrast]
     middle, whole = np.array((half_way, no_side), np.float32)[:, :, None]
+    # Light as a share of the step, -0.5 for black and 0.5 for white; the edge is where it changes its sign, at the
+    # place where it rises most.
     share = (profiles - middle) / whole
     is_outside = share > 0
     rises = share[1:] - share[:-1]
@@ -237,6 +241,8 @@ def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit:
     """
     along = frame.from_middle
     half = along.shape[1] // 2
+    # The slope is the median over pairs of steps half a side apart (Theil and Sen, with fixed pairs): up to a quarter
+    # of the steps may be outliers, and no iteration is needed.
     slope = median((off[:, -half:] - off[:, :half]) / (along[:, -half:] - along[:, :half]))
     rest = off - slope * along
     offset = median(rest)
