@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.cameras.frame_stamp import GOOD_STAMPS_NEEDED, FrameStamp, KernelTime
+from stadimeter.cameras.capture_time import GOOD_STAMPS_NEEDED, FrameStamp, KernelTime
 
 PERIOD_S = 1 / 30
 LATENCY_S = 0.02

@@ -323,5 +323,5 @@ def test_what_is_no_stream_of_pictures_is_left_to_ffmpeg(
     for number in range(60):
         writer.write(cv2.imdecode(np.frombuffer(picture(number), np.uint8), cv2.IMREAD_COLOR))
     writer.release()
-    monkeypatch.setattr("stadimeter.cameras.stream_time.SETTLE_S", 0.0)  # a file is read in no time
+    monkeypatch.setattr("stadimeter.cameras.capture_time.SETTLE_S", 0.0)  # a file is read in no time
     assert open_camera(f"http://{server.place}/video.avi").read().width_px == SIZE[0]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stadimeter.cameras.multipart import HEAD_MAX_BYTES, PART_MAX_BYTES, Multipart, Part
+from stadimeter.cameras.mjpeg_stream import HEAD_MAX_BYTES, PART_MAX_BYTES, Multipart, Part
 from stadimeter.errors import LinkLostError
 
 JPEGS = tuple(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.cameras.frame_stamp import GOOD_STAMPS_NEEDED
+from stadimeter.cameras.capture_time import GOOD_STAMPS_NEEDED
 from stadimeter.cameras.opencv_device import PLUGIN, OpenCvCamera
 from stadimeter.cameras.opencv_settings import OpenCvOptions
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin

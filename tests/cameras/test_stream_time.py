@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from stadimeter.cameras.stream_time import SETTLE_S, StreamTime
+from stadimeter.cameras.capture_time import SETTLE_S, StreamTime
 
 WAY_S = 0.02
 """How long a picture is on its way when nothing holds it up."""

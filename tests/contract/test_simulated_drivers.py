@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import CAMERAS, WORLDS, DriverContext, load_plugin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
-from stadimeter.testing.camera_contract import CameraContract
+from stadimeter.testing.camera_contract import CameraContract, CameraRig
 from stadimeter.testing.manual_clock import ManualClock
 
 LENS = CameraModel.with_focal_length(150.0, 160, 120)
@@ -29,8 +30,10 @@ class TestSimulatedCamera(CameraContract):
         return made
 
     @pytest.fixture(params=[True, False], ids=["drawn", "black"])
-    def camera(self, clock: Clock, request: pytest.FixtureRequest) -> Camera:
-        plugin = load_plugin(CAMERAS, "simulated")
-        options = plugin.options.model_validate({"rate": "1 kHz", "render": request.param})
-        camera: Camera = plugin.build(options, in_a_world(clock))
-        return camera
+    def make_rig(self, clock: Clock, request: pytest.FixtureRequest) -> Callable[[], CameraRig]:
+        def rig() -> CameraRig:
+            plugin = load_plugin(CAMERAS, "simulated")
+            options = plugin.options.model_validate({"rate": "1 kHz", "render": request.param})
+            return CameraRig(camera=plugin.build(options, in_a_world(clock)), clock=clock)
+
+        return rig

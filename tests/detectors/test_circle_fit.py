@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.detectors.circle_fit import find_circle, most_common_circle
+from stadimeter.detectors.ball.circles import find_circle, most_common_circle
 
 pytestmark = pytest.mark.vision
 

@@ -18,7 +18,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.disc import PLUGIN, DiscDetector, DiscOptions
-from stadimeter.detectors.ellipse_shape import Ellipse, ellipse_through
+from stadimeter.detectors.disc.ellipse import Ellipse, ellipse_through
 from stadimeter.ranging.flat import DiscSize
 from support.scenes.draw import CAMERA, disc_scene, empty_scene
 from support.scenes.nuisances import distorted, motion, noise, tone

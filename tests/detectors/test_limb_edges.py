@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from stadimeter.core.frame import Image
-from stadimeter.detectors.circle_fit import Circle
-from stadimeter.detectors.limb_edges import LimbEdges, limb_edges
-from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
+from stadimeter.detectors.sampling import light_table
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget

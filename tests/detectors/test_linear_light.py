@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.sampling import light_table
 
 pytestmark = pytest.mark.vision
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.detectors.linear_light import light_table
-from stadimeter.detectors.quad_edges import measure_edges, settle_edges
-from stadimeter.detectors.quadrilaterals import find_quadrilaterals, quick_masks, thorough_masks
+from stadimeter.detectors.sampling import light_table
+from stadimeter.detectors.sheet.edges import measure_edges, settle_edges
+from stadimeter.detectors.sheet.quadrilaterals import find_quadrilaterals, quick_masks, thorough_masks
 from support.scenes.draw import sheet_scene
 from support.scenes.render import render
 

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet import PLUGIN, SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
 from stadimeter.ranging.flat import SheetSize

@@ -16,10 +16,10 @@ from stadimeter.config.plugins import DETECTORS, load_plugin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.linear_light import light_table
+from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.tag import PLUGIN, TagDetector, TagOptions
-from stadimeter.detectors.tag_families import DICTIONARIES, tag_family
-from stadimeter.detectors.tag_sides import measure_sides
+from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
+from stadimeter.detectors.tag.sides import measure_sides
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.ranging.flat import TagSize
 from support.scenes.draw import empty_scene, tag_scene
@@ -303,7 +303,7 @@ def test_the_library_for_small_tags_reads_what_is_too_small_for_the_rest(driver_
 
 def test_the_library_for_small_tags_is_missed_only_where_it_is_asked_for(monkeypatch, driver_context) -> None:
     monkeypatch.setitem(sys.modules, "pyapriltags", None)
-    monkeypatch.delitem(sys.modules, "stadimeter.detectors.tag_apriltag", raising=False)
+    monkeypatch.delitem(sys.modules, "stadimeter.detectors.tag.outlines", raising=False)
     options = {"side": "8 cm"}
     PLUGIN.build(TagOptions.model_validate(options), driver_context("tag"))
     with pytest.raises(DriverUnavailableError, match=r"target door: finder = 'pyapriltags' .*stadimeter\[tags\]"):

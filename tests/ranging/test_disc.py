@@ -14,7 +14,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
-from stadimeter.detectors.ellipse_shape import ellipse_through
+from stadimeter.detectors.disc.ellipse import ellipse_through
 from stadimeter.ranging.feasibility import expect, farthest_m
 from stadimeter.ranging.flat import DiscSize
 from stadimeter.ranging.measure import measure

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.quad_shape import diagonals_meet, width_and_height
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
+from stadimeter.detectors.sides import diagonals_meet, width_and_height
 from stadimeter.ranging.calibration import KnownDistance, calibrate
 from stadimeter.ranging.flat import SheetSize
 from stadimeter.ranging.measure import measure

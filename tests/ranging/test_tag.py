@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.quad_shape import diagonals_meet, width_and_height
+from stadimeter.detectors.sides import diagonals_meet, width_and_height
 from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.ranging.flat import TagSize, ambiguity, tag_poses
 from stadimeter.ranging.measure import measure

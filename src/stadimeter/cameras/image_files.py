@@ -37,11 +37,6 @@ class ImageFilesCamera(RecordedCamera):
     """Shows picture files in order, each once; a frame's ``source`` is its path.
 
     How pictures are converted, and that EXIF orientation is honoured: see `read_picture`.
-
-    Args:
-        paths: Files, patterns and folders, as in `ImageFilesOptions`.
-        rate_hz: How many pictures there are in a second.
-        clock: The run's clock.
     """
 
     def __init__(self, paths: tuple[str, ...], rate_hz: float, clock: Clock) -> None:

@@ -17,7 +17,7 @@ os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 import cv2
 import numpy as np
 
-from stadimeter.cameras.frame_stamp import FrameStamp, KernelTime
+from stadimeter.cameras.capture_time import FrameStamp, KernelTime, Pace, StreamTime
 from stadimeter.cameras.opencv_settings import (
     CaptureLike,
     OpenCvOptions,
@@ -25,7 +25,6 @@ from stadimeter.cameras.opencv_settings import (
     not_for_motion,
     size_differs,
 )
-from stadimeter.cameras.stream_time import Pace, StreamTime
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame, Image
@@ -68,8 +67,6 @@ class OpenCvCamera:
     does not end, `close` returns after `CLOSE_WAIT_S` and the reading thread releases the device as soon as it can.
 
     Args:
-        options: The device and its settings.
-        clock: The run's clock.
         open_capture: Opens the device; another one than OpenCV's is for tests.
         monotonic: The clock of the device's stamps; another one is for tests.
     """
@@ -130,9 +127,6 @@ class OpenCvCamera:
 
     def read(self) -> Frame:
         """Wait for the next frame and return it.
-
-        Returns:
-            The frame.
 
         Raises:
             CaptureTimeoutError: No whole picture came within the read time-out.

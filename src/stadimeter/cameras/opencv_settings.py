@@ -118,9 +118,6 @@ class OpenCvOptions(Options):
 def not_for_motion(options: OpenCvOptions) -> dict[str, str]:
     """Return why nothing may move on the frames of a camera.
 
-    Args:
-        options: The camera's options.
-
     Returns:
         For each option that would have to be written, a sentence; nothing if its frames will do.
     """
@@ -161,10 +158,6 @@ def apply_settings(capture: CaptureLike, options: OpenCvOptions) -> tuple[str, .
     The pixel format decides which sizes there are, the size which frame rates, the frame rate how long an exposure can
     be. Drivers substitute silently what they do not have.
 
-    Args:
-        capture: The device.
-        options: What to ask for.
-
     Returns:
         A sentence about each setting that the device did not take. The size is not among them: the first picture
         shows it.
@@ -177,15 +170,7 @@ def apply_settings(capture: CaptureLike, options: OpenCvOptions) -> tuple[str, .
 
 
 def size_differs(image: Image, options: OpenCvOptions) -> tuple[str, ...]:
-    """Return a sentence if a picture has another size than was asked for.
-
-    Args:
-        image: A picture from the device.
-        options: What was asked for.
-
-    Returns:
-        One sentence or none.
-    """
+    """Return a sentence if a picture has another size than was asked for."""
     height_px, width_px = image.shape[:2]
     if options.width_px is None or (options.width_px, options.height_px) == (width_px, height_px):
         return ()

@@ -1,4 +1,4 @@
-"""Reading one picture from a file, or saying why not."""
+"""Reading one picture from a file."""
 
 from __future__ import annotations
 
@@ -34,9 +34,6 @@ def read_picture(path: Path | str) -> Image:
     A JPEG or PNG that was cut short is refused. OpenCV would fill the missing part with grey, and a target at the edge
     of that part would be measured.
 
-    Args:
-        path: The file.
-
     Returns:
         The picture, shape ``(height, width, 3)``.
 
@@ -68,11 +65,8 @@ def decode_whole_jpeg(data: bytes) -> Image:
     Decoders fill in what is missing: with grey, with the last block, or with what was in their buffer, and libjpeg then
     only warns. Looking for the end marker is not enough, since a relay that was interrupted may put one at the end of
     half a picture. So every warning of libjpeg is an error here. Of pictures that were cut anywhere, with or without
-    an end marker, all are refused; of those that lack up to 1.5 kB somewhere in the middle, 97 in 100 (the rest of the
-    Huffman code then happens to give as many blocks as are needed). TCP loses no bytes in the middle; relays cut.
-
-    Args:
-        data: The JPEG.
+    an end marker, all are refused; of those that lack up to 1.5 kB somewhere inside, 97 % (the rest of the
+    Huffman code then happens to give as many blocks as are needed). TCP loses no bytes; relays cut.
 
     Returns:
         The picture, shape ``(height, width, 3)``, blue first.
@@ -98,7 +92,6 @@ def check_file(path: Path, kind: str) -> bytes:
     """Raise an error unless the path is that of a regular file with something in it.
 
     Args:
-        path: The file.
         kind: What it should be, such as ``picture``; for the message.
 
     Returns:

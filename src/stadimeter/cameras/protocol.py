@@ -1,4 +1,4 @@
-"""What a camera is to the rest of the program."""
+"""The interface of cameras."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Camera(Protocol):
     def is_live(self) -> bool:
         """Whether frames come at their own pace and old ones are worthless.
 
-        True for hardware and streams: frames that nobody fetched in time are passed over. False for recordings and
+        True for hardware and streams: frames that were not fetched in time are passed over. False for recordings and
         simulations: every frame counts, and the loop reads them in its own thread.
         """
         ...
@@ -56,7 +56,7 @@ class Camera(Protocol):
         ``clock.sleep_until_s`` with the frame's time before it returns, so that time passes as it did in the recording.
 
         Returns:
-            A frame whose image nobody changes afterwards.
+            A frame whose image is not changed afterwards.
 
         Raises:
             CaptureTimeoutError: No frame came in the driver's own time limit. Reading may be tried again.

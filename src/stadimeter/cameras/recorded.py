@@ -17,7 +17,6 @@ class RecordedCamera(ABC):
 
     Args:
         what: The recording in a word or two, for error messages.
-        clock: The run's clock.
     """
 
     def __init__(self, what: str, clock: Clock) -> None:
@@ -58,9 +57,6 @@ class RecordedCamera(ABC):
         """Wait until the next frame is due and return it.
 
         A frame that cannot be read raises once and is then passed over: the next call returns the one after it.
-
-        Returns:
-            The frame.
 
         Raises:
             DeviceClosedError: The camera is not open.

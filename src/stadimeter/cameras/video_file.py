@@ -40,9 +40,7 @@ class VideoFileCamera(RecordedCamera):
     """Plays a video file once, at a steady frame rate. A turned video is shown upright if its header says so.
 
     Args:
-        path: The file.
         rate_hz: Its frame rate; None takes the one that the file names.
-        clock: The run's clock.
     """
 
     def __init__(self, path: Path, rate_hz: float | None, clock: Clock) -> None:

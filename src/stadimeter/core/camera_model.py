@@ -157,7 +157,7 @@ class CameraModel:
         if (width_px, height_px) == (self.width_px, self.height_px):
             return self
         scale_x, scale_y = width_px / self.width_px, height_px / self.height_px
-        if abs(scale_x / scale_y - 1) > ASPECT_TOLERANCE:
+        if abs(scale_x - scale_y) > ASPECT_TOLERANCE * scale_y:
             raise CalibrationError(
                 f"the camera was calibrated at {self.width_px}x{self.height_px}; a picture of {width_px}x{height_px} "
                 "has another aspect, so it shows another part of the view; calibrate at this resolution"

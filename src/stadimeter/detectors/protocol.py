@@ -1,4 +1,4 @@
-"""What a detector is to the rest of the program."""
+"""The interface of detectors."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetShape
+from stadimeter.errors import PictureError
 
 
 class Detector(Protocol):
@@ -26,14 +27,32 @@ class Detector(Protocol):
         A frame without the target is an ordinary result, not an error.
 
         Args:
-            frame: The frame; its image is not changed.
+            frame: Its image is not changed.
             prediction: Where the target is expected, for a detector that can look there first; None to search the
-                whole frame.
+                whole frame. It may be wrong in any way, NaN included: a target that is not found there whole is looked
+                for in the whole frame.
             lens: The camera model at the frame's resolution, which the answer will be measured with; None where it is
                 not known yet, as while a camera is calibrated.
 
         Returns:
             Where the target is; or that it is cut off by the border; or that it is not there, with a reason that
             holds the figures: ``largest blob 6 px, limit 12 px``.
+
+        Raises:
+            PictureError: The image has not the form that a `Frame` promises, see `check_image`.
         """
         ...
+
+
+def check_image(frame: Frame) -> None:
+    """Refuse a frame whose image is not of shape ``(height, width, 3)`` with 8 bits a channel and some pixels.
+
+    Raises:
+        PictureError: It is not; the message names what it is.
+    """
+    shape, dtype = frame.image.shape, frame.image.dtype
+    if dtype != "uint8" or len(shape) != 3 or shape[2] != 3 or not frame.image.size:
+        raise PictureError(
+            f"a frame's image has the shape {shape} and the type {dtype}, not (height, width, 3) and uint8;"
+            " the camera driver has to convert it"
+        )

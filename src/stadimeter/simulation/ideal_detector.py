@@ -13,6 +13,7 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
+from stadimeter.detectors.protocol import check_image
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.ball import BallSize
 from stadimeter.simulation.camera import lens
@@ -90,6 +91,7 @@ class IdealDetector:
             CalibrationError: The frame has another aspect than the lens.
             DriverError: The frame is older than the robot remembers its way.
         """
+        check_image(frame)
         if self._world.faults.target_hidden:
             return self._not_found("the ball is hidden")
         model = self._model.scaled_to(frame.width_px, frame.height_px)

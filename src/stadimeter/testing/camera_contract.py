@@ -1,19 +1,18 @@
-"""What every camera must do: a suite for people who write camera drivers.
+"""What every camera must do. Subclass `CameraContract` with a fixture ``make_rig``, and pytest runs it all.
 
 ::
 
     class TestMyCamera(CameraContract):
         @pytest.fixture
-        def camera(self, clock):
-            camera = MyCamera(..., clock)
-            yield camera
-            camera.close()
+        def make_rig(self) -> Callable[[], CameraRig]:
+            return my_rig
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -22,141 +21,223 @@ import pytest
 from stadimeter.cameras.protocol import Camera
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame
-from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, PictureError
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.errors import (
+    DeviceClosedError,
+    DeviceOpenError,
+    DriverError,
+    EndOfFramesError,
+    PictureError,
+    StadimeterError,
+)
 
 FRAMES = 3
-"""How many frames a camera under test must have, at least."""
+"""How many frames a recording under test must have, at least."""
+
+LIVE_FRAMES = 12
+"""How many are read of a live camera: more than the buffers of a driver that uses them in turn."""
+
+MOST_READS = 200
+"""How often a camera that lost its device may be read before it must have noticed."""
 
 CLOSE_LIMIT_S = 5.0
 
 
-class CameraContract:
-    """The contract of `stadimeter.cameras.protocol.Camera`. Derive from it and give the fixtures.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CameraRig:
+    """A camera that was not opened yet, and what is needed to watch it.
 
-    Fixtures to give:
-        camera: A closed camera whose device is there and has at least `FRAMES` frames.
-        absent_camera: A camera whose device is not there; leave it out for one that cannot be absent.
-        clock: The clock that both were made with; a `ManualClock` unless replaced. A live camera needs a real one.
+    Attributes:
+        camera: The camera. Its device is there and has at least `FRAMES` frames.
+        clock: The clock that it was given; a `ManualClock`, but for a live camera a real one.
+        absent: A camera of the same kind whose device is not there; None for one that cannot be absent.
+        held: Counts how often the device is taken at the moment: open files, sockets or handles, of the device and not
+            as the driver believes. None for a camera that holds nothing.
+        lose: Makes the open device fail in the vendor's own way: pulls the plug, damages the recording. None for a
+            camera that cannot fail.
     """
 
-    @pytest.fixture
-    def clock(self) -> Clock:
-        """Return the run's clock."""
-        return ManualClock(100.0)
+    camera: Camera
+    clock: Clock
+    absent: Camera | None = None
+    held: Callable[[], int] | None = None
+    lose: Callable[[], None] | None = None
+
+    def read(self) -> list[Frame]:
+        """Open the camera and read some frames."""
+        self.camera.open()
+        return [self.camera.read() for _ in range(LIVE_FRAMES if self.camera.is_live else FRAMES)]
+
+
+class CameraContract:
+    """The tests."""
 
     @pytest.fixture
-    def camera(self, clock: Clock) -> Iterator[Camera]:
-        """Return a closed camera."""
-        raise NotImplementedError("a contract suite needs a 'camera' fixture")
+    def make_rig(self) -> Callable[[], CameraRig]:
+        """Return a function that makes a new rig. Override it."""
+        raise NotImplementedError("subclass CameraContract and override the fixture make_rig")
 
     @pytest.fixture
-    def absent_camera(self, clock: Clock) -> Camera:  # noqa: ARG002 - for those that replace it
-        """Return a camera whose device is not there."""
-        pytest.skip("this camera cannot be absent")
+    def rig(self, make_rig: Callable[[], CameraRig]) -> Iterator[CameraRig]:
+        """Return a rig that is not open; its camera is closed afterwards."""
+        rig = make_rig()
+        yield rig
+        rig.camera.close()
 
-    def test_the_constructor_touches_no_device_and_open_says_that_it_is_absent(self, absent_camera: Camera) -> None:
+    def test_the_constructor_touches_no_device_and_open_says_that_it_is_absent(self, rig: CameraRig) -> None:
         """A program may build every driver, and report on all of them, before it opens one."""
         with pytest.raises((DeviceOpenError, PictureError)) as raised:
-            absent_camera.open()
+            _absent(rig).open()
         assert str(raised.value), "an error must say what is wrong"
         assert "\n" not in str(raised.value).strip(), "an error message is one line"
 
-    def test_reading_a_camera_that_failed_to_open_raises(self, absent_camera: Camera) -> None:
+    def test_reading_a_camera_that_failed_to_open_raises(self, rig: CameraRig) -> None:
         """A camera that failed to open is closed."""
+        camera = _absent(rig)
         with pytest.raises((DeviceOpenError, PictureError)):
-            absent_camera.open()
+            camera.open()
         with pytest.raises(DeviceClosedError):
-            absent_camera.read()
-        absent_camera.close()
+            camera.read()
+        camera.close()
 
-    def test_reading_before_opening_raises(self, camera: Camera) -> None:
+    def test_reading_before_opening_raises(self, rig: CameraRig) -> None:
         """Reading needs an open camera."""
         with pytest.raises(DeviceClosedError):
-            camera.read()
+            rig.camera.read()
 
-    def test_reading_after_closing_raises(self, camera: Camera) -> None:
+    def test_reading_after_closing_raises(self, rig: CameraRig) -> None:
         """Closing ends reading, whatever was read before."""
-        camera.open()
-        camera.read()
-        camera.close()
+        rig.camera.open()
+        rig.camera.read()
+        rig.camera.close()
         with pytest.raises(DeviceClosedError):
-            camera.read()
+            rig.camera.read()
 
-    def test_closing_may_be_done_at_any_time_and_again(self, camera: Camera) -> None:
+    def test_closing_may_be_done_at_any_time_and_again(self, rig: CameraRig) -> None:
         """Before opening, after it, and twice."""
-        camera.close()
-        camera.open()
-        camera.close()
-        camera.close()
+        rig.camera.close()
+        rig.camera.open()
+        rig.camera.close()
+        rig.camera.close()
 
-    def test_whether_something_may_move_on_its_frames_is_known_before_it_is_opened(self, camera: Camera) -> None:
+    def test_the_device_is_taken_by_open_and_let_go_by_close(self, rig: CameraRig) -> None:
+        """Another program may want it; and a device that is still taken cannot be opened again."""
+        held = _held(rig)
+        assert held() == 0, "the constructor took the device"
+        rig.camera.open()
+        rig.camera.read()
+        assert held() == 1, "an open camera holds its device"
+        rig.camera.close()
+        assert held() == 0, "closing left the device taken"
+
+    def test_opening_an_open_camera_takes_the_device_once(self, rig: CameraRig) -> None:
+        """What the first `open` took is let go, and one `close` is enough."""
+        held = _held(rig)
+        rig.camera.open()
+        rig.camera.open()
+        rig.camera.read()
+        assert held() == 1, "the second open left the first handle open"
+        rig.camera.close()
+        assert held() == 0, "closing left the device taken"
+
+    def test_a_lost_device_ends_reading_with_an_error_of_ours(self, rig: CameraRig) -> None:
+        """The app closes and opens a camera after such an error; one of the vendor's would end the program."""
+        if rig.lose is None:
+            pytest.skip("this camera cannot fail")
+        rig.camera.open()
+        rig.camera.read()
+        rig.lose()
+        error = _error_of(rig.camera)
+        assert error is not None, f"the device is gone, and {MOST_READS} frames came all the same"
+        assert isinstance(error, StadimeterError), f"an error of the vendor's reached the app: {error!r}"
+        assert not isinstance(error, EndOfFramesError), "a device that failed is not a recording that ended"
+        assert "\n" not in str(error).strip(), "an error message is one line"
+
+    def test_whether_something_may_move_on_its_frames_is_known_before_it_is_opened(self, rig: CameraRig) -> None:
         """`check` and the start of a run say it."""
-        before = camera.not_for_motion
-        camera.open()
-        assert camera.not_for_motion == before, "it depends on the configuration, not on the device"
+        before = rig.camera.not_for_motion
+        rig.camera.open()
+        assert rig.camera.not_for_motion == before, "it depends on the configuration, not on the device"
         assert "\n" not in before, "the reason is one line"
 
-    def test_frames_are_8_bit_colour_pictures_of_one_size(self, camera: Camera) -> None:
+    def test_frames_are_8_bit_colour_pictures_of_one_size(self, rig: CameraRig) -> None:
         """Detectors rely on the form of the image."""
-        frames = _read(camera)
+        frames = rig.read()
         assert all(frame.image.dtype == np.uint8 for frame in frames), "images are 8 bits a channel"
         assert all(frame.image.ndim == 3 and frame.image.shape[2] == 3 for frame in frames), "images have 3 channels"
         assert len({frame.image.shape for frame in frames}) == 1, "the size does not change"
         assert frames[0].width_px > 0, "an image has a width"
         assert frames[0].height_px > 0, "an image has a height"
 
-    def test_capture_times_never_go_back_nor_ahead_of_the_clock(self, camera: Camera, clock: Clock) -> None:
+    def test_capture_times_never_go_back_nor_ahead_of_the_clock(self, rig: CameraRig) -> None:
         """Age is computed from them; a frame from the future would look fresh for too long."""
-        camera.open()
-        times_s = [clock.now_s() - 60.0]
-        for _ in range(FRAMES):
-            times_s.append(camera.read().captured_at_s)
-            assert times_s[-1] <= clock.now_s() + 1e-9, "a frame was captured before it is returned"
+        rig.camera.open()
+        times_s = [rig.clock.now_s() - 60.0]
+        for _ in range(LIVE_FRAMES if rig.camera.is_live else FRAMES):
+            times_s.append(rig.camera.read().captured_at_s)
+            assert times_s[-1] <= rig.clock.now_s() + 1e-9, "a frame was captured before it is returned"
         assert all(earlier <= later for earlier, later in pairwise(times_s)), f"capture times go back: {times_s}"
 
-    def test_sequence_numbers_rise_from_zero(self, camera: Camera) -> None:
+    def test_sequence_numbers_rise_from_zero(self, rig: CameraRig) -> None:
         """A gap tells of frames that were passed over."""
-        numbers = [frame.sequence for frame in _read(camera)]
+        numbers = [frame.sequence for frame in rig.read()]
         assert numbers[0] == 0, "sequence numbers count from 0"
         assert all(earlier < later for earlier, later in pairwise(numbers)), f"they do not rise: {numbers}"
 
-    def test_a_frames_image_is_not_changed_by_later_reads(self, camera: Camera) -> None:
-        """Frames are looked at while the next one is being read."""
-        camera.open()
-        frame = camera.read()
-        kept = frame.image.copy()
-        for _ in range(FRAMES - 1):
-            camera.read()
-        camera.close()
-        assert np.array_equal(frame.image, kept), "the image of an earlier frame was overwritten"
+    def test_a_frames_image_is_not_changed_by_later_reads(self, rig: CameraRig) -> None:
+        """Frames are looked at while the next ones are being read, and kept when the camera is opened again."""
+        rig.camera.open()
+        frames, copies = [], []
+        for _ in range(LIVE_FRAMES if rig.camera.is_live else FRAMES):
+            frames.append(rig.camera.read())
+            copies.append(frames[-1].image.copy())
+        rig.camera.close()
+        rig.read()
+        for frame, copy in zip(frames, copies, strict=True):
+            assert np.array_equal(frame.image, copy), f"the image of frame {frame.sequence} was overwritten"
 
-    def test_a_closed_camera_opens_again_and_time_and_numbers_go_on(self, camera: Camera) -> None:
+    def test_a_closed_camera_opens_again_and_time_and_numbers_go_on(self, rig: CameraRig) -> None:
         """A camera that failed is closed and opened by the app; what is downstream sees one run of frames."""
-        before = _read(camera)
-        camera.close()
-        after = _read(camera)
+        before = rig.read()
+        rig.camera.close()
+        after = rig.read()
         assert after[0].captured_at_s >= before[-1].captured_at_s, "capture times went back when it was opened again"
         assert after[0].sequence > before[-1].sequence, "sequence numbers went back when it was opened again"
 
-    def test_closing_ends_a_read_in_another_thread(self, camera: Camera) -> None:
+    def test_closing_ends_a_read_in_another_thread(self, rig: CameraRig) -> None:
         """The app reads a live camera in a thread and closes it from the loop's."""
-        if not camera.is_live:
+        if not rig.camera.is_live:
             pytest.skip("a camera that is not live is read and closed by one thread")
-        camera.open()
+        rig.camera.open()
         started, errors = threading.Event(), list[Exception]()
-        thread = threading.Thread(target=_read_until_error, args=(camera, started, errors), daemon=True)
+        thread = threading.Thread(target=_read_until_error, args=(rig.camera, started, errors), daemon=True)
         thread.start()
         assert started.wait(CLOSE_LIMIT_S), "no frame came"
-        camera.close()
+        rig.camera.close()
         thread.join(CLOSE_LIMIT_S)
         assert not thread.is_alive(), "the read did not end"
         assert isinstance(errors[0], DriverError), f"the read ended with {errors[0]!r}"
 
 
-def _read(camera: Camera) -> list[Frame]:
-    camera.open()
-    return [camera.read() for _ in range(FRAMES)]
+def _absent(rig: CameraRig) -> Camera:
+    if rig.absent is None:
+        pytest.skip("this camera cannot be absent")
+    return rig.absent
+
+
+def _held(rig: CameraRig) -> Callable[[], int]:
+    if rig.held is None:
+        pytest.skip("this camera holds no device")
+    return rig.held
+
+
+def _error_of(camera: Camera) -> Exception | None:
+    """Return the error that ends reading, None where none does."""
+    try:
+        for _ in range(MOST_READS):
+            camera.read()
+    except Exception as error:  # noqa: BLE001 - the test looks at it
+        return error
+    return None
 
 
 def _read_until_error(camera: Camera, started: threading.Event, errors: list[Exception]) -> None:

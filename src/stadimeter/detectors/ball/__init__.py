@@ -1,0 +1,260 @@
+"""The ball detector: a sphere of one colour, by the cone of rays that touches it.
+
+Blobs of the ball's colour say where to look (`ball_search`). Around each, the steps from ball to background are found
+along spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them (`ball_limb`,
+`stadimeter.ranging.sphere_cone`). Where a blob is not round, since part of the ball is in the shade or hidden, the
+circle of edges around it is the start (`edge_circle`). What does not look like a ball then is refused, with the test
+that it failed (`ball_judge`). Where a ball is expected, only the ring around its predicted limb is looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Annotated
+
+from pydantic import Field
+
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
+from stadimeter.config.units import Length
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
+from stadimeter.core.frame import Frame, Image
+from stadimeter.detectors.ball.blobs import Blob, HsvRangeText, find_blobs, search_step
+from stadimeter.detectors.ball.circles import Circle, edge_circle
+from stadimeter.detectors.ball.judge import Ball, BallGates
+from stadimeter.detectors.ball.limb import find_limb, within
+from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.region import Region
+from stadimeter.ranging.ball import BallSize
+
+FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
+"""How far from the circle around a blob its limb is looked for, both ways: so far, and a cell and a half of the
+search."""
+
+COARSE_STEP = 8
+COARSE_FROM_PIXELS = 30_000
+"""Where the search has to look at more pixels than these, it looks at a quarter of them first."""
+
+COARSE_CELLS, MOST_COARSE = 3, 2
+"""So many cells across, a ball is seen in those. How many are tried: where more are needed, every one is looked at."""
+
+CERTAIN_PX, REACH_SIGMAS = 2.0, 2.5
+WIDEST_RING_PX = 16.0
+"""With a prediction that is less sure, the blobs near the expected place are looked at instead."""
+
+REGION_SIGMAS = 4.0
+
+MOST_SEARCHED_AROUND = 3
+"""Around how many blobs the circle of edges is looked for: that is slow."""
+
+EDGE_CIRCLE_SHARE = 0.05
+"""How far from that circle the limb may be, as a share of its radius."""
+
+MOST_REJECTED = 8
+
+LIKELY_FOCAL_SHARE = 0.8
+"""The focal length of most cameras, as a share of their pictures' long side."""
+
+
+class BallOptions(Options):
+    """What a ``[targets.…]`` table with ``driver = "ball"`` may hold."""
+
+    diameter: Length
+    """The ball's diameter, such as ``"6.4 cm"``."""
+    tolerance: Length | None = None
+    """One standard deviation of the diameter, such as ``"1 mm"``; None if it is known well."""
+    hsv: HsvRangeText
+    """Its colours, lower and upper limit: ``"29,86,6:64,255,255"``."""
+    min_radius_px: Annotated[float, Field(ge=3)] = 5.0
+    """Balls that look smaller than this are not accepted."""
+    max_radius_px: Annotated[float, Field(gt=3)] | None = None
+    """Balls that look larger than this are not accepted; None for no limit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Scene:
+    """A frame that is searched.
+
+    Attributes:
+        lens: The camera at its resolution; a likely one if it is not known.
+        is_lens_known: Whether it is.
+        rejected: What was looked at and is no ball, filled while searching.
+        is_expected: Whether what is searched is where the ball is expected.
+    """
+
+    image: Image
+    lens: CameraModel
+    is_lens_known: bool
+    rejected: list[RejectedCandidate]
+    is_expected: bool = False
+
+
+class BallDetector:
+    """Finds a sphere of one colour, whole or partly hidden."""
+
+    def __init__(self, name: str, options: BallOptions) -> None:
+        self._name = name
+        self._size = BallSize(diameter_m=options.diameter, relative_sigma=(options.tolerance or 0.0) / options.diameter)
+        self._colour = options.hsv
+        self._gates = BallGates(
+            colour=options.hsv,
+            min_radius_px=options.min_radius_px,
+            max_radius_px=options.max_radius_px or math.inf,
+        )
+        self._step = search_step(options.min_radius_px)
+
+    @property
+    def target_size(self) -> BallSize:
+        """The ball's size."""
+        return self._size
+
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
+        """Look for the ball.
+
+        Returns:
+            The roundest blob of the ball's colour. Away from the optical axis a ball looks like an ellipse that
+            points to the middle of the picture; width and height are both its smaller diameter, across that
+            direction, which is the one that says how deep the ball lies.
+        """
+        check_image(frame)
+        scene = _Scene(
+            image=frame.image,
+            lens=lens or _likely_lens(frame.width_px, frame.height_px),
+            is_lens_known=lens is not None,
+            rejected=[],
+            is_expected=prediction is not None,
+        )
+        if prediction is not None:
+            expected = self._expected(scene, prediction)
+            if expected is not None:
+                return self._found(scene, expected)
+            scene = replace(scene, is_expected=False)
+        large = self._large(scene)
+        if large is not None:
+            return self._found(scene, large)
+        blobs = find_blobs(frame.image, self._colour, self._step)
+        ball = self._best(scene, blobs)
+        return self._not_found(scene, blobs) if ball is None else self._found(scene, ball)
+
+    def _large(self, scene: _Scene) -> Ball | None:
+        """Return a large ball beyond doubt, found in few pixels; None if it takes more of them to tell."""
+        height, width = scene.image.shape[:2]
+        if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
+            return None
+        noted = len(scene.rejected)
+        for blob in find_blobs(scene.image, self._colour, COARSE_STEP)[:MOST_COARSE]:
+            if blob.size_px < COARSE_CELLS * COARSE_STEP:
+                break
+            ball = self._within(scene, blob)
+            if ball is not None and ball.is_sure:
+                return ball
+        del scene.rejected[noted:]
+        return None
+
+    def _expected(self, scene: _Scene, prediction: Prediction) -> Ball | None:
+        """Look where the ball is expected: at the ring around its limb, or else at the blobs around it."""
+        (x_px, y_px), radius_px = prediction.centre_px, prediction.size_px / 2
+        if not all(map(math.isfinite, (x_px, y_px, radius_px, prediction.sigma_px))):
+            return None
+        start = Circle(x_px=x_px, y_px=y_px, radius_px=max(radius_px, self._gates.min_radius_px))
+        reach_px = FIRST_REACH_PX + REACH_SIGMAS * max(0.0, prediction.sigma_px - CERTAIN_PX)
+        if reach_px <= WIDEST_RING_PX:
+            in_ring = self._at(scene, start, reach_px)
+            if in_ring is not None:
+                return in_ring
+        half_px = 1.5 * start.radius_px + REGION_SIGMAS * prediction.sigma_px + FIRST_REACH_PX
+        region = Region.around((x_px, y_px), half_px, scene.image)
+        return None if region is None else self._best(scene, find_blobs(scene.image, self._colour, self._step, region))
+
+    def _best(self, scene: _Scene, blobs: Sequence[Blob]) -> Ball | None:
+        """Return the ball that looks most like one around one of the blobs.
+
+        First the circle around each blob is tried, the largest first; where none of them leads to a ball beyond doubt,
+        the circles of edges around the largest ones too, which takes ten times as long.
+        """
+        large = [blob for blob in blobs if blob.size_px >= 2 * self._gates.min_radius_px - self._step]
+        balls = []
+        for search, tried in ((self._within, large), (self._around, large[:MOST_SEARCHED_AROUND])):
+            for blob in tried:
+                ball = search(scene, blob)
+                if ball is not None and ball.is_sure:
+                    return ball
+                if ball is not None:
+                    balls.append(ball)
+        return max(balls, key=lambda each: each.score, default=None)
+
+    def _within(self, scene: _Scene, blob: Blob) -> Ball | None:
+        """Return the ball by the circle around a blob."""
+        return self._at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step))
+
+    def _at(self, scene: _Scene, start: Circle, reach_px: float) -> Ball | None:
+        """Return the ball near a circle; None, and a note of why, if there is none."""
+        limb = find_limb(scene.image, start, reach_px, scene.lens)
+        judged = self._gates.judge(
+            scene.image, limb, start, is_lens_known=scene.is_lens_known, is_expected=scene.is_expected
+        )
+        if isinstance(judged, Ball):
+            return judged
+        scene.rejected.append(judged)
+        return None
+
+    def _around(self, scene: _Scene, blob: Blob) -> Ball | None:
+        """Return the ball by the circle of edges around a blob."""
+        circle = edge_circle(scene.image, blob.thinned_px, blob.area_px2)
+        if circle is None:
+            return None
+        return self._at(scene, circle, within(circle))
+
+    def _found(self, scene: _Scene, ball: Ball) -> Detection:
+        circle = ball.limb.circle
+        diameter_px = 2 * ball.limb.straight_radius_px
+        return Detection(
+            target=self._name,
+            status=DetectionStatus.TRUNCATED if ball.is_cut_off else DetectionStatus.FOUND,
+            reason=f"the ball, {diameter_px:.0f} px, is cut off by the border" if ball.is_cut_off else "",
+            outline_px=ball.limb.points_px,
+            centre_px=(circle.x_px, circle.y_px),
+            width_px=diameter_px,
+            height_px=diameter_px,
+            size_sigma_px=2 * ball.radius_sigma_px,
+            quality=ball.quality,
+            rejected=tuple(scene.rejected[:MOST_REJECTED]),
+            measured_with=scene.lens if scene.is_lens_known else None,
+        )
+
+    def _not_found(self, scene: _Scene, blobs: Sequence[Blob]) -> Detection:
+        limit_px = 2 * self._gates.min_radius_px
+        if not blobs:
+            reason = f"no pixel has the ball's colour {self._colour}"
+        elif not scene.rejected:
+            reason = f"largest blob {blobs[0].size_px:.0f} px, limit {limit_px:.0f} px"
+        else:
+            reason = f"largest blob {blobs[0].size_px:.0f} px {scene.rejected[0].reason}"
+        return Detection(
+            target=self._name,
+            status=DetectionStatus.NOT_FOUND,
+            reason=reason,
+            rejected=tuple(scene.rejected[:MOST_REJECTED]),
+        )
+
+
+@lru_cache(maxsize=8)
+def _likely_lens(width_px: int, height_px: int) -> CameraModel:
+    """Return a camera like those of most phones, webcams and boards: 60 to 70 degrees across the long side."""
+    return CameraModel.with_focal_length(LIKELY_FOCAL_SHARE * max(width_px, height_px), width_px, height_px)
+
+
+def _build(options: BallOptions, context: DriverContext) -> BallDetector:
+    return BallDetector(context.name, options)
+
+
+def _exercise() -> Exercise:
+    return Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"})
+
+
+PLUGIN = Plugin(BallOptions, _build, exercise=_exercise)

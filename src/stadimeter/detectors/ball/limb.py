@@ -1,0 +1,263 @@
+"""The limb of a ball: the cone of rays that touches it, fitted to the steps around an expected circle.
+
+Some of the steps are not the ball's: a finger hides part of it, what lies behind it is as bright. The cone is fitted
+robustly, and where too many steps miss it, started anew from the best of many circles through three steps each.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.detectors.ball.circles import Circle, most_common_circle
+from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
+from stadimeter.detectors.sampling import light_table
+from stadimeter.ranging.sphere_cone import LEAST_RAYS, ConeFrame, SphereCone, with_ones
+
+Values = NDArray[np.float64]
+
+BEYOND_PX = 2.5
+"""How far beyond the places where the limb may be pixels are looked at in the first look, for the levels beside it."""
+
+LEAST_REACH_PX, MOST_REACH_PX = 6.0, 24.0
+"""How far from the expected circle the limb is looked for, at first and later on."""
+
+REACH_OF_WIDTH = 0.6
+"""Half of a step, and some room, must be within reach on either side of it."""
+
+REACH_SPARE_PX = 4.0
+"""What must be left of the reach beside the step: the pixels that its levels are read from, and the rounding."""
+
+WITHIN_PX, WITHIN_SHARE, WITHIN_OF_WIDTH = 2.0, 0.06, 0.3
+"""Once a circle was fitted, the limb is looked for so near to it: pixels, a share of the radius for an oblong outline,
+and a share of how wide the steps are. Further away is the edge of a hand or of what lies behind."""
+
+MOST_LOOKS = 4
+"""How often the limb is looked for again around the last fit, until the same steps are found."""
+
+ROUNDS, SETTLED_SHARE = 5, 0.8
+"""How often the cone is fitted with new weights at most; no more once the limit for outliers shrinks by less, nor
+where all steps are so near that they count fully."""
+
+NARROWEST_PX = 0.25
+"""Steps no further from the cone than this always count fully: noise alone puts them there."""
+
+OUTLIER_SIGMAS = 4.0
+"""Steps further from the cone than this many of their usual distances are outliers."""
+
+OFF_PX, OFF_SHARE, OFF_OF_WIDTH = 1.0, 0.015, 0.6
+"""Nor do steps further away than this, however far they usually are: pixels, a share of the radius for felt, and a
+share of what blur adds to their width."""
+
+RANK, RANK_SIGMAS = 0.3, 0.385
+"""Of normal errors, 30 % are smaller than 0.385 standard deviations; more than half of the steps may be outliers."""
+
+DOUBTFUL_PX = 0.3
+DOUBTFUL_SHARE = 0.75
+"""A usual distance above the one, or a share of steps on the cone below the other, may be a fit to the wrong steps."""
+
+OUTLINE_POINTS = 16
+"""Points of the outline from which its circle follows where the lens distorts."""
+
+SQUARENESS = 1.11
+"""Spokes cross the limb at up to 45 degrees, so steps are wider along them; this is the mean."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Limb:
+    """The limb of a ball.
+
+    Attributes:
+        cone: The rays that touch the ball.
+        circle: The circle that comes nearest to the outline, as wide as its smaller diameter.
+        straight_radius_px: That radius if the lens bent no lines.
+        points_px: The steps on it, shape ``(n, 2)``.
+        support: The share of the spokes that have a step on it: how much of the limb is seen.
+        support_inside: The same share of the spokes that do not leave the picture.
+        scatter_px: Standard deviation of these steps about it.
+        width_px: How many pixels the steps take from inside to outside, the median, across the limb.
+        sigma_px: Standard deviation of `straight_radius_px` if each step erred by itself, by as much as they scatter.
+    """
+
+    cone: SphereCone
+    circle: Circle
+    straight_radius_px: float
+    points_px: Points
+    support: float
+    support_inside: float
+    scatter_px: float
+    width_px: float
+    sigma_px: float
+
+
+def find_limb(image: Image, start: Circle, within_px: float, lens: CameraModel) -> Limb | None:
+    """Fit the limb near an expected circle, looked for again around where the last fit put it.
+
+    Args:
+        within_px: How far from there it may be.
+        lens: The camera at the picture's resolution.
+
+    Returns:
+        The limb, or None where there are too few steps near the circle for any.
+    """
+    light = light_table(lens.tone_curve)
+    # Invariant: the result does not depend on where the search began. So the spokes are laid again around each fit
+    # until the part of the picture that they cover holds the whole of every step.
+    limb, circle, reach_px = None, start, within_px + BEYOND_PX
+    for _ in range(MOST_LOOKS):
+        edges = limb_edges(image, circle, reach_px, within_px, light, lens.edge_bias_px)
+        limb = None if edges is None else _fitted(edges, circle, lens)
+        if edges is None or limb is None:
+            return None
+        moved_px = math.hypot(limb.circle.x_px - circle.x_px, limb.circle.y_px - circle.y_px) + abs(
+            limb.circle.radius_px - circle.radius_px
+        )
+        needed_px = _reach_px(edges, limb)
+        if moved_px + needed_px <= reach_px + 1.0:
+            break
+        circle, reach_px = limb.circle, min(max(needed_px + 1.0, LEAST_REACH_PX), MOST_REACH_PX)
+        within_px = min(reach_px, within(circle) + WITHIN_OF_WIDTH * limb.width_px)
+    return limb
+
+
+def within(circle: Circle) -> float:
+    """Return how far from a circle that was fitted to it the limb may be."""
+    return WITHIN_PX + WITHIN_SHARE * circle.radius_px
+
+
+def _reach_px(edges: LimbEdges, limb: Limb) -> float:
+    """Return how far from the limb must be looked to see its steps whole, on an outline that is no circle."""
+    z = limb.cone.axis[2]
+    oblong_px = limb.circle.radius_px * (1 / z - 1) if z > 0 else 0.0
+    return min(REACH_SPARE_PX + REACH_OF_WIDTH * edges.wide_width_px + oblong_px, MOST_REACH_PX)
+
+
+def _fitted(edges: LimbEdges, circle: Circle, lens: CameraModel) -> Limb | None:
+    """Return the limb through most of the steps."""
+    count = edges.places.shape[1]
+    if count < LEAST_RAYS:
+        return None
+    frame = _cone_frame(edges, circle, lens)
+    most_px = _most_px(circle, edges)
+    # Least squares first: with few outliers, reweighting finds them. Where too many steps miss the cone, least squares
+    # may have settled between the limb and another edge; then the fit starts again from the circle of most votes.
+    fit = _robust(frame, frame.fit(), lens, most_px)
+    if fit is None or fit.usual_px > DOUBTFUL_PX or fit.steps < DOUBTFUL_SHARE * count:
+        points = edges.points_px
+        common = most_common_circle(points)
+        if common is not None:
+            near = np.abs(np.hypot(points[:, 0] - common.x_px, points[:, 1] - common.y_px) - common.radius_px)
+            again = _robust(frame, frame.fit(np.where(near < 0.05 * common.radius_px + 1.0, 1.0, 0.0)), lens, most_px)
+            fit = _better(fit, again)
+    return None if fit is None else _limb(fit, edges, lens)
+
+
+def _cone_frame(edges: LimbEdges, circle: Circle, lens: CameraModel) -> ConeFrame:
+    """Return the rays to the steps, as seen along the one to the middle of the circle."""
+    towards = lens.direction(circle.x_px, circle.y_px)
+    if lens.distortion:
+        return ConeFrame(with_ones(lens.directions(edges.points_px)), towards)
+    return ConeFrame(edges.places, towards, lens)
+
+
+def _most_px(circle: Circle, edges: LimbEdges) -> float:
+    """Return how far from the cone its steps may be at most: felt and blur spread them."""
+    return OFF_PX + OFF_SHARE * circle.radius_px + OFF_OF_WIDTH * max(0.0, edges.usual_width_px - 3.0)
+
+
+class _Fit(NamedTuple):
+    """A cone, by how many pixels the steps miss it, which of them are on it, how many, and how far they usually are."""
+
+    cone: SphereCone
+    misses_px: Values
+    on_it: NDArray[np.bool_]
+    steps: int
+    usual_px: float
+
+
+def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_px: float) -> _Fit | None:
+    """Fit a cone again with Tukey's weights, until what belongs to it is settled."""
+    last_px = math.inf
+    for _ in range(ROUNDS):
+        if cone is None:
+            return None
+        misses = np.abs(frame.misses(cone, _pixels_a_radian(cone, lens)))
+        usual, limit, furthest = _limits(misses, most_px)
+        if limit > SETTLED_SHARE * last_px or furthest < NARROWEST_PX:
+            break
+        last_px = limit
+        # Tukey's biweight: (1 - (miss / limit)²)², and nothing beyond the limit.
+        share = misses * (1 / limit)
+        weights = np.maximum(1 - share * share, 0.0)
+        cone = frame.fit(weights * weights)
+    if cone is None:
+        return None
+    on_it = misses < limit
+    return _Fit(cone, misses, on_it, int(np.count_nonzero(on_it)), usual)
+
+
+def _limits(misses: Values, most_px: float) -> tuple[float, float, float]:
+    """Return how far steps usually are from the cone, from where on they do not belong to it, and the furthest."""
+    ordered = misses.copy()
+    ordered.sort()
+    usual = float(ordered[int(RANK * len(ordered))]) / RANK_SIGMAS
+    return usual, min(max(OUTLIER_SIGMAS * usual, NARROWEST_PX), most_px), float(ordered[-1])
+
+
+def _better(one: _Fit | None, other: _Fit | None) -> _Fit | None:
+    """Return the fit with more steps that lie closer to it."""
+    if one is None or other is None:
+        return one or other
+
+    def worth(fit: _Fit) -> float:
+        return float(np.maximum(1 - (fit.misses_px / 1.0) ** 2, 0.0).sum())
+
+    return one if worth(one) >= worth(other) else other
+
+
+def _pixels_a_radian(cone: SphereCone, lens: CameraModel) -> float:
+    """Return how many pixels an angle across the cone takes in the picture: away from the optical axis more."""
+    return math.sqrt(lens.fx_px * lens.fy_px) / math.pow(max(cone.axis[2], 0.1), 1.5)
+
+
+def _limb(fit: _Fit, edges: LimbEdges, lens: CameraModel) -> Limb | None:
+    steps, cone = fit.steps, fit.cone
+    if steps < LEAST_RAYS or not (math.isfinite(cone.half_across) and cone.axis[2] > 0.1):
+        return None
+    misses = fit.misses_px.compress(fit.on_it)
+    scatter = math.sqrt(float(misses.dot(misses)) / max(1, steps - 3))
+    circle = _outline_circle(cone, lens)
+    straight_radius_px = cone.half_across * math.sqrt(lens.fx_px * lens.fy_px)
+    return Limb(
+        cone=cone,
+        circle=circle,
+        straight_radius_px=straight_radius_px,
+        points_px=edges.places[:2].compress(fit.on_it, axis=1).T,
+        support=steps / edges.spokes,
+        support_inside=steps / edges.inside,
+        scatter_px=scatter,
+        width_px=edges.usual_width_px / SQUARENESS,
+        sigma_px=cone.sine_share * straight_radius_px * scatter / _pixels_a_radian(cone, lens),
+    )
+
+
+def _outline_circle(cone: SphereCone, lens: CameraModel) -> Circle:
+    """Return the circle that comes nearest to the outline in the picture."""
+    if not lens.distortion:
+        x, y = cone.outline_centre
+        return Circle(
+            x_px=x * lens.fx_px + lens.cx_px,
+            y_px=y * lens.fy_px + lens.cy_px,
+            radius_px=cone.half_across * math.sqrt(lens.fx_px * lens.fy_px),
+        )
+    x_px, y_px = lens.project(np.array([cone.outline_centre]))[0].tolist()
+    points = lens.project(cone.outline(OUTLINE_POINTS))
+    radius_px = float(np.hypot(points[:, 0] - x_px, points[:, 1] - y_px).min())
+    return Circle(x_px=x_px, y_px=y_px, radius_px=radius_px)

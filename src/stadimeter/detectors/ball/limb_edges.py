@@ -1,0 +1,331 @@
+"""The edges of something round, to a few hundredths of a pixel.
+
+Spokes cross the expected outline all around. Each is a piece of the row of pixels, or of the column, that crosses the
+outline more squarely, so no pixel has to be interpolated; only where the step lies between two of them is. The step is
+where the light passes half way from what is inside to what is outside, see `stadimeter.detectors.sampling`; with
+colours, on the straight line from the one colour to the other. Both levels are read just beside the step: further
+inside a ball is shaded differently, further outside begins something else. Three things are then put right:
+
+- A ball gets darker towards its limb, so the level inside is a little too bright, and the step would seem to lie too
+  far inside. How much darker is seen between the level and a place further inside, and holds all around.
+- Blur moves the step of a curved edge inwards, by ``σ² / 2 r`` for a blur with a standard deviation of σ on a radius r.
+- What sharpening and glare add is the camera's edge bias.
+
+Arrays have the spokes first, then the pixels along them from the inside to the outside.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.sampling import Light, quantile
+
+Values = NDArray[np.float64]
+Profiles = NDArray[np.float32]
+Indices = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+
+MOST_SPOKES_A_SIDE = 16
+SPOKES_A_PIXEL = 1.2
+"""So many spokes for each pixel of the radius cross each of the four sides: no row or column is read twice."""
+
+LEAST_RADIUS_PX = 2.0
+"""A smaller circle is looked around as if it had this radius."""
+
+LEAST_CHANGE, CLEAR_SHARE = 12.0, 0.25
+"""Least change over two pixels: in levels of 8 bits, and as a share of the upper quartile of all spokes."""
+
+NEAR = np.arange(-6, 4)[:, None]
+"""The pixels beside the steepest place that tell where a sharp step is."""
+
+LEVELS = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, -0.5, -0.5],
+        [0.5, 0.5, 0.0, -0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.5, -0.5],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -0.5, -0.5],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, -0.5, -0.5],
+    ],
+    np.float32,
+)
+"""What is made of these pixels, a row each: how much brighter it is inside, two to three pixels before the steepest
+place, than outside, two to three pixels behind it; how much brighter still it is further inside; and how much brighter
+than outside the pixels before, at and behind the steepest place are."""
+
+CHANNELS = np.ones(3, np.float32)
+"""The product with these is the sum over the channels, several times as fast as numpy's."""
+
+CLIPPED = 251
+"""A channel with such a code value holds more light than it tells; the others must do. JPEG leaves it below 255."""
+
+LEAST_LIGHT = 2e-5
+"""Where the squared difference of inside and outside is less there is no step, but noise of dark pixels."""
+
+SHARP_PX, BLURRED_PX = 3.0, 3.2
+"""Steps up to the first width tell how a ball is shaded. If most are wider than the second, levels are read further
+off."""
+
+MOST_SHADE = 0.2
+"""A ball's limb is not darker than this, as a share of the step; more is a seam or a hand."""
+
+GAP_PX, GAP_OF_WIDTH, MOST_GAP_PX = 0.7, 0.5, 10.7
+"""How far from a blurred step its levels are read: half its width, and what point spread adds at its foot."""
+
+MOST_ROUNDS = 4
+"""How often the levels of a blurred step are read again, from further away."""
+
+BLUR_OF_WIDTH = 0.3
+"""Standard deviation of the blur as a share of how wide a step is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LimbEdges:
+    """Steps around something round.
+
+    Attributes:
+        places: Where they are, shape ``(3, n)``: x and y in pixels, and ones.
+        usual_width_px: How many pixels they take from inside to outside, along the spokes: the median.
+        wide_width_px: One in eight is wider than this.
+        spokes: How many spokes there are around it, those that leave the picture included.
+        inside: How many of them do not, and were looked along.
+    """
+
+    places: Values
+    usual_width_px: float
+    wide_width_px: float
+    spokes: int
+    inside: int
+
+    @property
+    def points_px(self) -> Points:
+        """Where they are, shape ``(n, 2)``."""
+        return self.places[:2].T
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Rose:
+    """Spokes around any circle: a quarter of them crosses each of its four sides, at evenly spread angles.
+
+    Attributes:
+        start: What the first pixels follow from: the sums of these rows, times the radius, the pixels inside, the
+            centre's x, its y, and 1, are their x, then their y, then ones, shape ``(5, 3 n)``.
+        step: From each pixel to the next, x, y and 0, shape ``(3, n)``.
+        slant: How much longer a way across the edge is along the spoke, shape ``(n,)``.
+    """
+
+    start: Values
+    step: Values
+    slant: Values
+
+
+class _Spokes(NamedTuple):
+    """Which pixels are looked at.
+
+    Attributes:
+        pixels: Index of each in the flat picture, shape ``(n, k)``.
+        start: Where the first pixel of each spoke is: x, y and 1, shape ``(3, n)``.
+        step: From each pixel to the next, x, y and 0, shape ``(3, n)``.
+        slant: How much longer a way across the edge is along the spoke, shape ``(n,)``.
+        expected: How many there would be without the border.
+    """
+
+    pixels: Indices
+    start: Values
+    step: Values
+    slant: Values
+    expected: int
+
+
+class _Steps(NamedTuple):
+    """Steps on spokes.
+
+    Attributes:
+        at: Where they are, in pixels from the start of the spoke, shape ``(n,)``.
+        width: How wide they are, shape ``(n,)``.
+        found: Which of them are steps, shape ``(n,)``.
+        way: How much brighter it is inside than outside, for each channel.
+    """
+
+    at: Profiles | Values
+    width: Profiles
+    found: Flags
+    way: Profiles
+
+
+def limb_edges(
+    image: Image, circle: Circle, reach_px: float, within_px: float, light: Light, bias_px: float = 0.0
+) -> LimbEdges | None:
+    """Look for the steps near an expected circle.
+
+    Args:
+        reach_px: How far from it pixels are looked at, along rows and columns.
+        within_px: How far from it the steps may be.
+        bias_px: The camera's edge bias: how far outwards the edge of something bright appears.
+
+    Returns:
+        The steps, one for each spoke that shows one; None where no spoke does.
+    """
+    inside = max(1, round(min(reach_px, 0.8 * circle.radius_px)))
+    spokes = _spokes(image.shape, circle, inside, max(4, math.ceil(reach_px)))
+    if spokes is None:
+        return None
+    codes = image.reshape(-1, 3).take(spokes.pixels, axis=0, mode="clip")
+    first, last = max(0, math.floor(inside - within_px)), math.ceil(inside + within_px) + 1
+    steepest, is_clear = _steepest(codes[:, first:last])
+    steepest += first
+    steps = _sharp_steps(codes, steepest, light)
+    if quantile(steps.width) > BLURRED_PX:
+        steps = _blurred_steps(codes, steepest, light)
+    found = steps.found & is_clear
+    width = steps.width.compress(found)
+    if not len(width):
+        return None
+    width.sort()
+    usual_px = float(width[len(width) // 2])
+    # A blur of σ draws the step of a circle of radius r inwards by σ² / 2 r.
+    outwards_px = (BLUR_OF_WIDTH * usual_px) ** 2 / (2 * circle.radius_px) - _bias_px(steps, bias_px)
+    places = spokes.start + spokes.step * (steps.at + outwards_px * spokes.slant)
+    return LimbEdges(
+        places=places.compress(found, axis=1),
+        usual_width_px=usual_px,
+        wide_width_px=float(width[len(width) - 1 - len(width) // 8]),
+        spokes=spokes.expected,
+        inside=len(found),
+    )
+
+
+def _bias_px(steps: _Steps, bias_px: float) -> float:
+    """Return how far outwards the camera shows the steps: of something dark, those of the bright around it."""
+    return math.copysign(bias_px, bias_px * float(steps.way.sum())) if bias_px else 0.0
+
+
+@lru_cache(maxsize=MOST_SPOKES_A_SIDE)
+def _rose(a_side: int) -> _Rose:
+    """Return spokes at evenly spread angles, in the quarter circles about right, down, left and up."""
+    angles = np.repeat(np.arange(4) * (math.pi / 2), a_side)
+    beside = np.tile((np.arange(a_side) + 0.5) * (math.pi / 2 / a_side) - math.pi / 4, 4)
+    step = np.rint([np.cos(angles), np.sin(angles), np.zeros(4 * a_side)])
+    limb = np.array([np.cos(angles + beside), np.sin(angles + beside), np.zeros(4 * a_side)])
+    constant = np.repeat(np.eye(3), 4 * a_side, axis=1)
+    return _Rose(
+        start=np.vstack([limb.ravel(), -step.ravel(), constant]), step=step, slant=np.asarray(1 / np.cos(beside))
+    )
+
+
+@lru_cache(maxsize=64)
+def _offsets(a_side: int, width: int, length: int) -> tuple[Values, Indices]:
+    """Return what the index of a place in the flat picture follows from, and those along each spoke from its first."""
+    index = np.array((1.0, width, 0.0))
+    return index, np.outer(index.dot(_rose(a_side).step), np.arange(length)).astype(np.intp)
+
+
+def _spokes(shape: tuple[int, ...], circle: Circle, inside: int, outside: int) -> _Spokes | None:
+    """Lay spokes from `inside` pixels inside the circle to `outside` pixels outside, those that fit the picture."""
+    height, width = shape[:2]
+    x, y, radius = circle.x_px, circle.y_px, max(circle.radius_px, LEAST_RADIUS_PX)
+    a_side = int(min(MOST_SPOKES_A_SIDE, max(3, SPOKES_A_PIXEL * radius)))
+    rose = _rose(a_side)
+    start = np.rint(np.array((radius, inside, x, y, 1.0)).dot(rose.start)).reshape(3, -1)
+    index, offsets = _offsets(a_side, width, inside + outside + 1)
+    pixels = index.dot(start).astype(np.intp)[:, None] + offsets
+    spokes = _Spokes(pixels, start, rose.step, rose.slant, 4 * a_side)
+    reach = radius + outside + 1
+    is_whole = min(x, y, width - 1 - x, height - 1 - y) >= reach and radius >= inside
+    return spokes if is_whole else _inside(spokes, width, height)
+
+
+def _inside(spokes: _Spokes, width: int, height: int) -> _Spokes | None:
+    """Return the spokes that are whole in the picture; None if there are none."""
+    ends = spokes.start + spokes.step * (spokes.pixels.shape[1] - 1)
+    low, high = np.minimum(spokes.start, ends), np.maximum(spokes.start, ends)
+    whole = (low[0] >= 0) & (low[1] >= 0) & (high[0] < width) & (high[1] < height)
+    if not whole.any():
+        return None
+    start, step = spokes.start[:, whole], spokes.step[:, whole]
+    return _Spokes(spokes.pixels[whole], start, step, spokes.slant[whole], spokes.expected)
+
+
+def _steepest(codes: Image) -> tuple[Indices, Flags]:
+    """Return where the colour of each spoke changes most, and whether that is more than noise, shape ``(n,)`` each.
+
+    Compared are the pixel before and the one after. Noise has a steepest place too, but nothing like that of most.
+    """
+    change = np.subtract(codes[:, 2:], codes[:, :-2], dtype=np.float32)
+    change *= change
+    squared = change.reshape(-1, 3).dot(CHANNELS)
+    length = change.shape[1]
+    steepest = squared.reshape(-1, length).argmax(axis=1)
+    most = squared.take(steepest + np.arange(0, len(squared), length))
+    least = max(LEAST_CHANGE**2, CLEAR_SHARE**2 * quantile(most, 0.75))
+    return steepest + 1, most > least
+
+
+def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
+    """Measure steps no wider than a sharp picture has them, from a few pixels about the steepest places."""
+    spokes, length = codes.shape[:2]
+    near = np.minimum(np.maximum(steepest + NEAR, 0), length - 1)
+    near += np.arange(0, length * spokes, length)
+    near_codes = codes.reshape(-1, 3).take(near, axis=0)
+    levels = LEVELS.dot(light.take(near_codes).reshape(len(NEAR), -1))
+    way = levels[0]
+    if np.maximum.reduce(near_codes, axis=None) >= CLIPPED:
+        way = way * (np.maximum.reduce(near_codes, axis=0) < CLIPPED).ravel()
+    products = (levels * way).reshape(-1, 3).dot(CHANNELS).reshape(-1, spokes)
+    rise, before, here, after = products[1:] / np.maximum(products[0], LEAST_LIGHT)
+    # From here on light is a share of the step: 1 inside, 0 outside. At the limb a ball is darker than where the inner
+    # level is read, so half way is lowered by half of that shade.
+    width = 2 / np.maximum(before - after, 0.02)
+    half = 0.5 - 0.5 * _shade(rise, width)
+    above = here - half
+    drop = np.where(above > 0, here - after, before - here)
+    at = steepest + above / np.maximum(drop, 1e-3)
+    return _Steps(at, width, (before > half) & (after <= half), way)
+
+
+def _shade(rise: Profiles, width: Profiles) -> float:
+    """Return by how much the level inside is brighter where it is read than at the limb, as a share of the step."""
+    sharp = rise.compress(width < SHARP_PX)
+    return min(max(quantile(sharp), 0.0), MOST_SHADE) if len(sharp) else 0.0
+
+
+def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
+    """Measure steps of any width: levels are read beyond their foot, found in a few rounds."""
+    spoke, last = np.arange(len(codes)), codes.shape[1] - 1
+    lit = light.take(codes)
+    way = lit[spoke, np.maximum(steepest - 2, 0)] - lit[spoke, np.minimum(steepest + 2, last)]
+    way *= codes.max(axis=1) < CLIPPED
+    squared = np.maximum((way * way).sum(axis=1), LEAST_LIGHT)
+    share = np.matmul(lit, (way / squared[:, None])[:, :, None])[:, :, 0]
+    fall = np.maximum((share[spoke, steepest - 1] - share[spoke, steepest + 1]) / 2, 1e-3)
+    middle, width = steepest, np.full(len(share), SHARP_PX, np.float32)
+    # How wide a step is and where its levels are read follow from each other: a few rounds settle both.
+    for _ in range(MOST_ROUNDS):
+        gap = np.rint(GAP_PX + GAP_OF_WIDTH * width).clip(1, MOST_GAP_PX).astype(np.intp)
+        inner, outer = np.maximum(middle - gap, 1), np.minimum(middle + gap, last - 1)
+        high = (share[spoke, inner] + share[spoke, inner - 1]) / 2
+        low = (share[spoke, outer] + share[spoke, outer + 1]) / 2
+        width = (high - low) / fall
+        at, found = _passes(share, spoke, middle, (high + low) / 2)
+        middle = np.where(found, np.rint(at), middle).astype(np.intp)
+    return _Steps(at, width, found & (high > low), way)
+
+
+def _passes(share: Profiles, spoke: Indices, middle: Indices, half: Profiles) -> tuple[Profiles, Flags]:
+    """Return where each spoke passes half way nearest to its middle, and whether it does."""
+    above = share > half[:, None]
+    passes = above[:, :-1] & ~above[:, 1:]
+    distance = np.abs(np.arange(share.shape[1] - 1) + 0.5 - middle[:, None])
+    distance[~passes] = np.inf
+    before = np.argmin(distance, axis=1)
+    found = passes[spoke, before]
+    upper, lower = share[spoke, before], share[spoke, before + 1]
+    return before + (upper - half) / np.where(found, upper - lower, 1.0), found

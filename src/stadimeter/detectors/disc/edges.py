@@ -1,0 +1,302 @@
+"""The outline of a disc, to a few hundredths of a pixel.
+
+Light is read along lines across an ellipse that is near the outline. Where it passes half way from inside to outside
+is the edge, see `stadimeter.detectors.sampling`; the ellipse is moved to these edges by least squares, and the
+light is read again, until the ellipse stays. So the result does not depend on where it began.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from stadimeter.detectors.disc.ellipse import Ellipse, Rim, Values, turns
+from stadimeter.detectors.disc.profiles import LEAST_LIGHT, EdgePicture, Mask, Steps, read_steps
+from stadimeter.detectors.sampling import quantile
+
+LEAST_LINES = 40
+"""Across how many lines the light is read at least; if the effort allows, one for each pixel of the outline."""
+
+FIRST_FITS, NEXT_FITS = 3, 2
+"""How often a look's fit is repeated, each time with weights that follow from the last."""
+
+LEAST_REACH_PX = 2.2
+REACH_SIGMAS = 2.6
+REACH_MORE_PX = 0.8
+"""How far to both sides of the outline light is read: past the blur of the edge, and no further."""
+
+NEARLY_REACHED = 1.2
+INNER_SHARE = 0.6
+"""Light is read no further inside than this share of the smaller half axis."""
+
+LEAST_BAND_PX, BAND_SCATTERS = 0.35, 3.5
+"""Edges this far from the ellipse do not count for it: what hides a part of the disc, or lies beside it."""
+
+LEAST_EDGES = 12
+LEAST_HOPE = 0.4
+"""Looking ends if the edges on the ellipse are less than this share of the lines, or fewer than that number."""
+
+HOPELESS_PX, HOPELESS_BLURS, HOPELESS_SHARE = 0.6, 0.4, 0.015
+"""It ends as well if they scatter by more than the sum of these: pixels, blurs, and shares of the larger diameter."""
+
+MAD_SIGMAS = 1.4826
+"""The standard deviation of a normal distribution in units of its median absolute deviation."""
+
+BEND_PARTS = 36
+"""How far the outline is from an ellipse is seen in parts of 10 degrees."""
+
+INSIDE = np.concatenate([share * turns(16) for share in (0.15, 0.4, 0.6, 0.75)])
+"""Where the light inside is read, for an ellipse that is the unit circle."""
+
+EVEN_SHARE = 0.7
+"""The rest may be hidden, or printed on."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class EllipseEdges:
+    """What the outline of a disc looks like.
+
+    Attributes:
+        ellipse: The ellipse through its edges, without the lens's distortion and the camera's edge bias.
+        support: The share of the lines with an edge on the ellipse, of those inside the picture.
+        visible: The share of the lines that are inside the picture.
+        widest_gap: The longest part of the outline without an edge on the ellipse, as a share of it.
+        contrast: How much more light comes from inside than from outside, as a share of the most that a picture can
+            hold: the median of the lines on the ellipse. Negative for a dark disc.
+        weakest: The contrast that nine in ten lines on the ellipse exceed, without sign.
+        inside: The light inside, and
+        outside: outside, medians.
+        unevenness: How far the light inside is from that along the rim, as a share of the contrast; seven tenths of it
+            are nearer.
+        scatter_px: Standard deviation of the edges on the ellipse about it.
+        bend_px: The part of that which neighbouring edges have in common: how far the outline is from an ellipse.
+        edge_px: How blurred the edge is: the standard deviation of a normal distribution.
+        sigma_px: Standard deviation of the larger diameter that follows from the scatter alone.
+    """
+
+    ellipse: Ellipse
+    support: float
+    visible: float
+    widest_gap: float
+    contrast: float
+    weakest: float
+    inside: float
+    outside: float
+    unevenness: float
+    scatter_px: float
+    bend_px: float
+    edge_px: float
+    sigma_px: float
+
+
+class Effort(NamedTuple):
+    """How well to measure.
+
+    Attributes:
+        most_lines: Across how many lines the light is read at most.
+        most_looks: How often at most.
+        stays_px: The ellipse has arrived once a look moves no part of it by more than this.
+    """
+
+    most_lines: int
+    most_looks: int
+    stays_px: float
+
+
+ROUGHLY = Effort(most_lines=48, most_looks=4, stays_px=0.4)
+THOROUGHLY = Effort(most_lines=144, most_looks=8, stays_px=0.01)
+
+
+class _Fit(NamedTuple):
+    """An ellipse moved to the edges, by how much, and how well they lie on it."""
+
+    ellipse: Ellipse
+    moved_px: float
+    left_px: Values
+    on_ellipse: Mask
+    scatter_px: float
+    sigma_px: float
+
+
+def measure_ellipse(
+    picture: EdgePicture, start: Ellipse, *, is_bright: bool, reach_px: float, edge_bias_px: float, effort: Effort
+) -> EllipseEdges | None:
+    """Fit an ellipse to the outline of a disc.
+
+    Args:
+        start: About where the outline is, without distortion.
+        is_bright: Whether the disc is brighter than what is around it.
+        reach_px: How far from there the outline may be.
+        edge_bias_px: How far outwards the camera moves the edges of something bright.
+        effort: `ROUGHLY`, to tell what it is, or `THOROUGHLY`.
+
+    Returns:
+        The outline; None where there is none near the start.
+    """
+    ellipse, widest_px, seen = start, 0.0, None
+    outwards_px = edge_bias_px if is_bright else -edge_bias_px
+    lines = int(min(max(start.perimeter_px(), LEAST_LINES), effort.most_lines))
+    # Gauss-Newton, the light read anew after each step: the ellipse that stays is one whose edges are all half way,
+    # wherever the search began. The first look takes the steepest place, since both ends of a line may be anywhere.
+    for look in range(effort.most_looks):
+        rim, smaller = ellipse.rim(lines), ellipse.axes()[1]
+        reach = min(reach_px if look == 0 else _reach_px(widest_px, smaller), INNER_SHARE * smaller)
+        steps = read_steps(picture, rim, reach, is_bright=is_bright, is_first=look == 0)
+        off = steps.off_px + _drawn_in_px(rim, steps) - outwards_px
+        fit = _moved(ellipse, rim, off, steps.is_edge, FIRST_FITS if look == 0 else NEXT_FITS)
+        if fit is None or not _is_near(fit.ellipse, start, reach_px) or not _is_hopeful(fit, steps):
+            return None
+        ellipse, widest_px, seen = fit.ellipse, steps.widest_px, (fit, steps)
+        has_arrived = look > 0 and fit.moved_px < effort.stays_px
+        if has_arrived and _reach_px(widest_px, smaller) < NEARLY_REACHED * reach:
+            break
+    return None if seen is None else _described(picture, *seen)
+
+
+def _drawn_in_px(rim: Rim, steps: Steps) -> Values:
+    """Return how far inside the outline the half way places are, since the outline bends within the blur.
+
+    Blurred by s along a curve of curvature k, half the light is at ``s (k s / 2 - (k s)³ / 6)`` inside of it, up to the
+    fifth power of k s. Each edge shows the blur across itself, ``n' S n``; from all of them S follows by least squares,
+    and so the blur along each, which is another one where the camera moves.
+    """
+    if not steps.edge_px > 0:
+        return np.zeros(len(rim.curvature))
+    (x, y), weights = rim.outward.T, steps.is_edge.astype(np.float64)
+    parts = np.array((x * x, 2 * x * y, y * y))
+    weighted = parts * weights
+    try:
+        xx, xy, yy = np.linalg.solve(weighted @ parts.T, weighted @ steps.blur_px**2)
+    except np.linalg.LinAlgError:
+        return np.zeros(len(rim.curvature))
+    along = np.sqrt(np.maximum(yy * x * x - 2 * xy * x * y + xx * y * y, 0.0))
+    bend = np.minimum(rim.curvature * along, 1.0)
+    return np.asarray(along * (bend / 2 - bend**3 / 6))
+
+
+def _reach_px(edge_px: float, smaller_px: float) -> float:
+    return min(max(LEAST_REACH_PX, REACH_SIGMAS * edge_px + REACH_MORE_PX), max(LEAST_REACH_PX, smaller_px / 2))
+
+
+def _is_near(ellipse: Ellipse, start: Ellipse, reach_px: float) -> bool:
+    """Say whether an ellipse is still about the one where it began."""
+    if not np.isfinite(ellipse.half_axes_px).all():
+        return False
+    larger, smaller, _ = ellipse.axes()
+    began, _, _ = start.axes()
+    most_px = 2 * reach_px + 0.25 * began
+    moved_px = float(np.abs(ellipse.centre_px - start.centre_px).max())
+    return smaller > 1.0 and moved_px < most_px and abs(larger - began) < most_px
+
+
+def _is_hopeful(fit: _Fit, steps: Steps) -> bool:
+    """Say whether enough of the edges are near enough to the ellipse for more of them to be after the next look."""
+    larger_px = 2 * fit.ellipse.axes()[0]
+    if fit.scatter_px > HOPELESS_PX + HOPELESS_BLURS * steps.edge_px + HOPELESS_SHARE * larger_px:
+        return False
+    return int(np.count_nonzero(fit.on_ellipse)) >= LEAST_HOPE * int(np.count_nonzero(steps.visible))
+
+
+def _moved(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int) -> _Fit | None:
+    """Move an ellipse to the edges: a step of Gauss and Newton, with Tukey's weights against those that do not fit.
+
+    A change of c by dc and of M by dM moves the place at t outwards by ``n · (dc + dM (cos t, sin t))``.
+    """
+    if np.count_nonzero(is_edge) < LEAST_EDGES:
+        return None
+    (x, y), (cosine, sine) = rim.outward.T, rim.turns.T
+    parts = np.array((x, y, x * cosine, y * sine, x * sine + y * cosine))
+    # Begin from the middle of the edges, so that a start that is too large or too small all around counts as near.
+    left = off_px - quantile(off_px[is_edge]) if fits == FIRST_FITS else off_px
+    for _ in range(fits):
+        band = max(LEAST_BAND_PX, BAND_SCATTERS * MAD_SIGMAS * quantile(np.abs(left[is_edge])))
+        weights = np.where(is_edge, np.maximum(1 - (left / band) ** 2, 0.0) ** 2, 0.0)
+        weighted = parts * weights
+        normal = weighted @ parts.T
+        try:
+            change = np.linalg.solve(normal, weighted @ off_px)
+        except np.linalg.LinAlgError:
+            return None
+        left = off_px - change @ parts
+    on_ellipse = is_edge & (np.abs(left) < band)
+    if np.count_nonzero(on_ellipse) < LEAST_EDGES:
+        return None
+    scatter_px = math.sqrt(float(weights @ left**2 / weights.sum()))
+    dx, dy, dxx, dyy, dxy = change
+    moved = Ellipse(
+        centre_px=ellipse.centre_px + np.array((dx, dy)),
+        half_axes_px=ellipse.half_axes_px + np.array(((dxx, dxy), (dxy, dyy))),
+    )
+    return _Fit(
+        ellipse=moved,
+        moved_px=float(np.abs(change @ parts).max()),
+        left_px=left,
+        on_ellipse=on_ellipse,
+        scatter_px=scatter_px,
+        sigma_px=_sigma_px(normal, scatter_px, moved),
+    )
+
+
+def _sigma_px(normal: Values, scatter_px: float, ellipse: Ellipse) -> float:
+    """Return the standard deviation of the larger diameter, if edges err each on its own."""
+    x, y = ellipse.axes()[2]
+    along = np.array((0.0, 0.0, x * x, y * y, 2 * x * y))
+    try:
+        share = float(along @ np.linalg.solve(normal, along))
+    except np.linalg.LinAlgError:
+        return math.inf
+    return 2 * scatter_px * math.sqrt(max(share, 0.0))
+
+
+def _described(picture: EdgePicture, fit: _Fit, steps: Steps) -> EllipseEdges:
+    seen = fit.on_ellipse
+    contrast = steps.contrast[seen]
+    usual = quantile(contrast)
+    inside = quantile(steps.inside[seen])
+    sign = 1.0 if inside > 0 else -1.0
+    return EllipseEdges(
+        ellipse=fit.ellipse,
+        support=float(seen.sum()) / max(1, int(steps.visible.sum())),
+        visible=float(steps.visible.mean()),
+        widest_gap=_widest_gap(seen),
+        contrast=sign * usual,
+        weakest=quantile(contrast, 0.1),
+        inside=abs(inside),
+        outside=abs(inside - usual),
+        unevenness=_unevenness(picture, fit.ellipse, abs(inside)) / max(usual, LEAST_LIGHT),
+        scatter_px=fit.scatter_px,
+        bend_px=_bend_px(fit.left_px, seen),
+        edge_px=steps.edge_px,
+        sigma_px=fit.sigma_px,
+    )
+
+
+def _widest_gap(seen: Mask) -> float:
+    places = np.flatnonzero(seen)
+    return float(np.diff(np.append(places, places[0] + len(seen))).max() - 1) / len(seen)
+
+
+def _bend_px(left_px: Values, seen: Mask) -> float:
+    """Return how far the edges are from the ellipse, less what follows from each erring on its own.
+
+    How much that is, is seen from how much each differs from the next.
+    """
+    # Noise of single edges averages out over a part of the outline, a bend does not: the variance of the means, less
+    # the share of it that noise explains, is that of the bend. Differences of neighbours give the noise alone.
+    together = max(1, len(seen) // BEND_PARTS)
+    both = seen[:-1] & seen[1:]
+    alone = float(np.mean((left_px[1:] - left_px[:-1])[both] ** 2)) / 2 if both.any() else 0.0
+    count = len(seen) // together * together
+    left, weight = (np.where(seen, each, 0.0)[:count].reshape(-1, together) for each in (left_px, seen))
+    counts = weight.sum(axis=1)
+    means = left.sum(axis=1)[counts > 0] / counts[counts > 0]
+    return math.sqrt(max(0.0, float(np.mean(means**2)) - alone / together))
+
+
+def _unevenness(picture: EdgePicture, ellipse: Ellipse, rim_light: float) -> float:
+    """Return how far the light inside an ellipse is from that along its rim, but for the part that differs most."""
+    light, is_inside = picture.read(INSIDE @ ellipse.half_axes_px + ellipse.centre_px)
+    return quantile(np.abs(light[is_inside] - rim_light), EVEN_SHARE) if is_inside.any() else 0.0

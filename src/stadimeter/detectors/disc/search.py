@@ -1,0 +1,347 @@
+"""Outlines in a picture that may be those of discs.
+
+The picture is parted at several levels of brightness. What is bright of it or dark may be a disc; whether it is shaped
+like one is seen from its area and its second moments, which an ellipse has in a fixed proportion, and from how far its
+outline lies from the ellipse with these moments.
+
+Of a disc that is partly hidden, or touches what is as bright, or is cut off by the border, only a part of the outline
+is an ellipse: ellipses through pieces of it are tried, and the one that most of the outline lies on is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.detectors.disc.ellipse import Ellipse, ellipse_from_moments, ellipse_through
+from stadimeter.detectors.region import Region
+from stadimeter.detectors.sampling import reduced, to_full_scale
+
+Plane = NDArray[np.uint8]
+Contour = NDArray[np.int32]
+
+SEARCH_LONG_SIDE_PX = 800
+"""Outlines are looked for in a picture of this size, and measured in the full one."""
+
+LEVELS = 10
+"""A disc is found if one of these levels lies between it and all that is around it."""
+
+LEAST_RANGE = 6
+"""A picture whose brightest and darkest values differ by less holds nothing."""
+
+SMOOTH = 3
+"""Side of the mean filter, in pixels. Without it noise gives thousands of specks at every level."""
+
+COMPACT = 0.5
+"""The least area of an outline that is measured, as a share of that of a circle with its length."""
+
+LEAST_FILL = 0.93
+"""The least area of an outline, as a share of that of the ellipse with its moments: a square has 0.955."""
+
+LEAST_ASPECT = 0.2
+"""Flatter outlines are not looked at; the limit for a disc is applied to its measured outline."""
+
+OFF_PX, OFF_SHARE = 0.8, 0.025
+"""How far an outline may lie from its ellipse, root mean square: in pixels, and as a share of the mean half axis."""
+
+SAME_PLACE, SAME_SIZE = 0.2, 0.15
+"""Outlines are one if their centres are nearer than this share of the size, and their sizes differ by less."""
+
+MOST_LOOKED_AT = 40
+"""Of outlines that are no ellipses, only the largest are looked at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class View:
+    """A part of a picture, reduced if it is large.
+
+    Attributes:
+        left_top_px: Its first pixel in the whole picture, x and y.
+        grey: It in code values, reduced.
+        scale: By how much: 0.5 for half the size.
+    """
+
+    left_top_px: Points
+    grey: Plane
+    scale: float
+
+    @classmethod
+    def of(cls, image: Image, region: Region) -> View:
+        """Return a view of a part of a picture."""
+        small, scale = reduced(region.of(image), SEARCH_LONG_SIDE_PX)
+        return cls(left_top_px=region.left_top_px, grey=_grey(small), scale=scale)
+
+    def in_full(self, ellipse: Ellipse) -> Ellipse:
+        """Return where an ellipse of the reduced part is in the whole picture."""
+        return Ellipse(
+            centre_px=to_full_scale(ellipse.centre_px, self.scale) + self.left_top_px,
+            half_axes_px=ellipse.half_axes_px / self.scale,
+        )
+
+
+class Shape(NamedTuple):
+    """What is brighter or darker than a level.
+
+    Attributes:
+        contour: The pixels of its outline, shape ``(n, 1, 2)``.
+        area: The area within, in px².
+        is_bright: Whether it is brighter than what is around it.
+    """
+
+    contour: Contour
+    area: float
+    is_bright: bool
+
+
+class Outline(NamedTuple):
+    """A shape beside the ellipse that it is most like.
+
+    Attributes:
+        size_px: The larger diameter of the ellipse.
+        fill: The area of the shape, as a share of that of the ellipse.
+        off_px: How far the outline lies from the ellipse, root mean square; infinite if it is flat or hollow.
+        seen: At how many levels it was seen.
+    """
+
+    shape: Shape
+    ellipse: Ellipse
+    size_px: float
+    fill: float
+    off_px: float
+    seen: int = 1
+
+    @property
+    def promise(self) -> float:
+        """How much it may stand out as a disc: a root of contrast times size, times how round it is."""
+        larger, smaller, _ = self.ellipse.axes()
+        return math.sqrt(self.seen * larger) * smaller / larger
+
+    @property
+    def is_elliptical(self) -> bool:
+        """Whether nearly all of it lies on the ellipse."""
+        return self.off_px < most_off_px(self.ellipse)
+
+
+class Outlines(NamedTuple):
+    """What was found in a picture.
+
+    Attributes:
+        ellipses: What is elliptical, each of them once, the most promising first.
+        others: What has another shape, at every level.
+        brightness_range: By how much the brightest and the darkest value differ.
+    """
+
+    ellipses: Sequence[Outline]
+    others: Sequence[Shape]
+    brightness_range: int
+
+
+def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> Outlines:
+    """Find what may be a disc.
+
+    Args:
+        least_px: The least larger diameter.
+    """
+    smooth = np.asarray(cv2.blur(grey, (SMOOTH, SMOOTH)), np.uint8)
+    darkest, brightest = (int(each) for each in cv2.minMaxLoc(smooth)[:2])
+    if brightest - darkest < LEAST_RANGE:
+        return Outlines((), (), brightest - darkest)
+    ellipses: list[Outline] = []
+    others: list[Shape] = []
+    # A disc shows as a compact shape at every level between its own brightness and that of what is around it, so the
+    # number of levels at which it was seen tells its contrast.
+    for level in np.linspace(darkest, brightest, LEVELS + 2)[1:-1]:
+        for shape in _shapes(smooth, float(level), least_px):
+            if not (bright if shape.is_bright else dark):
+                continue
+            outline = _outline(shape) if _is_compact(shape) else None
+            if outline is not None and outline.is_elliptical:
+                if outline.size_px > least_px:
+                    ellipses.append(outline)
+            else:
+                others.append(shape)
+    promising = sorted(distinct(ellipses), key=lambda each: -each.promise)
+    return Outlines(ellipses=promising, others=others, brightness_range=brightest - darkest)
+
+
+def largest(shapes: Iterable[Shape], count: int) -> list[Outline]:
+    """Return the largest of shapes that are no ellipses, what was seen at several levels once."""
+    looked_at = sorted(shapes, key=lambda each: -each.area)[:MOST_LOOKED_AT]
+    outlines = (_outline(each) for each in looked_at)
+    return distinct([each for each in outlines if each is not None])[:count]
+
+
+def most_off_px(ellipse: Ellipse) -> float:
+    """Return how far the outline of an ellipse may lie from it, root mean square."""
+    larger, smaller, _ = ellipse.axes()
+    return max(OFF_PX, OFF_SHARE * (larger + smaller) / 2)
+
+
+def root_mean_square(values: NDArray[np.float64]) -> float:
+    """Return the root of the mean of squares."""
+    return math.sqrt(float(values @ values) / len(values))
+
+
+def _shapes(smooth: Plane, level: float, least_px: float) -> Iterator[Shape]:
+    """Yield what is brighter or darker than a level and large enough.
+
+    OpenCV goes around what is bright and around its holes in opposite ways, so the sign of the area tells them apart. A
+    tree of the contours tells the same, but OpenCV takes a minute to grow it where there are a hundred thousand holes.
+    """
+    parted = cv2.threshold(smooth, level, 255, cv2.THRESH_BINARY)[1]
+    contours, _ = cv2.findContours(parted, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    least_area = LEAST_ASPECT * math.pi / 4 * least_px**2
+    for contour in contours:
+        if len(contour) > 2 * least_px:
+            area = cv2.contourArea(contour, oriented=True)
+            if abs(area) > least_area:
+                yield Shape(np.asarray(contour, np.int32), abs(area), is_bright=area < 0)
+
+
+def _is_compact(shape: Shape) -> bool:
+    return 4 * math.pi * shape.area > COMPACT * len(shape.contour) ** 2
+
+
+def _outline(shape: Shape) -> Outline | None:
+    """Return what a shape looks like as an ellipse; None for a line."""
+    moments = cv2.moments(shape.contour)
+    area = moments["m00"]
+    centre = (moments["m10"] / area, moments["m01"] / area)
+    ellipse = ellipse_from_moments(area, centre, (moments["mu20"], moments["mu11"], moments["mu02"]))
+    if ellipse is None:
+        return None
+    larger, smaller, _ = ellipse.axes()
+    fill, off_px = area / (math.pi * larger * smaller), math.inf
+    if fill > LEAST_FILL and smaller > LEAST_ASPECT * larger:
+        off_px = root_mean_square(ellipse.distances_px(shape.contour[:, 0].astype(np.float64)))
+    return Outline(shape, ellipse, 2 * larger, fill, off_px)
+
+
+def distinct(outlines: Sequence[Outline]) -> list[Outline]:
+    """Return what was seen at several levels once, as it is most like an ellipse; the largest first."""
+    if not outlines:
+        return []
+    order = sorted(outlines, key=lambda each: (not each.is_elliptical, each.off_px, -each.fill))
+    places = np.array([each.ellipse.centre_px for each in order])
+    sizes = np.array([each.size_px for each in order])
+    shades = np.array([each.shape.is_bright for each in order])
+    is_left = np.ones(len(order), np.bool_)
+    kept = []
+    for number, outline in enumerate(order):
+        if is_left[number]:
+            near = (np.abs(places - places[number]) < SAME_PLACE * sizes[number]).all(axis=1)
+            alike = np.abs(sizes / sizes[number] - 1) < SAME_SIZE
+            same = is_left & near & alike & (shades == shades[number])
+            kept.append(outline._replace(seen=int(np.count_nonzero(same))))
+            is_left &= ~same
+    return sorted(kept, key=lambda each: -each.size_px)
+
+
+LEAST_SIZE_PX = 16.0
+"""The pieces of smaller outlines are too short to tell an ellipse from."""
+
+LEAST_LEFT = 0.55
+"""How much of an outline must be left."""
+
+POINTS = 96
+PIECE_POINTS = (24, 48)
+PIECES = 8
+"""Points taken of an outline, the lengths of pieces of it, and how many of each length there are."""
+
+TIMES_OFF = 1.5
+"""Points within this multiple of what a whole outline may be off are on the ellipse."""
+
+ON_PIECE_PX = 2.0
+"""Points that are off by less are on the ellipse through a piece."""
+
+FITS = 3
+BORDER_PX = 2
+
+_STARTS = np.concatenate([np.arange(0, POINTS, POINTS // PIECES) for _ in PIECE_POINTS])
+_ENDS = _STARTS + np.repeat(PIECE_POINTS, PIECES)
+
+Conics = NDArray[np.float64]
+
+
+def find_partly_hidden(outlines: Iterable[Outline], shape: tuple[int, int]) -> list[Outline]:
+    """Find ellipses of which a part is hidden, or cut off by the border of the picture.
+
+    Args:
+        outlines: What is not elliptical as a whole.
+        shape: Height and width of the picture.
+
+    Returns:
+        The ellipses that most of an outline lies on, the largest first.
+    """
+    found = (_most_of(each, shape) for each in outlines if each.size_px > LEAST_SIZE_PX)
+    return distinct([each for each in found if each is not None])
+
+
+def _most_of(outline: Outline, shape: tuple[int, int]) -> Outline | None:
+    """Return the ellipse that most of an outline lies on; the border of the picture is no part of it."""
+    contour = outline.shape.contour
+    points = contour[np.arange(POINTS) * len(contour) // POINTS, 0].astype(np.float64)
+    inner = ((points >= BORDER_PX) & (points < np.array(shape[::-1]) - BORDER_PX)).all(axis=1)
+    ellipse = ellipse_through(points[_on_best_piece(points, inner)])
+    for _ in range(FITS):
+        ellipse = None if ellipse is None else ellipse_through(points[inner & _is_on(ellipse, points)])
+    if ellipse is None:
+        return None
+    larger, smaller, _ = ellipse.axes()
+    on_it = inner & _is_on(ellipse, points)
+    # Steps from pixel to pixel are longer across a diagonal: there are 0.9 pixels on each pixel of length.
+    length_px = np.count_nonzero(on_it) * len(contour) / POINTS
+    is_left = length_px > 0.9 * LEAST_LEFT * ellipse.perimeter_px()
+    if not (is_left and LEAST_SIZE_PX < 2 * larger < 2 * max(shape) and smaller > LEAST_ASPECT * larger):
+        return None
+    return outline._replace(
+        ellipse=ellipse, size_px=2 * larger, off_px=root_mean_square(ellipse.distances_px(points[on_it]))
+    )
+
+
+def _on_best_piece(points: Points, inner: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which points are on that ellipse through a piece of them that most are on."""
+    middle = points.mean(axis=0)
+    size_px = max(math.sqrt(float(np.mean((points - middle) ** 2))), 1.0)
+    x, y = ((points - middle) / size_px).T
+    rows = np.stack((x * x, x * y, y * y, x, y), axis=1)
+    a, b, c, d, e = (each[:, None] for each in _conics(rows * inner[:, None]).T)
+    off = a * x * x + b * x * y + c * y * y + d * x + e * y - 1
+    # How far off a point is in space, to first order (P. Sampson, 1982).
+    steepness = np.hypot(2 * a * x + b * y + d, b * x + 2 * c * y + e)
+    is_on = inner & _is_ellipse(a, b, c, d, e) & (np.abs(off) < ON_PIECE_PX / size_px * np.maximum(steepness, 1e-9))
+    return np.asarray(is_on[int(np.argmax(is_on.sum(axis=1)))])
+
+
+def _is_ellipse(a: Conics, b: Conics, c: Conics, d: Conics, e: Conics) -> NDArray[np.bool_]:
+    """Say which conics are ellipses with points on them; the middle of the outline need not be inside."""
+    area = 4 * a * c - b * b
+    safe = np.where(area > 0, area, 1.0)
+    x, y = (b * e - 2 * c * d) / safe, (b * d - 2 * a * e) / safe
+    return np.asarray((area > 0) & (((d * x + e * y) / 2 - 1) * a < 0), np.bool_)
+
+
+def _conics(rows: NDArray[np.float64]) -> Conics:
+    """Return the conic through each piece, ``a x² + b x y + c y² + d x + e y = 1``, shape ``(pieces, 5)``."""
+    twice = np.concatenate((rows, rows))
+    # The normal equations of a piece are the difference of two running sums, so all pieces cost as much as one.
+    squares = np.concatenate((np.zeros((1, 5, 5)), np.cumsum(twice[:, :, None] * twice[:, None, :], axis=0)))
+    sums = np.concatenate((np.zeros((1, 5)), np.cumsum(twice, axis=0)))
+    normal = squares[_ENDS] - squares[_STARTS] + 1e-9 * np.eye(5)
+    return np.asarray(np.linalg.solve(normal, (sums[_ENDS] - sums[_STARTS])[:, :, None])[:, :, 0])
+
+
+def _is_on(ellipse: Ellipse, points: Points) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(ellipse.distances_px(points)) < TIMES_OFF * most_off_px(ellipse), np.bool_)
+
+
+def _grey(image: Image) -> Plane:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)

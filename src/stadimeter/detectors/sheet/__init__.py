@@ -1,0 +1,149 @@
+"""The sheet detector: a flat rectangle of known size, its four corners to a few hundredths of a pixel."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
+from stadimeter.config.units import Length
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
+from stadimeter.core.frame import Frame, Image
+from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.region import Region
+from stadimeter.detectors.sheet.candidates import Candidate, Findings
+from stadimeter.detectors.sheet.search import SheetSearch
+from stadimeter.detectors.sides import diagonals_meet, grown, width_and_height
+from stadimeter.ranging.flat import KnownSide, SheetSize
+
+REGION_SIDES = 0.8
+REGION_SIGMAS = 4.0
+REGION_MARGIN_PX = 12.0
+"""Reach of the search around a prediction, to each side: in longer sides, standard deviations and pixels."""
+
+
+class SheetOptions(Options):
+    """What a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
+
+    width: Length
+    """The sheet's horizontal side as it hangs, such as ``"11 in"``."""
+    height: Length
+    """Its vertical side as it hangs."""
+    known_side: KnownSide = "auto"
+    """Which side the distance is computed from: ``auto``, ``width`` or ``height``."""
+    min_side_px: Annotated[float, Field(ge=8)] = 14.0
+    """Sheets whose shorter side is smaller than this in the picture are not accepted."""
+    tolerance: Length | None = None
+    """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
+
+    @property
+    def size(self) -> SheetSize:
+        """The sheet's size."""
+        tolerance_m = 0.0 if self.tolerance is None else self.tolerance
+        return SheetSize(
+            width_m=self.width,
+            height_m=self.height,
+            known_side=self.known_side,
+            relative_sigma=tolerance_m / math.sqrt(self.width * self.height),
+        )
+
+
+class SheetDetector:
+    """Finds a flat rectangle, such as a sheet of paper, brighter or darker than what is behind it."""
+
+    def __init__(self, name: str, options: SheetOptions) -> None:
+        self._name = name
+        self._size = options.size
+        self._min_side_px = options.min_side_px
+
+    @property
+    def target_size(self) -> SheetSize:
+        """The sheet's size."""
+        return self._size
+
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
+        """Look for the sheet.
+
+        Returns:
+            The outline that looks most like the sheet, the larger the better; whole ones before those that the border
+            cuts off.
+        """
+        check_image(frame)
+        search = SheetSearch(frame.image, self._size, self._min_side_px, lens)
+        bias_px = 0.0 if lens is None else lens.edge_bias_px
+        near = None if prediction is None else _around(prediction, frame.image)
+        if near is not None and prediction is not None:
+            findings = search.look(near, prediction)
+            if findings.best is not None:
+                return self._found(findings.best, findings, bias_px)
+        findings = search.look(Region.whole(frame.image))
+        if findings.best is not None:
+            return self._found(findings.best, findings, bias_px)
+        return self._not_measured(findings)
+
+    def _found(self, best: Candidate, findings: Findings, bias_px: float) -> Detection:
+        corners = _without_bias(best, bias_px)
+        width_px, height_px = width_and_height(corners)
+        return Detection(
+            target=self._name,
+            status=DetectionStatus.FOUND,
+            outline_px=corners,
+            centre_px=diagonals_meet(corners),
+            width_px=width_px,
+            height_px=height_px,
+            size_sigma_px=math.sqrt(2) * best.corner_sigma_px,
+            quality=best.quality,
+            rejected=findings.rejected(),
+        )
+
+    def _not_measured(self, findings: Findings) -> Detection:
+        rejected = findings.rejected()
+        cut_off = findings.cut_off
+        if cut_off is not None:
+            width_px, height_px = width_and_height(cut_off.corners_px)
+            return Detection(
+                target=self._name,
+                status=DetectionStatus.TRUNCATED,
+                reason=f"what may be the sheet, {width_px:.0f}x{height_px:.0f} px, is cut off by the border",
+                outline_px=cut_off.corners_px,
+                quality=cut_off.quality,
+                rejected=rejected,
+            )
+        reason = "no contour of four corners"
+        if rejected:
+            most_like = rejected[0]
+            reason = f"no sheet; most like one is an outline of {most_like.size_px:.0f} px: {most_like.reason}"
+        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
+
+
+def _around(prediction: Prediction, image: Image) -> Region | None:
+    """Return the part of the picture where a sheet is expected; None if there is none."""
+    reach_px = REGION_SIDES * prediction.size_px + REGION_SIGMAS * prediction.sigma_px + REGION_MARGIN_PX
+    return Region.around(prediction.centre_px, reach_px, image, outwards=True)
+
+
+def _without_bias(best: Candidate, bias_px: float) -> Points:
+    """Return the corners with the camera's edge bias taken off: a bright sheet appears too large by it."""
+    if not bias_px:
+        return best.corners_px
+    return np.asarray(grown(best.corners_px[None], -bias_px if best.is_brighter else bias_px)[0])
+
+
+def _build(options: SheetOptions, context: DriverContext) -> SheetDetector:
+    return SheetDetector(context.name, options)
+
+
+def _exercise() -> Exercise:
+    """Return a bright sheet of letter paper with a dark rim, 110 px wide."""
+    patch = np.full((105, 130, 3), 60, np.uint8)
+    patch[10:95, 10:120] = 225
+    return Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=patch)
+
+
+PLUGIN = Plugin(SheetOptions, _build, exercise=_exercise)

@@ -1,0 +1,162 @@
+"""Candidates for a sheet: how well they fit its shape, and what a search took and refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points, RejectedCandidate
+from stadimeter.detectors.sides import longest_sides_px, polygon_area
+from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.rectangle_fit import rectangle_fit
+
+Which = NDArray[np.bool_]
+
+MOST_REFUSED = 8
+REFUSED_OF_A_KIND = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Candidate:
+    """An outline that looks like the sheet.
+
+    Attributes:
+        corners_px: Its corners, clockwise on the screen, shape ``(4, 2)``.
+        corner_sigma_px: Standard deviation of their coordinates.
+        is_brighter: Whether it is brighter than what is around it.
+        quality: From 0, barely a candidate, to 1, as it should look.
+        chance: The share of outlines of any kind that would fit the sheet as well; 0 where it is not known.
+    """
+
+    corners_px: Points
+    corner_sigma_px: float
+    is_brighter: bool
+    quality: float
+    chance: float = 0.0
+
+    @property
+    def score(self) -> float:
+        """The larger and the more like the sheet, the better."""
+        return self.quality * math.sqrt(polygon_area(self.corners_px))
+
+
+@dataclass(slots=True, kw_only=True)
+class Findings:
+    """What a search found.
+
+    Attributes:
+        best: The outline that looks most like the sheet; None if none is one.
+        cut_off: The largest outline that could be one and is cut off by the border, if there is no whole one.
+        calm: How many times as easily an outline may fit by chance, because there are few.
+    """
+
+    best: Candidate | None = None
+    cut_off: Candidate | None = None
+    refused: list[tuple[int, RejectedCandidate]] = field(default_factory=list)
+    calm: float = 1.0
+
+    def refuse(self, stage: int, corners: Points, failing: Which, why: Callable[[int], str]) -> None:
+        """Note the largest of the candidates that fail a test.
+
+        Args:
+            stage: How many tests came before; what passed more of them is more like the sheet.
+            corners: The candidates' corners, shape ``(c, 4, 2)``.
+        """
+        numbers = np.nonzero(failing)[0]
+        if not len(numbers):
+            return
+        sizes = longest_sides_px(corners[numbers])
+        for which in np.argsort(-sizes, kind="stable")[:REFUSED_OF_A_KIND].tolist():
+            number = int(numbers[which])
+            x_px, y_px = corners[number].mean(axis=0).tolist()
+            refused = RejectedCandidate(centre_px=(x_px, y_px), size_px=float(sizes[which]), reason=why(number))
+            self.refused.append((stage, refused))
+
+    def most_like_px(self, stage: int) -> float:
+        """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""
+        return max((refused.size_px for at, refused in self.refused if at >= stage), default=0.0)
+
+    def rejected(self) -> tuple[RejectedCandidate, ...]:
+        """Return what was refused, the most like the sheet first, each place once."""
+        kept: list[RejectedCandidate] = []
+        places = [] if self.best is None else [tuple(self.best.corners_px.mean(axis=0).tolist())]
+        for _, each in sorted(self.refused, key=lambda item: (-item[0], -item[1].size_px)):
+            if all(math.dist(each.centre_px, place) > 0.1 * each.size_px + 2 for place in places):
+                kept.append(each)
+                places.append(each.centre_px)
+        return tuple(kept[:MOST_REFUSED])
+
+
+Values = NDArray[np.float64]
+
+FOCAL_LENGTHS = (0.5, 0.65, 0.85, 1.1, 1.5, 2.2, 3.5)
+"""What is tried while the lens is not known, in lengths of the picture's longer side: from wide-angle to telephoto."""
+
+UNKNOWN_SIDES = (0.5, 0.65, 0.8, 1.0, 1.25, 1.55, 2.0)
+"""What is tried for the side that is not named, in lengths of what the options say of it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SheetFit:
+    """How well outlines fit the sheet.
+
+    Attributes:
+        misfit_px: How far their corners are from where a sheet would have them, root mean square, shape ``(c,)``.
+        chance_per_square: What the square of a misfit in pixels is multiplied by to give the share of any outlines that
+            fit as well, shape ``(c,)``; 0 where it is not known, without the lens or with only one side known.
+    """
+
+    misfit_px: Values
+    chance_per_square: Values
+
+
+class SheetShape:
+    """What pictures of the sheet look like.
+
+    Args:
+        lens: The camera model at the picture's resolution; None if it is not known.
+        picture: Width and height of the picture.
+    """
+
+    def __init__(self, size: SheetSize, lens: CameraModel | None, picture: tuple[int, int]) -> None:
+        aspect = size.width_m / size.height_m
+        one_side = size.known_side != "auto"
+        self._aspects = tuple(aspect * each for each in UNKNOWN_SIDES) if one_side else (aspect,)
+        long_px = float(max(picture))
+        self._lenses = (
+            tuple(CameraModel.with_focal_length(each * long_px, *picture) for each in FOCAL_LENGTHS)
+            if lens is None
+            else (lens,)
+        )
+        self._tells_chance = lens is not None and not one_side
+
+    def fit(self, corners_px: Points) -> SheetFit:
+        """Compare outlines with the sheet.
+
+        Args:
+            corners_px: Their corners in order around each, shape ``(c, 4, 2)``.
+
+        Returns:
+            How well they fit; through the best of the lenses and shapes that are possible.
+        """
+        tried = [self._through(lens, corners_px) for lens in self._lenses]
+        if len(tried) == 1:
+            return tried[0]
+        return SheetFit(
+            misfit_px=np.min([each.misfit_px for each in tried], axis=0), chance_per_square=np.zeros(len(corners_px))
+        )
+
+    def _through(self, lens: CameraModel, corners_px: Points) -> SheetFit:
+        focal_px = math.sqrt(lens.fx_px * lens.fy_px)
+        directions = lens.directions(corners_px.reshape(-1, 2)).reshape(-1, 4, 2)
+        fits = [rectangle_fit(directions, aspect) for aspect in self._aspects]
+        chance = fits[0].chance_per_square / focal_px**2
+        return SheetFit(
+            misfit_px=np.min([each.misfit for each in fits], axis=0) * focal_px,
+            chance_per_square=chance if self._tells_chance else np.zeros_like(chance),
+        )

@@ -1,0 +1,247 @@
+"""The four sides of candidates, to a few hundredths of a pixel.
+
+Light is read along columns of pixels where a side is more horizontal and along rows where it is more vertical, so
+nothing is interpolated but the last step: where, between two neighbouring pixels, it passes half way from what is
+inside to what is outside. In light that is where the edge is, see `stadimeter.detectors.sampling`. Half way is
+meant in all three channels at once, along the straight line between both colours, and for each step anew, since what
+is behind a sheet is of many colours. A line through these steps is fitted to each side, and the corners are where the
+lines meet.
+
+The lines are fitted again from where the last fit ended until they stay, so they do not depend on how a candidate was
+found: another version of OpenCV, which may round a contour differently, gives the same corners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.sheet.lines import (
+    CORNER_SHARE,
+    QuadFrame,
+    Values,
+    fit_lines,
+    intersections,
+    quad_frame,
+)
+
+Profiles = NDArray[np.float32]
+
+FIRST_STEPS = 16
+NEXT_STEPS = 24
+MOST_STEPS = 64
+LEAST_STEPS = 8
+
+PLATEAU_PX = 1.7
+"""So far beyond an edge both sides are themselves."""
+
+REACHES_PX = (3.0, 16.0)
+"""How far across a side is looked at once it is known about where it is, at least and at most."""
+
+LEAST_DROP = 0.06
+"""How much of the way from inside to outside two neighbouring pixels must differ by to be the step."""
+
+CLEAR_PX = 1.5
+SMOOTH = 0.04
+"""Further from an edge than this a profile should be level, to this share of the way from inside to outside; a step is
+worth less the further it is from that, unless all along the side are."""
+
+LEAST_LEVELS = 5.0
+"""A step whose two sides differ by less, in levels of 8 bits, is none."""
+
+SETTLED_PX = 0.01
+"""Lines that moved by less stay where they are."""
+
+LOOKS = 6
+
+SAME_PX = 1.0
+"""Candidates whose corners are all nearer to each other are one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class QuadEdges:
+    """What the sides of candidates look like. Side i leads from corner i to corner i + 1.
+
+    Attributes:
+        corners_px: Where the lines meet, shape ``(c, 4, 2)``; NaN where they do not.
+        contrast: How much brighter the inside of each side is, in levels of 8 bits, shape ``(c, 4)``.
+        colour_contrast: How much the inside differs in the channel that differs most, shape ``(c, 4)``.
+        support: The share of each side where there is a step on the line, of the sign that most have, ``(c, 4)``.
+        scatter_px: Standard deviation of the steps about each line, shape ``(c, 4)``.
+        steps: How many steps each line was fitted to, shape ``(c, 4)``.
+        edge_px: How many pixels each side takes from inside to outside at its steepest, shape ``(c, 4)``.
+        inside: The colour inside each side, in levels, shape ``(c, 4, 3)``.
+        unevenness: By how many levels the inside along each side usually differs from that colour, ``(c, 4)``.
+    """
+
+    corners_px: Points
+    contrast: Values
+    colour_contrast: Values
+    support: Values
+    scatter_px: Values
+    steps: NDArray[np.int64]
+    edge_px: Values
+    inside: Values
+    unevenness: Values
+
+    def __len__(self) -> int:
+        """Return how many candidates there are."""
+        return len(self.corners_px)
+
+    def __getitem__(self, which: object) -> QuadEdges:
+        """Return some of the candidates, as numpy would choose them."""
+        return QuadEdges(**{name: getattr(self, name)[which] for name in self.__slots__})
+
+
+def measure_edges(
+    image: Image,
+    corners_px: Points,
+    reach_px: float,
+    light: Light,
+    lens: CameraModel | None = None,
+    free: NDArray[np.bool_] | None = None,
+) -> QuadEdges:
+    """Fit lines to the sides of candidates once, quickly, in few places and far across.
+
+    Args:
+        corners_px: About where the corners are, clockwise on the screen, shape ``(c, 4, 2)``.
+        reach_px: How far from there the true sides may be.
+        lens: How the lens bends straight sides; None if it does not.
+        free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
+    """
+    reaches = np.full(corners_px.shape[:2], reach_px + PLATEAU_PX)
+    return _fit(image, quad_frame(corners_px, FIRST_STEPS, reaches, image.shape, lens), light, free)
+
+
+def measure_edges_closer(image: Image, edges: QuadEdges, light: Light, lens: CameraModel | None = None) -> QuadEdges:
+    """Fit lines to the sides of candidates once more, in few places but narrowly."""
+    return _fit(image, _narrow_frame(image, edges, NEXT_STEPS, lens), light, None)
+
+
+def settle_edges(
+    image: Image,
+    edges: QuadEdges,
+    light: Light,
+    lens: CameraModel | None = None,
+    free: NDArray[np.bool_] | None = None,
+) -> QuadEdges:
+    """Fit lines to the sides of candidates again and again, in many places and narrowly, until they stay.
+
+    Args:
+        free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
+    """
+    moving = np.arange(len(edges))
+    for _ in range(LOOKS):
+        before = edges.corners_px[moving]
+        again = edges[moving]
+        some_free = None if free is None else free[moving]
+        again = _fit(image, _narrow_frame(image, again, MOST_STEPS, lens), light, some_free)
+        edges = again if len(moving) == len(edges) else _replaced(edges, moving, again)
+        moved = np.abs(again.corners_px - before).max(axis=(1, 2))
+        moving = moving[moved > SETTLED_PX]
+        if not len(moving):
+            break
+    return edges
+
+
+def _replaced(edges: QuadEdges, which: NDArray[np.intp], again: QuadEdges) -> QuadEdges:
+    """Return the sides of candidates with those of some measured again."""
+    for name in QuadEdges.__slots__:
+        getattr(edges, name)[which] = getattr(again, name)
+    return edges
+
+
+def distinct_edges(edges: QuadEdges) -> QuadEdges:
+    """Return the candidates whose sides meet, without those that settled on the same sides as one before."""
+    edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
+    apart = np.abs(edges.corners_px[:, None] - edges.corners_px).max(axis=(2, 3), initial=0.0)
+    return edges[~np.tril(apart < SAME_PX, -1).any(axis=1)]
+
+
+def _narrow_frame(image: Image, edges: QuadEdges, most_steps: int, lens: CameraModel | None) -> QuadFrame:
+    corners = np.nan_to_num(edges.corners_px)
+    longest = np.abs(corners[:, [1, 2, 3, 0]] - corners).max(initial=0.0)
+    steps = int(min(max((1 - 2 * CORNER_SHARE) * longest, LEAST_STEPS), most_steps))
+    reaches = np.clip(edges.edge_px / 2 + PLATEAU_PX, *REACHES_PX)
+    return quad_frame(corners, steps, reaches, image.shape, lens)
+
+
+def _fit(image: Image, frame: QuadFrame, light: Light, free: NDArray[np.bool_] | None) -> QuadEdges:
+    # Levels are the means of two pixels at either end of each profile, beyond the blur. The step is where the light,
+    # projected on the line from the one colour to the other, passes half way; how much it counts follows from its
+    # contrast and from how level the profile is on both sides.
+    codes = _profiles(image, frame)
+    reach = int(frame.reach.max(initial=0))
+    ends = reach + np.concatenate((-frame.reach, 1 - frame.reach, frame.reach - 1, frame.reach), axis=2)
+    levels = np.take_along_axis(codes, ends[:, :, None, :, None], axis=3)
+    inside_codes, outside_codes = _means(levels.astype(np.float32))
+    difference = inside_codes - outside_codes
+    most = np.abs(difference).max(axis=3)
+    usual = median(most)
+    across, drop, rough = _steps(light[codes], *_means(light[levels]), frame, reach)
+    worth = np.minimum(most / np.maximum(usual, 1.0), 1.0) / (1 + (rough / np.maximum(median(rough), SMOOTH)) ** 2)
+    worth = worth * ((drop > LEAST_DROP) & (most > LEAST_LEVELS))
+    lines = fit_lines(frame, across, worth.astype(np.float64))
+    if free is not None:
+        lines.offset[free], lines.slope[free] = 0.0, 0.0
+    brighter = difference.sum(axis=3)
+    sign = np.where(median(brighter.reshape(len(brighter), -1)) >= 0, 1.0, -1.0)[:, :, None]
+    inside = np.moveaxis(median(np.moveaxis(inside_codes, 3, 2)), 2, 3)
+    return QuadEdges(
+        corners_px=intersections(frame, lines),
+        contrast=median(brighter)[..., 0].astype(np.float64) / 3,
+        colour_contrast=usual[..., 0].astype(np.float64),
+        support=(lines.used & (brighter * sign > 0)).sum(axis=2) / brighter.shape[2],
+        scatter_px=lines.scatter_px,
+        steps=lines.steps,
+        edge_px=1 / median(np.maximum(drop, LEAST_DROP))[..., 0],
+        inside=inside[:, :, 0].astype(np.float64),
+        unevenness=median(np.abs(inside_codes - inside).max(axis=3))[..., 0].astype(np.float64),
+    )
+
+
+def _means(levels: Profiles) -> tuple[Profiles, Profiles]:
+    """Return what is inside and what is outside each step: of two pixels each, so that one alone counts less."""
+    half = np.float32(0.5)
+    return (levels[:, :, :, 0] + levels[:, :, :, 1]) * half, (levels[:, :, :, 2] + levels[:, :, :, 3]) * half
+
+
+def _profiles(image: Image, frame: QuadFrame) -> NDArray[np.uint8]:
+    """Return the code values across each side, from the inside to the outside, shape ``(c, 4, n, 2 reach + 1, 3)``."""
+    reach = int(frame.reach.max(initial=0))
+    width = image.shape[1]
+    apart = np.where(frame.flat, width, 1)
+    middle = (frame.pixel * apart + frame.along * (width + 1 - apart)).astype(np.int64)
+    offsets = np.minimum(np.maximum(np.arange(-reach, reach + 1), -frame.reach), frame.reach)
+    places = middle[..., None] + ((apart * frame.outward) * offsets)[:, :, None, :]
+    return np.asarray(image.reshape(-1, image.shape[2])[places], np.uint8)
+
+
+def _steps(
+    profiles: Profiles, inside: Profiles, outside: Profiles, frame: QuadFrame, reach: int
+) -> tuple[Values, Values, Values]:
+    """Return where each profile passes half way from the inside to the outside, and how much it drops there.
+
+    The last is how far beside its edge a profile is from what it should be there, as a share of the way: where another
+    edge runs beside that of the sheet, half way is not where it seems.
+    """
+    difference = inside - outside
+    scale = np.einsum("cskx,cskx->csk", difference, difference)
+    towards = difference / np.maximum(scale, 1e-9)[..., None]
+    share = np.einsum("cskpx,cskx->cskp", profiles, towards)
+    share -= (np.einsum("cskx,cskx->csk", outside, towards) + 0.5)[..., None]
+    before, after = share[..., :-1], share[..., 1:]
+    drop = (before - after) * ((before >= 0) & (after < 0))
+    best = np.argmax(drop, axis=3)[..., None]
+    height = np.take_along_axis(drop, best, 3)[..., 0].astype(np.float64)
+    start = np.take_along_axis(before, best, 3)[..., 0]
+    beyond = best[..., 0] + start / np.maximum(height, LEAST_DROP)
+    apart = np.arange(share.shape[3]) - beyond[..., None]
+    off_level = np.abs(np.abs(share) - 0.5) * ((apart > CLEAR_PX) | (apart < -CLEAR_PX))
+    return frame.pixel + frame.outward * (beyond - reach), height, off_level.max(axis=3)

@@ -1,0 +1,241 @@
+"""Sides of outlines: where they are expected, in whole pixels along and across, and lines fitted to their steps.
+
+Along is x for a side that is more horizontal and y for one that is more vertical; across is the other one. Many
+outlines are worked on at once: arrays have the outlines first, then their four sides, then the steps along a side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points
+
+Values = NDArray[np.float64]
+
+CORNER_SHARE = 0.08
+"""Share of a side left out at each end, where the other side blurs in and corners are bent, torn or rounded."""
+
+REACH_SHARE = 0.3
+"""How far across a side is looked at most, as a share of how far away the opposite one is."""
+
+LEAST_REACH_PX = 2
+
+CURVE_POINTS = 33
+"""Points between two corners at which the bend of a side by the lens is computed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class QuadFrame:
+    """Where the sides are expected. Arrays are of shape ``(c, 4, n)``, or ``(c, 4, 1)`` where nothing else is said.
+
+    Attributes:
+        flat: Which sides are more horizontal.
+        outward: Which way across leads out of the outline, 1 or -1.
+        along: Where the steps are looked for: whole pixels, with n steps.
+        across: Where the side is expected there, with n steps; bent as the lens bends it.
+        pixel: The pixel there, or the nearest one around which so far can be looked, with n steps.
+        slope: How the straight line between the corners rises across.
+        at_zero: Where it crosses along = 0.
+        cosine: What turns a difference across into a distance from the side.
+        length_px: How long the side is.
+        reach: How many pixels are looked at in each direction.
+    """
+
+    flat: NDArray[np.bool_]
+    outward: NDArray[np.int64]
+    along: Values
+    across: Values
+    pixel: Values
+    slope: Values
+    at_zero: Values
+    cosine: Values
+    length_px: Values
+    reach: NDArray[np.int64]
+
+
+def quad_frame(
+    corners_px: Points, steps: int, reach_px: Values, shape: tuple[int, ...], lens: CameraModel | None = None
+) -> QuadFrame:
+    """Return where the sides between corners are.
+
+    Args:
+        corners_px: The corners of outlines, clockwise on the screen, shape ``(c, 4, 2)``.
+        reach_px: How far across, shape ``(c, 4)``; less where the outline is small.
+    """
+    # Side i is across = at_zero + slope * along. Choosing the longer coordinate as along keeps |slope| <= 1, so every
+    # step is read along whole pixels and nothing is interpolated.
+    vector = corners_px[:, [1, 2, 3, 0]] - corners_px
+    size = np.abs(vector)
+    flat = size[..., 0] >= size[..., 1]
+    forward, sideways = _along_first(vector, flat)
+    start, level = _along_first(corners_px, flat)
+    forward = np.where(forward == 0, 1e-9, forward)
+    slope = sideways / forward
+    at_zero = level - slope * start
+    length_px = np.hypot(forward, sideways)
+    cosine = np.abs(forward) / length_px
+    height, width = shape[:2]
+    last_along, last_across = (np.where(flat, *ends)[..., None] - 1 for ends in ((width, height), (height, width)))
+    shares = np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
+    along = np.minimum(np.maximum(np.rint(start[..., None] + shares * forward[..., None]), 0), last_along)
+    across = at_zero[..., None] + slope[..., None] * along
+    if lens is not None and lens.distortion:
+        across = across + _bend(corners_px, flat, along, lens)
+    most = REACH_SHARE * (_areas(corners_px)[:, None] / length_px) / cosine
+    reach = np.maximum(np.minimum(np.ceil(reach_px), most), LEAST_REACH_PX).astype(np.int64)
+    reach = np.minimum(reach, max((min(height, width) - 1) // 2, 0))
+    widest = reach[..., None]
+    return QuadFrame(
+        flat=flat[..., None],
+        outward=np.where((forward > 0) == flat, -1, 1)[..., None],
+        along=along,
+        across=across,
+        pixel=np.minimum(np.maximum(np.rint(across), widest), last_across - widest),
+        slope=slope[..., None],
+        at_zero=at_zero[..., None],
+        cosine=cosine[..., None],
+        length_px=length_px[..., None],
+        reach=widest,
+    )
+
+
+def _along_first(pairs: Points, flat: NDArray[np.bool_]) -> tuple[Values, Values]:
+    x, y = pairs[..., 0], pairs[..., 1]
+    return np.where(flat, x, y), np.where(flat, y, x)
+
+
+def _areas(corners: Points) -> Values:
+    first, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
+    return np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+
+
+def _bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraModel) -> Values:
+    """Return how far off the straight line between its corners each side appears: it is straight before the lens."""
+    count = len(corners)
+    ends = lens.directions(corners.reshape(-1, 2)).reshape(count, 4, 1, 2)
+    shares = np.linspace(0, 1, CURVE_POINTS)[:, None]
+    straight = ends + (ends[:, [1, 2, 3, 0]] - ends) * shares
+    seen = lens.project(straight.reshape(-1, 2)).reshape(count, 4, CURVE_POINTS, 2)
+    seen_along, seen_across = _along_first(seen, flat[..., None])
+    first, last = seen_across[..., :1], seen_across[..., -1:]
+    run = seen_along[..., -1:] - seen_along[..., :1]
+    part = (seen_along - seen_along[..., :1]) / run
+    off = np.nan_to_num(seen_across - first - (last - first) * part)
+    wanted = (along - seen_along[..., :1]) / run
+    bend = [np.interp(wanted[i, side], part[i, side], off[i, side]) for i in range(count) for side in range(4)]
+    return np.array(bend).reshape(along.shape)
+
+
+MAD_TO_SIGMA = 1.4826
+
+LIMITS_PX = (0.35, 1.5)
+"""Steps further from the line than three times their usual distance do not belong to it; nor than these limits."""
+
+BEND_SHARE = 0.004
+"""The side of a real sheet is bent: steps may be so far from its line, as a share of its length."""
+
+ROUNDS = 3
+LEAST_SINE = 0.1
+"""Neighbouring sides that meet at a smaller angle are not those of a sheet."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class QuadLines:
+    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle).
+
+    Attributes:
+        middle: Shape ``(c, 4, 1)``.
+        offset: Shape ``(c, 4, 1)``.
+        slope: Shape ``(c, 4, 1)``.
+        used: Which steps lie on the line, shape ``(c, 4, n)``.
+        scatter_px: Standard deviation of these steps about it, shape ``(c, 4)``.
+    """
+
+    middle: Values
+    offset: Values
+    slope: Values
+    used: NDArray[np.bool_]
+    scatter_px: Values
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """How many steps each line was fitted to, shape ``(c, 4)``."""
+        return np.asarray(self.used.sum(axis=2), np.int64)
+
+
+def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
+    """Fit lines by least squares with Tukey's weights, from the line that most steps agree on.
+
+    Args:
+        across: Where the steps are, shape ``(c, 4, n)``.
+        worth: How much each counts, shape ``(c, 4, n)``; 0 for what is no step.
+    """
+    middle = (frame.along[..., :1] + frame.along[..., -1:]) / 2
+    along, off = frame.along - middle, across - frame.across
+    widest = np.maximum(LIMITS_PX[1], BEND_SHARE * frame.length_px)
+    # Steps of a finger or of what lies behind are no noise but another edge. Least squares would settle between both,
+    # so the start is a vote (as in RANSAC, but over fixed pairs: the same picture gives the same line).
+    offset, slope = _most_agreed(along, off, worth > 0, widest / frame.cosine)
+    limit = widest
+    distance = (off - offset - slope * along) * frame.cosine
+    for _ in range(ROUNDS):
+        limit = _limit(distance, (worth > 0) & (np.abs(distance) < limit), widest)
+        weight = np.maximum(1 - (distance / limit) ** 2, 0) ** 2 * worth
+        offset, slope = _weighted_lines(along, off, weight)
+        distance = (off - offset - slope * along) * frame.cosine
+    used = (worth > 0) & (np.abs(distance) < limit)
+    scatter = np.sqrt((used * distance**2).sum(axis=2) / np.maximum(used.sum(axis=2) - 2, 1))
+    return QuadLines(middle=middle, offset=offset, slope=slope, used=used, scatter_px=scatter)
+
+
+def intersections(frame: QuadFrame, lines: QuadLines) -> Points:
+    """Return the corners between neighbouring lines, ``(c, 4, 2)``; NaN where two of them are all but parallel."""
+    slope = (frame.slope + lines.slope)[..., 0]
+    level = (frame.at_zero + lines.offset - lines.slope * lines.middle)[..., 0]
+    # A side across = slope * along + level as a x + b y = level, where along is x for the flat ones.
+    flat = frame.flat[..., 0]
+    a, b = np.where(flat, -slope, 1.0), np.where(flat, 1.0, -slope)
+    before = [3, 0, 1, 2]
+    determinant = a[:, before] * b - b[:, before] * a
+    length = np.hypot(a, b)
+    safe = np.where(np.abs(determinant) > LEAST_SINE * length * length[:, before], determinant, np.nan)
+    x = (level[:, before] * b - b[:, before] * level) / safe
+    y = (a[:, before] * level - level[:, before] * a) / safe
+    return np.stack((x, y), axis=2)
+
+
+def _most_agreed(along: Values, off: Values, found: NDArray[np.bool_], limit: Values) -> tuple[Values, Values]:
+    """Return the line through two steps to which most steps are near; of lines through pairs far from each other."""
+    count = along.shape[2]
+    half, third = count // 2, (count + 2) // 3
+    first = np.concatenate((np.arange(count - half), np.arange(0, count - third, 2)))
+    second = np.concatenate((np.arange(half, count), np.arange(third, count, 2)))
+    apart = along[..., second] - along[..., first]
+    slopes = (off[..., second] - off[..., first]) / np.where(apart == 0, np.inf, apart)
+    offsets = off[..., first] - slopes * along[..., first]
+    slopes = slopes * (np.abs(slopes) < 1)
+    near = np.abs(off[..., None, :] - offsets[..., None] - slopes[..., None] * along[..., None, :]) / limit[..., None]
+    votes = (np.maximum(1 - near * near, 0) * found[..., None, :]).sum(axis=3)
+    best = np.argmax(votes * found[..., first] * found[..., second], axis=2)[..., None]
+    return np.take_along_axis(offsets, best, 2), np.take_along_axis(slopes, best, 2)
+
+
+def _limit(distance: Values, used: NDArray[np.bool_], widest: Values) -> Values:
+    """Return how far from its line a step may be: three times the usual distance of those near it."""
+    ordered = np.sort(np.where(used, np.abs(distance), np.inf), axis=2)
+    half = np.maximum(used.sum(axis=2, keepdims=True) // 2, 0)
+    usual = np.take_along_axis(ordered, np.minimum(half, ordered.shape[2] - 1), 2)
+    return np.minimum(np.maximum(3 * MAD_TO_SIGMA * usual, LIMITS_PX[0]), widest)
+
+
+def _weighted_lines(along: Values, off: Values, weight: Values) -> tuple[Values, Values]:
+    weighted = weight * along
+    total = np.maximum(weight.sum(axis=2, keepdims=True), 1e-9)
+    first, second = weighted.sum(axis=2, keepdims=True), (weighted * along).sum(axis=2, keepdims=True)
+    height, together = (weight * off).sum(axis=2, keepdims=True), (weighted * off).sum(axis=2, keepdims=True)
+    slope = (together - first * height / total) / np.maximum(second - first * first / total, 1e-9)
+    return (height - slope * first) / total, slope

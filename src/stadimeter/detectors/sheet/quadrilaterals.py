@@ -1,0 +1,236 @@
+"""Candidates for a sheet: outlines of four straight sides that some splitting of a picture into two shows.
+
+What touches a sheet in the picture and looks like it sticks to its outline, and a finger bites into it. So an outline
+need not have four corners: any four of its longest straight pieces that, made longer, meet in a quadrilateral and make
+up enough of it are a candidate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from functools import cache
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.detectors.sides import grown
+
+Mask = NDArray[np.uint8]
+Values = NDArray[np.float64]
+
+LEVELS = 10
+"""Levels at which a channel is split where one does not do."""
+
+LEVEL_RANGE = (1.0, 99.5)
+"""Between these percentiles of it."""
+
+AROUND_SHARE = 0.2
+LEAST_APART = 8
+"""Under uneven light, pixels are compared with the mean of a square around them: its side as a share of the picture,
+and the least difference in levels."""
+
+FLAT_LIMITS = (5, 8, 13, 20)
+"""Where brightness changes by less than this from pixel to pixel, in quarter levels, a picture is even."""
+
+FLAT_SHRINKS_PX = 1.4
+"""By so much what is even ends before the edge of the sheet."""
+
+TOLERANCE_PX = 1.5
+"""Tolerance of the polygon that stands for an outline (Douglas and Peucker)."""
+
+MOST_CONTOURS = 3000
+"""A picture of more outlines than this is noise; looking through them takes long and finds nothing."""
+
+LONGEST_PIECES = 6
+MOST_PIECES = 24
+RAGGED_PIECES = 8
+"""An outline of more pieces than this may be ragged by writing, so what is straight around it is tried too."""
+
+LEAST_COVER = 0.45
+"""The share of each side of a candidate that pieces of the outline must make up."""
+
+ALIKE_COSINE = 0.97
+LEAST_SINE = 0.2
+"""Neighbouring sides meet at a larger angle than that of this sine: 12 degrees."""
+
+SAME_PX = 3.0
+
+
+def quick_masks(image: Image) -> Iterator[tuple[Mask, float]]:
+    """Yield a few black and white versions of a picture, which show a sheet that stands out all around.
+
+    White paper on brown wood hardly differs in brightness but clearly in its darkest channel.
+
+    Yields:
+        Each version, and by how many pixels things are too small in it.
+    """
+    darkest, brightest = _extremes(image)
+    for plane in (cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), darkest, brightest):
+        yield np.asarray(cv2.threshold(plane, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[1], np.uint8), 0.0
+
+
+def bright_masks(image: Image) -> Iterator[tuple[Mask, float]]:
+    """Yield black and white versions of a picture that show a bright sheet before things of many colours."""
+    yield from _levels(_extremes(image)[0], slice(0, None, 2))
+
+
+def more_bright_masks(image: Image) -> Iterator[tuple[Mask, float]]:
+    """Yield those at the levels between, for a sheet with something nearly as bright behind it."""
+    yield from _levels(_extremes(image)[0], slice(1, None, 2))
+
+
+def thorough_masks(image: Image) -> Iterator[tuple[Mask, float]]:
+    """Yield black and white versions of a picture that show a dark sheet, and one of any kind under uneven light."""
+    darkest, brightest = _extremes(image)
+    around_px = max(round(AROUND_SHARE * max(darkest.shape)), 1) | 1
+    for plane, sign in ((darkest, 1), (brightest, -1)):
+        mean = cv2.boxFilter(plane, -1, (around_px, around_px))
+        apart = cv2.subtract(plane, mean) if sign > 0 else cv2.subtract(mean, plane)
+        yield np.asarray(cv2.threshold(apart, LEAST_APART, 255, cv2.THRESH_BINARY)[1], np.uint8), 0.0
+    yield from _levels(brightest, slice(None))
+    change = _change(image)
+    for limit in FLAT_LIMITS:
+        yield np.asarray(cv2.threshold(change, limit, 255, cv2.THRESH_BINARY_INV)[1], np.uint8), FLAT_SHRINKS_PX
+
+
+def find_quadrilaterals(masks: Iterable[tuple[Mask, float]], smallest_side_px: float) -> Points:
+    """Return the outlines of four straight sides in black and white pictures, without those that are all but the same.
+
+    Whether one of them is a sheet is not decided here.
+
+    Args:
+        masks: The pictures, and by how many pixels things are too small in each.
+        smallest_side_px: Outlines with a shorter side are left out.
+
+    Returns:
+        The corners of each, clockwise on the screen from the one nearest to the top left, shape ``(c, 4, 2)``; the
+        largest first.
+    """
+    pieces: list[Points] = []
+    too_small: list[float] = []
+    for mask, too_small_px in masks:
+        pieces += _pieces(mask, smallest_side_px)
+        too_small += [too_small_px] * (len(pieces) - len(too_small))
+    if not pieces:
+        return np.empty((0, 4, 2))
+    starts, vectors = np.moveaxis(np.array(pieces), 1, 0)
+    rows, corners = _of_pieces(starts, vectors, smallest_side_px)
+    return _distinct(grown(_in_standard_order(corners), np.array(too_small)[rows]))
+
+
+def _levels(plane: Mask, which: slice) -> Iterator[tuple[Mask, float]]:
+    low, high = np.percentile(plane[::2, ::2], LEVEL_RANGE)
+    for level in np.linspace(low, high, LEVELS + 2)[1:-1][which]:
+        yield np.asarray(cv2.threshold(plane, float(level), 255, cv2.THRESH_BINARY)[1], np.uint8), 0.0
+
+
+def _extremes(image: Image) -> tuple[Mask, Mask]:
+    blue, green, red = cv2.split(image)
+    darkest, brightest = cv2.min(cv2.min(blue, green), red), cv2.max(cv2.max(blue, green), red)
+    return np.asarray(darkest, np.uint8), np.asarray(brightest, np.uint8)
+
+
+def _change(image: Image) -> Mask:
+    """Return how much the channel that changes most changes from pixel to pixel."""
+    steepest = None
+    for plane in cv2.split(image):
+        across = cv2.convertScaleAbs(cv2.Sobel(plane, cv2.CV_16S, 1, 0), alpha=0.25)
+        down = cv2.convertScaleAbs(cv2.Sobel(plane, cv2.CV_16S, 0, 1), alpha=0.25)
+        both = cv2.add(across, down)
+        steepest = both if steepest is None else cv2.max(steepest, both)
+    return np.asarray(steepest, np.uint8)
+
+
+def _pieces(mask: Mask, smallest_side_px: float) -> list[Points]:
+    """Return for each outline where its longest straight pieces start, and how they lead on, each ``(2, 6, 2)``."""
+    contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+    least_px, least_px2 = 0.7 * smallest_side_px, smallest_side_px**2
+    pieces: list[Points] = []
+    if len(contours) > MOST_CONTOURS:
+        return pieces
+    for contour in contours:
+        if len(contour) < 4:
+            continue
+        _, _, width, height = cv2.boundingRect(contour)
+        if width < least_px or height < least_px or cv2.contourArea(contour) < least_px2:
+            continue
+        polygon = cv2.approxPolyDP(contour, TOLERANCE_PX, closed=True)
+        if 4 <= len(polygon) <= MOST_PIECES:
+            pieces.append(_longest(polygon))
+        if len(polygon) > RAGGED_PIECES:
+            around = cv2.approxPolyDP(cv2.convexHull(contour), TOLERANCE_PX, closed=True)
+            if len(around) >= 4:
+                pieces.append(_longest(around))
+    return pieces
+
+
+def _longest(outline: NDArray[np.generic]) -> Points:
+    polygon = outline[:, 0].astype(np.float64)
+    vector = np.concatenate((polygon[1:], polygon[:1])) - polygon
+    longest = np.sort(np.argsort(-(vector * vector).sum(axis=1))[:LONGEST_PIECES])
+    pieces = np.zeros((2, LONGEST_PIECES, 2))
+    pieces[0, : len(longest)], pieces[1, : len(longest)] = polygon[longest], vector[longest]
+    return pieces
+
+
+def _of_pieces(starts: Points, vectors: Points, smallest_side_px: float) -> tuple[NDArray[np.intp], Points]:
+    """Return the quadrilaterals that any four pieces of an outline form: whose they are, and corners ``(c, 4, 2)``."""
+    length = np.hypot(vectors[..., 0], vectors[..., 1])
+    along = vectors / np.maximum(length, 1e-9)[..., None]
+    cover = _in_line(starts, vectors, along, length)
+    chosen = _fours()
+    start, ahead = starts[:, chosen], along[:, chosen]
+    after, ahead_after = np.roll(start, -1, axis=2), np.roll(ahead, -1, axis=2)
+    sine = _cross(ahead, ahead_after)
+    # Convex: the sides turn the same way at all four corners, and by more than the least angle.
+    turning = (np.abs(sine) > LEAST_SINE).all(axis=2) & (np.abs(np.sign(sine).sum(axis=2)) == 4)
+    row, four = np.nonzero(turning & (length[:, chosen] > 0).all(axis=2))
+    start, ahead, after, ahead_after, sine = (each[row, four] for each in (start, ahead, after, ahead_after, sine))
+    met = start + (_cross(after - start, ahead_after) / sine)[..., None] * ahead
+    corners = np.roll(met, 1, axis=1)
+    # Each side must be made up of enough outline: three sides of a box and a stray piece meet in four corners too.
+    sides = met - corners
+    reached = (sides * ahead).sum(axis=2)
+    is_made_up = cover[row[:, None], chosen[four]] > LEAST_COVER * reached
+    good = ((reached > 0.7 * smallest_side_px) & is_made_up).all(axis=1)
+    return row[good], corners[good]
+
+
+def _in_line(starts: Points, vectors: Points, along: Points, length: Values) -> Values:
+    """Return how long all pieces are together that lie on the line of each, shape ``(m, 6)``."""
+    to_start = starts[:, None] - starts[:, :, None]
+    to_end = to_start + vectors[:, None]
+    here = along[:, :, None]
+    near = (np.abs(_cross(here, to_start)) < 1.5 * TOLERANCE_PX) & (np.abs(_cross(here, to_end)) < 1.5 * TOLERANCE_PX)
+    alike = (here * along[:, None]).sum(axis=3) > ALIKE_COSINE
+    return np.asarray((near & alike) @ length[..., None])[..., 0]
+
+
+@cache
+def _fours() -> NDArray[np.int64]:
+    return np.array(list(combinations(range(LONGEST_PIECES), 4)))
+
+
+def _cross(first: Points, second: Points) -> Values:
+    return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+
+
+def _in_standard_order(corners: Points) -> Points:
+    """Return the corners clockwise on the screen, starting with the one that is nearest to the top left."""
+    counter = _cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) < 0
+    clockwise = np.where(counter[:, None, None], corners[:, ::-1], corners)
+    first = np.argmin(clockwise.sum(axis=2), axis=1)
+    return np.take_along_axis(clockwise, ((first[:, None] + np.arange(4)) % 4)[..., None], axis=1)
+
+
+def _distinct(corners: Points) -> Points:
+    """Leave out outlines whose corners all lie close to those of another, and put the largest first."""
+    # Corners rounded to a coarse grid: outlines in one cell of it are the same sheet, found in several masks.
+    _, first = np.unique(np.rint(corners.reshape(-1, 8) / SAME_PX), axis=0, return_index=True)
+    corners = corners[first]
+    areas = np.abs(_cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])) / 2
+    return np.asarray(corners[np.argsort(-areas, kind="stable")])

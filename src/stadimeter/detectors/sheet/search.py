@@ -1,0 +1,400 @@
+"""The search for a sheet in one picture: candidates, their sides, and what each must pass to be the sheet.
+
+Cheap tests come first and are made on all candidates at once. What decides is the last one: four corners have eight
+coordinates and a pose six degrees of freedom, so a picture of the sheet fulfils two conditions to a few hundredths of a
+pixel, which other outlines do by chance only. How great that chance is follows from how large the candidate is and how
+sharp its edges are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points, Prediction
+from stadimeter.core.frame import Image
+from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
+from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
+from stadimeter.detectors.sheet.candidates import Candidate, Findings, SheetFit, SheetShape
+from stadimeter.detectors.sheet.edges import (
+    QuadEdges,
+    distinct_edges,
+    measure_edges,
+    measure_edges_closer,
+    settle_edges,
+)
+from stadimeter.detectors.sheet.quadrilaterals import (
+    bright_masks,
+    find_quadrilaterals,
+    more_bright_masks,
+    quick_masks,
+    thorough_masks,
+)
+from stadimeter.detectors.sides import QuadShapes, longest_sides_px, quad_shapes
+from stadimeter.ranging.flat import SheetSize
+
+Values = NDArray[np.float64]
+Which = NDArray[np.bool_]
+
+SEARCH_SCALE = 0.5
+SEARCH_LONG_SIDES_PX = (320, 800)
+"""Candidates are looked for at half the resolution; least and most pixels of the long side of what is searched."""
+
+LEAST_SEARCHED_PX = 5.0
+
+SEARCHES = (quick_masks, bright_masks, more_bright_masks, thorough_masks)
+"""One after the other, until the sheet is found beyond doubt."""
+
+GREATEST_TILT_RAD = math.radians(70)
+"""A sheet turned away further from the line of sight is not looked for: it appears at a third of its length."""
+
+GREATEST_SIDE_RATIO = 4.0
+"""Opposite sides may differ this much: a sheet tilted by 60 degrees as far away as it is wide (1.43 to 0.57)."""
+
+SMALLEST_ANGLE_RAD = math.radians(12)
+"""The sharpest corner: perspective makes a right angle sharper, but not a spike."""
+
+START_OFF_PX = 1.0
+FIRST_LOOK_OFF_PX = 1.0
+SECOND_LOOK_OFF_PX = 0.4
+"""How badly a sheet fits its own shape when its corners are only roughly known: as found in the reduced picture, in its
+pixels, and as measured at the first two looks."""
+
+SERIOUS_STAGE = 4
+"""Candidates that passed this many tests had their sides measured to the end."""
+
+MOST_LOOKED_AT = 64
+MOST_SETTLED = 6
+
+LEAST_SUPPORT = 0.35
+LEAST_MEAN_SUPPORT = 0.7
+LEAST_CUT_SUPPORT = 0.85
+"""The share of any side, and of all sides, that must be seen as a straight edge; and of the others where the border
+cuts one. The rest may be hidden by fingers, or lie before something that looks like the sheet."""
+
+FIRST_SUPPORT = 0.25
+
+LEAST_CONTRAST = 6.0
+"""How much each side must stand out from what is behind it, in levels of 8 bits of the channel that differs most."""
+
+GREATEST_BEND_PX = 0.6
+GREATEST_BEND_SHARE = 0.003
+"""How far the edge may scatter about a straight line, in pixels or as a share of the side, whatever is more."""
+
+UNEVEN_LEVELS = 20.0
+UNEVEN_SHARE = 0.35
+"""How much the inside may differ along its border, in levels or as a share of the contrast, whatever is more: light may
+fall off across a sheet, but it is one thing."""
+
+MISFIT_SIGMAS = 4.0
+FLATNESS_SHARE = 0.0025
+"""How far corners may be from those of the sheet: four standard deviations, and what a sheet that is not quite flat or
+cut adds as a share of its size, 0.3 mm of a page."""
+
+TOLERANCE_FACTOR = 0.8
+"""So many standard deviations of the sheet's sides are added to it: sides that are wrong by 1 % move the corners of a
+sheet that faces the camera by 0.3 % of its size, three standard deviations by 0.9 %."""
+
+UNKNOWN_LENS_SHARE = 0.01
+"""The same while the focal length, or a side, is one of a few that are tried."""
+
+CALM_OUTLINES = 6
+MOST_CALM = 6.0
+"""Where the quickest search shows fewer outlines than this, fewer can fit by chance, so each may do so more easily."""
+
+EXPECTED_TIMES = 8.0
+EXPECTED_SIZES = (0.4, 1.4)
+"""Where a sheet is expected, one of about the expected size, between these factors, is this many times as likely the
+sheet. Turned away it appears smaller than expected."""
+
+LEAST_QUALITY = 0.5
+LEAST_SHARE = 0.03
+"""While the lens, or one side, is not known, what fits badly or is turned far away is not taken for the sheet; while
+the lens is not, neither is what is smaller than this share of the picture."""
+
+GREATEST_CHANCE = 0.015
+CLEAR_CHANCE = 0.004
+"""The share of outlines of any kind that may fit the sheet as well as one that is taken for it. Below the smaller limit
+it may be off by more than its standard deviation tells, and no other one is looked for. Where sides are not seen whole
+the limit shrinks with the fourth power of what is seen: that many sides must be there by chance."""
+
+SIGMA_FACTOR = 2.0
+SIGMA_FLOOR_PX = 0.012
+SIGMA_BLUR = 0.02
+SHARP_EDGE_PX = 2.5
+"""The standard deviation of a corner's coordinates is ``hypot(2 s / sqrt(n), 0.012, 0.02 (e - 2.5))`` pixels, for sides
+of n steps that scatter by s and take e pixels from inside to outside. A line through n points is twice as unsure at its
+ends as in its middle. The last term is for what is beside a blurred edge and mixes into it."""
+
+MISFIT_FACTOR = 1.5
+"""The stated standard deviation adds this multiple of the misfit: two of the eight coordinates are known beforehand,
+and where these are wrong the others are too. All of these were fitted on rendered sheets, on plain walls and on
+clutter, with noise, JPEG, motion blur and too little light."""
+
+
+class SheetSearch:
+    """Looks for a sheet in one picture.
+
+    Args:
+        min_side_px: Sheets whose shorter side is smaller are not accepted.
+        lens: The camera model at the picture's resolution; None if it is not known.
+    """
+
+    def __init__(self, image: Image, size: SheetSize, min_side_px: float, lens: CameraModel | None) -> None:
+        self._image = image
+        self._lens = lens
+        self._bent = lens if lens is not None and lens.distortion else None
+        self._light = light_table("srgb" if lens is None else lens.tone_curve)
+        self._min_side_px = min_side_px if lens is not None else max(min_side_px, LEAST_SHARE * max(image.shape[:2]))
+        self._aspect = max(size.width_m, size.height_m) / min(size.width_m, size.height_m)
+        self._shape = SheetShape(size, lens, (image.shape[1], image.shape[0]))
+        self._is_strict = lens is not None and size.known_side == "auto"
+        shape_share = FLATNESS_SHARE if self._is_strict else UNKNOWN_LENS_SHARE
+        self._flatness = shape_share + TOLERANCE_FACTOR * size.relative_sigma
+
+    def look(self, region: Region, expected: Prediction | None = None) -> Findings:
+        """Look for the sheet in a part of the picture.
+
+        Args:
+            expected: What is expected there; only what is about as large is taken for the sheet then.
+        """
+        # Cheap masks first. A later, slower search runs only while nothing found is beyond doubt.
+        part = region.of(self._image)
+        least, most = SEARCH_LONG_SIDES_PX
+        small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
+        findings = Findings()
+        outlines = np.empty((0, 4, 2))
+        for masks in SEARCHES:
+            smallest_px = max(self._min_side_px * scale / 2, LEAST_SEARCHED_PX)
+            outlines = find_quadrilaterals(masks(small), smallest_px)
+            outlines = to_full_scale(outlines, scale) + region.left_top_px
+            if masks is quick_masks:
+                findings.calm = min(max(CALM_OUTLINES / max(len(outlines), 1), 1.0), MOST_CALM)
+            on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))
+            self._judge(findings, outlines[~on_border.any(axis=1)], scale, expected)
+            if findings.best is not None and self._is_strict and findings.best.chance < CLEAR_CHANCE:
+                break
+        if findings.best is None:
+            self._judge_cut_off(findings, outlines, on_border, scale)
+        return findings
+
+    def _judge(self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None) -> None:
+        """Put the candidates through all tests."""
+        shaped = self._of_the_shape(findings, outlines)
+        fitting = self._fitting(findings, shaped, START_OFF_PX / scale)[:MOST_LOOKED_AT]
+        if not len(fitting):
+            return
+        edges = measure_edges(self._image, fitting, 2.0 + 1.0 / scale, self._light, self._bent)
+        edges = self._still_fitting(findings, edges, FIRST_LOOK_OFF_PX)
+        if len(edges):
+            edges = measure_edges_closer(self._image, edges, self._light, self._bent)
+            edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MOST_SETTLED]
+        if len(edges):
+            edges = distinct_edges(settle_edges(self._image, edges, self._light, self._bent))
+            self._choose(findings, edges, scale, expected)
+
+    def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
+        """Return the outlines that the sheet may have, whatever their sides look like."""
+        shapes = quad_shapes(outlines)
+        longest = self._aspect / math.cos(GREATEST_TILT_RAD)
+        tests: tuple[tuple[Values, float, Callable[[int], str]], ...] = (
+            (-shapes.shorter_px, -0.8 * self._min_side_px, lambda i: _small_text(shapes, i, self._min_side_px)),
+            (
+                shapes.side_ratio,
+                GREATEST_SIDE_RATIO,
+                lambda i: f"opposite sides of {shapes.side_ratio[i]:.1f} to 1, limit {GREATEST_SIDE_RATIO:.1f} to 1",
+            ),
+            (
+                -shapes.sharpest_rad,
+                -SMALLEST_ANGLE_RAD,
+                lambda i: (
+                    f"a corner of {math.degrees(shapes.sharpest_rad[i]):.0f} degrees, "
+                    f"limit {math.degrees(SMALLEST_ANGLE_RAD):.0f}"
+                ),
+            ),
+            (
+                shapes.aspect,
+                longest,
+                lambda i: f"too long for the sheet: {shapes.aspect[i]:.1f} to 1, limit {longest:.1f} to 1",
+            ),
+        )
+        good = np.ones(len(outlines), np.bool_)
+        for value, limit, why in tests:
+            passed = value <= limit
+            findings.refuse(0, outlines, good & ~passed, why)
+            good &= passed
+        return outlines[good]
+
+    def _fitting(self, findings: Findings, outlines: Points, off_px: float) -> Points:
+        """Return the outlines that fit the sheet about as well as they were found."""
+        misfit_px = self._shape.fit(outlines).misfit_px
+        limits = off_px / np.sin(quad_shapes(outlines).sharpest_rad) + self._flatness * longest_sides_px(outlines)
+        good = misfit_px < limits
+        findings.refuse(
+            1,
+            outlines,
+            ~good,
+            lambda i: f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px",
+        )
+        return outlines[good]
+
+    def _still_fitting(self, findings: Findings, edges: QuadEdges, off_px: float) -> QuadEdges:
+        """Return the candidates that have straight sides and fit the sheet about as well as they were measured."""
+        edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
+        straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
+        findings.refuse(2, edges.corners_px, ~straight, lambda i: _straight_text(edges, i, FIRST_SUPPORT))
+        near = self._shape.fit(edges.corners_px).misfit_px < self._misfit_limits(edges, off_px)
+        findings.refuse(3, edges.corners_px, straight & ~near, lambda i: self._misfit_text(edges[[i]], off_px))
+        return edges[straight & near]
+
+    def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
+        sigmas = MISFIT_SIGMAS * corner_sigmas_px(edges)
+        return np.maximum(off_px, sigmas) + self._flatness * longest_sides_px(edges.corners_px)
+
+    def _misfit_text(self, edges: QuadEdges, off_px: float = 0.0) -> str:
+        misfit_px, limit = self._shape.fit(edges.corners_px).misfit_px[0], self._misfit_limits(edges, off_px)[0]
+        return f"corners {misfit_px:.2f} px from those of the sheet, limit {limit:.2f} px"
+
+    def _choose(self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None) -> None:
+        """Put the candidates through the last tests, and take the one that looks most like the sheet."""
+        fit, sigmas = self._shape.fit(edges.corners_px), corner_sigmas_px(edges)
+        # The decisive test. A pose has six degrees of freedom and four corners eight coordinates, so an outline of a
+        # sheet fulfils two conditions exactly. Other outlines do so with a probability that grows with the square of
+        # the allowed misfit; where sides are partly unseen, with the fourth power of the share that is seen.
+        chance = fit.chance_per_square * np.maximum(fit.misfit_px, sigmas) ** 2
+        limits = self._misfit_limits(edges)
+        quality, least_quality = self._qualities(edges, fit, limits), 0.0 if self._is_strict else LEAST_QUALITY
+        exact = fit.misfit_px <= MISFIT_SIGMAS * sigmas
+        chance_limit = GREATEST_CHANCE * findings.calm
+        chance_limits = np.where(exact, chance_limit * edges.support.mean(axis=1) ** 4, CLEAR_CHANCE)
+        if expected is not None:
+            chance_limits *= EXPECTED_TIMES
+        good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
+        tests = (
+            *_size_test(edges, expected),
+            *self._side_tests(edges),
+            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]])),
+            (
+                quality >= least_quality,
+                lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {least_quality:.2f}",
+            ),
+            (chance <= chance_limits, lambda i: _chance_text(float(chance[i]), float(chance_limits[i]))),
+        )
+        for stage, (passed, why) in enumerate(tests, 4):
+            findings.refuse(stage, edges.corners_px, good & ~passed, why)
+            good &= passed
+        for number in np.nonzero(good)[0].tolist():
+            candidate = Candidate(
+                corners_px=edges.corners_px[number],
+                corner_sigma_px=math.hypot(sigmas[number], MISFIT_FACTOR * fit.misfit_px[number] * self._is_strict),
+                is_brighter=bool(np.median(edges.contrast[number]) >= 0),
+                quality=float(quality[number]),
+                chance=float(chance[number]),
+            )
+            if findings.best is None or candidate.score > findings.best.score:
+                findings.best = candidate
+
+    def _side_tests(self, edges: QuadEdges) -> tuple[tuple[Which, Callable[[int], str]], ...]:
+        """Return tests of the sides: which candidates pass, and what to say of one that does not."""
+        shapes = quad_shapes(edges.corners_px)
+        contrast, support = edges.colour_contrast.min(axis=1), edges.support
+        bends = edges.scatter_px / np.maximum(GREATEST_BEND_PX, GREATEST_BEND_SHARE * shapes.sides_px)
+        uneven = np.maximum(edges.unevenness.max(axis=1), _imbalance(edges))
+        even_limit = np.maximum(UNEVEN_LEVELS, UNEVEN_SHARE * edges.colour_contrast.max(axis=1))
+        return (
+            (shapes.shorter_px >= self._min_side_px, lambda i: _small_text(shapes, i, self._min_side_px)),
+            (
+                contrast >= LEAST_CONTRAST,
+                lambda i: f"stands out on its weakest side by {contrast[i]:.0f} levels, limit {LEAST_CONTRAST:.0f}",
+            ),
+            (support.min(axis=1) >= LEAST_SUPPORT, lambda i: _straight_text(edges, i, LEAST_SUPPORT)),
+            (
+                support.mean(axis=1) >= LEAST_MEAN_SUPPORT,
+                lambda i: f"{support[i].mean():.0%} of its sides are straight edges, limit {LEAST_MEAN_SUPPORT:.0%}",
+            ),
+            (
+                bends.max(axis=1) <= 1,
+                lambda i: f"bent sides: edge scatters by {bends[i].max():.1f} times the limit",
+            ),
+            (
+                uneven <= even_limit,
+                lambda i: f"uneven inside: by {uneven[i]:.0f} levels along its border, limit {even_limit[i]:.0f}",
+            ),
+        )
+
+    def _qualities(self, edges: QuadEdges, fit: SheetFit, limits: Values) -> Values:
+        """Return how much they look like the sheet: seen whole and of its shape; without the lens, facing too."""
+        quality: Values = edges.support.mean(axis=1) * (1 - np.minimum(fit.misfit_px / limits, 1.0) / 2)
+        if self._lens is not None:
+            return quality
+        aspect = quad_shapes(edges.corners_px).aspect
+        return quality * np.minimum(aspect, self._aspect) / np.maximum(aspect, self._aspect)
+
+    def _judge_cut_off(self, findings: Findings, outlines: Points, on_border: Which, scale: float) -> None:
+        """Look for a sheet that the border cuts: its sides inside the picture are those of one."""
+        shapes = quad_shapes(outlines)
+        cuts = on_border.sum(axis=1)
+        may_be = (cuts > 0) & (cuts <= 2) & (shapes.shorter_px >= self._min_side_px)
+        outlines, free = outlines[may_be][:MOST_LOOKED_AT], on_border[may_be][:MOST_LOOKED_AT]
+        if not len(outlines):
+            return
+        edges = measure_edges(self._image, outlines, 2.0 + 2.0 / scale, self._light, self._bent, free)
+        straight = np.where(free, 1.0, edges.support).min(axis=1) >= LEAST_CUT_SUPPORT
+        clear = np.where(free, np.inf, edges.colour_contrast).min(axis=1) >= LEAST_CONTRAST
+        larger = longest_sides_px(outlines) > findings.most_like_px(SERIOUS_STAGE)
+        good = straight & clear & larger & np.isfinite(edges.corners_px).all(axis=(1, 2))
+        if good.any():
+            first = int(np.argmax(good))
+            findings.cut_off = Candidate(
+                corners_px=edges.corners_px[first],
+                corner_sigma_px=float(corner_sigmas_px(edges)[first]),
+                is_brighter=bool(np.median(edges.contrast[first]) >= 0),
+                quality=float(edges.support[first].mean()) / 2,
+            )
+
+
+def corner_sigmas_px(edges: QuadEdges) -> Values:
+    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``."""
+    of_steps = SIGMA_FACTOR**2 * edges.scatter_px**2 / np.maximum(edges.steps, 1)
+    of_blur = (SIGMA_BLUR * np.maximum(edges.edge_px - SHARP_EDGE_PX, 0.0)) ** 2
+    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=1) + SIGMA_FLOOR_PX**2)
+    return sigmas
+
+
+def _margin_px(scale: float) -> float:
+    """Return the distance from the border within which a whole candidate looks like one that is cut off."""
+    return 1.0 + 1.0 / scale
+
+
+def _imbalance(edges: QuadEdges) -> Values:
+    """Return by how many levels the insides differ, other than by light that falls off evenly across."""
+    across = edges.inside[:, [0, 2]].sum(axis=1) - edges.inside[:, [1, 3]].sum(axis=1)
+    imbalance: Values = np.abs(across).max(axis=1) / 2
+    return imbalance
+
+
+def _size_test(edges: QuadEdges, expected: Prediction | None) -> tuple[tuple[Which, Callable[[int], str]], ...]:
+    """Return a test whether candidates are about as large as is expected, if that is known."""
+    if expected is None:
+        return ()
+    sizes = longest_sides_px(edges.corners_px)
+    low, high = (expected.size_px * each for each in EXPECTED_SIZES)
+    low, high = low - 3 * expected.sigma_px, high + 3 * expected.sigma_px
+    passed = (sizes >= low) & (sizes <= high)
+    return ((passed, lambda i: f"{sizes[i]:.0f} px long, expected {max(low, 0):.0f} to {high:.0f} px"),)
+
+
+def _small_text(shapes: QuadShapes, number: int, limit_px: float) -> str:
+    return f"{shapes.shorter_px[number]:.0f} px wide, limit {limit_px:.0f} px"
+
+
+def _straight_text(edges: QuadEdges, number: int, limit: float) -> str:
+    return f"a side of which {edges.support[number].min():.0%} is a straight edge, limit {limit:.0%}"
+
+
+def _chance_text(chance: float, limit: float) -> str:
+    return f"{min(chance, 1.0):.1%} of any outlines would fit as well, limit {limit:.1%}"

@@ -1,0 +1,311 @@
+"""The tag detector: one ArUco marker or AprilTag, its four corners to a few hundredths of a pixel.
+
+A tag says itself which one it is, so clutter is hardly ever taken for one.
+
+The corners that OpenCV and the AprilTag library give are good to some tenths of a pixel; both part black from white
+half way up in code values instead of light, which alone makes a tag of 48 pixels 1.5 % too small. Here they are the
+start for `stadimeter.detectors.tag.sides`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
+from stadimeter.config.units import Length
+from stadimeter.core.camera_model import TONE_CURVES, CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
+from stadimeter.core.frame import Frame
+from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.region import touches_border
+from stadimeter.detectors.sampling import light_table
+from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
+from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamilyName, tag_family
+from stadimeter.detectors.tag.frame import BentSides
+from stadimeter.detectors.tag.outlines import ApriltagFinder
+from stadimeter.detectors.tag.search import Sighting, SmallTagFinder, TagSearch, candidate
+from stadimeter.detectors.tag.sides import TagSides, measure_sides
+from stadimeter.errors import DriverUnavailableError
+from stadimeter.ranging.flat import TagSize
+
+MOST_REJECTED = 8
+"""So many candidates that are not the tag are reported."""
+
+BORDER_PX = 2.0
+"""A tag with a corner nearer to the border of the picture than this may be cut off."""
+
+LEAST_SUPPORT = 0.5
+"""The share of each side that must be seen as a straight edge."""
+
+LEAST_CONTRAST = 0.02
+"""How much more light the white around a tag must give than its black: a share of the most that a picture holds."""
+
+SIGMA_FACTOR = 2.0
+SIGMA_FLOOR_PX = 0.012
+SIGMA_CROWDING_PX = 0.14
+"""The standard deviation of a side is ``hypot(2 s / sqrt(n), 0.012, 0.14 (e / c)²)`` pixels, for n steps that scatter
+by s, an edge that takes e pixels from black to white, and cells of c pixels.
+
+Steps beside each other err together, hence the factor. The last term is for blurred edges that run into each other
+across a cell. Fitted on rendered tags of 30 to 180 px, clean, with noise, JPEG, defocus and motion blur. A camera whose
+tone curve differs from what its model says errs by more, in all frames alike, see `CameraModel.edge_bias_px`.
+"""
+
+
+class TagOptions(Options):
+    """What a ``[targets.…]`` table with ``driver = "tag"`` may hold."""
+
+    side: Length
+    """The side of the black square, without the white around it, such as ``"8 cm"``."""
+    tolerance: Length | None = None
+    """One standard deviation of its side, such as ``"0.2 mm"``; None for a side that is known exactly."""
+    family: TagFamilyName = "apriltag-36h11"
+    """Such as ``apriltag-36h11`` or ``aruco-4x4-50``."""
+    id: Annotated[int | None, Field(ge=0)] = None
+    """Which tag of the family; without it, the largest one in view."""
+    min_side_px: Annotated[float, Field(ge=12)] = 16.0
+    """Tags whose longest side is smaller than this in the picture are not looked for. The larger, the sooner a picture
+    without a tag is done with."""
+    inverted: bool = False
+    """Whether tags with a white border on black count as well."""
+    finder: Literal["opencv", "pyapriltags"] = "opencv"
+    """What looks once more where the fast search finds nothing: ``opencv``, or ``pyapriltags`` for AprilTags of less
+    than 32 pixels, which needs the extra ``tags``."""
+
+    @field_validator("id")
+    @classmethod
+    def _in_family(cls, value: int | None, info: ValidationInfo) -> int | None:
+        name = info.data.get("family")
+        if value is not None and name is not None and value >= tag_family(name).members:
+            raise ValueError(f"{value} is not in {name}, whose tags are numbered 0 to {tag_family(name).members - 1}")
+        return value
+
+    @field_validator("finder")
+    @classmethod
+    def _knows_family(cls, value: str, info: ValidationInfo) -> str:
+        name = info.data.get("family")
+        if value == "pyapriltags" and name is not None and name not in SMALL_TAG_FAMILIES:
+            known = ", ".join(SMALL_TAG_FAMILIES)
+            raise ValueError(f"'pyapriltags' does not know the family {name}; it knows {known}; write 'opencv'")
+        return value
+
+
+class TagDetector:
+    """Finds one tag.
+
+    Args:
+        small_tags: Finds what is too small for the rest; None to do without.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        options: TagOptions,
+        small_tags: SmallTagFinder | None = None,
+    ) -> None:
+        self._name = name
+        self._size = TagSize(side_m=options.side, relative_sigma=(options.tolerance or 0.0) / options.side)
+        self._number = options.id
+        self._family = tag_family(options.family)
+        self._min_side_px = options.min_side_px
+        self._searches = {
+            tone_curve: TagSearch(
+                family=self._family,
+                light=light_table(tone_curve),
+                min_side_px=options.min_side_px,
+                inverted=options.inverted,
+                small_tags=small_tags,
+            )
+            for tone_curve in TONE_CURVES
+        }
+
+    @property
+    def target_size(self) -> TagSize:
+        """The tag's size."""
+        return self._size
+
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
+        """Look for the tag.
+
+        Returns:
+            The tag. Without a number it is the one nearest to the prediction or else the largest, and where several
+            are in view the reason says so.
+        """
+        check_image(frame)
+        near = None if prediction is None else self._near(frame, lens, prediction)
+        return near or self._anywhere(frame, lens)
+
+    def _search(self, lens: CameraModel | None) -> TagSearch:
+        return self._searches["srgb" if lens is None else lens.tone_curve]
+
+    def _near(self, frame: Frame, lens: CameraModel | None, prediction: Prediction) -> Detection | None:
+        sighting = self._search(lens).around(frame.image, prediction)
+        wanted = self._wanted(sighting)
+        if sighting is None or not wanted:
+            return None
+        found = self._measured(frame, lens, sighting, _nearest(wanted, prediction.centre_px - sighting.left_top_px))
+        return self._explained(found, sighting) if found.status is DetectionStatus.FOUND else None
+
+    def _anywhere(self, frame: Frame, lens: CameraModel | None) -> Detection:
+        answer = None
+        sighting = None
+        refused: list[RejectedCandidate] = []
+        for sighting in self._search(lens).everywhere(frame.image):
+            refused.clear()
+            for tag in self._wanted(sighting):
+                answer = self._measured(frame, lens, sighting, tag)
+                if answer.status is not DetectionStatus.NOT_FOUND:
+                    return self._explained(answer, sighting, refused)
+                refused.append(candidate(tag.corners_px + sighting.left_top_px, answer.reason))
+        answer = answer or self._not_found(self._missing(sighting))
+        return answer if sighting is None else self._explained(answer, sighting, refused)
+
+    def _explained(self, answer: Detection, sighting: Sighting, refused: Sequence[RejectedCandidate] = ()) -> Detection:
+        """Add what else was looked at: tags that could not be measured, other tags, outlines without a tag."""
+        if not (refused or sighting.unread or len(sighting.tags) > 1 or answer.status is DetectionStatus.NOT_FOUND):
+            return answer
+        others = [
+            candidate(tag.corners_px + sighting.left_top_px, f"is tag {tag.number}, not {self._number}")
+            for tag in sighting.tags
+            if self._number is not None and tag.number != self._number
+        ]
+        rejected = [*refused, *others, *sighting.rejected(MOST_REJECTED)]
+        return replace(answer, rejected=tuple([each for each in rejected if not _is_at(each, answer)][:MOST_REJECTED]))
+
+    def _wanted(self, sighting: Sighting | None) -> list[SeenTag]:
+        tags = () if sighting is None else sighting.tags
+        return [tag for tag in tags if self._number is None or tag.number == self._number]
+
+    def _missing(self, sighting: Sighting | None) -> str:
+        """Say what was seen instead of the tag."""
+        if sighting is not None and sighting.tags:
+            others = ", ".join(str(number) for number in sorted({tag.number for tag in sighting.tags}))
+            return f"no tag {self._number} of {self._family.name}, only {others}"
+        outlines = 0 if sighting is None else sighting.outlines
+        of_which = f" among {outlines} four-cornered outlines" if outlines else ""
+        return f"no tag of {self._family.name} of at least {self._min_side_px:g} px{of_which}"
+
+    def _measured(self, frame: Frame, lens: CameraModel | None, sighting: Sighting, tag: SeenTag) -> Detection:
+        """Measure a tag's sides, in the part of the picture in which it was seen."""
+        bent = BentSides(camera=lens, left_top_px=sighting.left_top_px) if lens and lens.distortion else None
+        sides = measure_sides(sighting.grey, tag.corners_px, self._family.cells, self._search(lens).light, bent)
+        corners = (tag.corners_px if sides is None else sides.corners_px) + sighting.left_top_px
+        if touches_border(corners, frame.width_px, frame.height_px, BORDER_PX):
+            return self._unmeasured(tag, DetectionStatus.TRUNCATED, "is cut off by the border", corners)
+        if sides is None:
+            return self._unmeasured(tag, DetectionStatus.NOT_FOUND, "has no straight sides")
+        trouble = self._trouble(sides)
+        if trouble:
+            return self._unmeasured(tag, DetectionStatus.NOT_FOUND, trouble)
+        if lens and lens.edge_bias_px:
+            corners = _without_bias(corners, sides, lens.edge_bias_px)
+        return self._found(tag, sides, corners, sighting.tags)
+
+    def _trouble(self, sides: TagSides) -> str:
+        """Say why the sides are not those of a tag; an empty string if they are."""
+        longest = max(side_lengths(sides.corners_px))
+        if longest < self._min_side_px:
+            return f"is too small: {longest:.1f} px, limit {self._min_side_px:g} px"
+        weakest = min(abs(each) for each in sides.contrast)
+        if weakest < LEAST_CONTRAST or not all((each > 0) == (sides.contrast[0] > 0) for each in sides.contrast):
+            return f"does not stand out on all four sides: {weakest:.1%} of full light, limit {LEAST_CONTRAST:.0%}"
+        straight = min(sides.support)
+        if straight < LEAST_SUPPORT:
+            return f"has a side of which {straight:.0%} is straight, limit {LEAST_SUPPORT:.0%}"
+        return ""
+
+    def _found(self, tag: SeenTag, sides: TagSides, corners: Points, tags: Sequence[SeenTag]) -> Detection:
+        width_px, height_px = width_and_height(corners)
+        return Detection(
+            target=self._name,
+            status=DetectionStatus.FOUND,
+            reason=self._choice(tag, tags),
+            outline_px=corners,
+            centre_px=diagonals_meet(corners),
+            width_px=width_px,
+            height_px=height_px,
+            size_sigma_px=_size_sigma_px(sides, min(width_px, height_px) / self._family.cells),
+            quality=min(sides.support) * (1 - tag.errors / (2 * self._family.most_errors + 1)),
+        )
+
+    def _choice(self, tag: SeenTag, tags: Sequence[SeenTag]) -> str:
+        """Say that there was a choice, if there was one."""
+        if self._number is not None or len(tags) < 2:
+            return ""
+        return f"tag {tag.number}, one of {len(tags)} of {self._family.name} in view; name one with id"
+
+    def _unmeasured(self, tag: SeenTag, status: DetectionStatus, why: str, corners: Points | None = None) -> Detection:
+        reason = f"tag {tag.number}, {tag.side_px:.0f} px, {why}"
+        if corners is None:
+            return self._not_found(reason)
+        return Detection(target=self._name, status=status, reason=reason, outline_px=corners)
+
+    def _not_found(self, reason: str) -> Detection:
+        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason)
+
+
+def _is_at(rejected: RejectedCandidate, found: Detection) -> bool:
+    """Say whether a candidate is the tag itself: OpenCV sees one border from both its sides."""
+    if not len(found.outline_px):
+        return False
+    x, y = (rejected.centre_px - found.outline_px.mean(axis=0)).tolist()
+    return math.hypot(x, y) < rejected.size_px / 4
+
+
+def _nearest(tags: Sequence[SeenTag], expected_px: Points) -> SeenTag:
+    if len(tags) == 1:
+        return tags[0]
+    return min(tags, key=lambda tag: float(np.abs(tag.corners_px.mean(axis=0) - expected_px).max()))
+
+
+def _without_bias(corners: Points, sides: TagSides, edge_bias_px: float) -> Points:
+    """Return the corners with the camera's edge bias taken off: a black tag appears too small by it."""
+    outwards_px = edge_bias_px if sides.contrast[0] > 0 else -edge_bias_px
+    return np.asarray(grown(corners[None], outwards_px)[0])
+
+
+def _size_sigma_px(sides: TagSides, cell_px: float) -> float:
+    """Return the standard deviation of a side's length."""
+    variances_px2 = [scatter**2 / max(steps, 1) for scatter, steps in zip(sides.scatter_px, sides.steps, strict=True)]
+    of_steps = SIGMA_FACTOR * math.sqrt(sum(variances_px2) / len(variances_px2))
+    of_crowding = SIGMA_CROWDING_PX * (max(sides.edge_px) / cell_px) ** 2
+    return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding)
+
+
+def _build(options: TagOptions, context: DriverContext) -> TagDetector:
+    return TagDetector(context.name, options, _small_tags(options, context.name))
+
+
+def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
+    """Load the library for small tags, if it is asked for; it takes long and is not always installed."""
+    if options.finder == "opencv":
+        return None
+    try:
+        return ApriltagFinder(options.family)
+    except ImportError as error:
+        raise DriverUnavailableError(
+            f"target {name}: finder = 'pyapriltags' needs a library that is not installed: {error}; install it with "
+            "pip install 'stadimeter[tags]', or write finder = 'opencv'"
+        ) from error
+
+
+def _exercise() -> Exercise:
+    """Return a tag of 70 px on white paper."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    patch = np.full((100, 100), 225, np.uint8)
+    patch[15:85, 15:85] = np.maximum(cv2.aruco.generateImageMarker(dictionary, 0, 70), 20)
+    return Exercise(
+        options={"side": "8 cm", "family": "apriltag-36h11"}, patch=np.repeat(patch[:, :, np.newaxis], 3, axis=2)
+    )
+
+
+PLUGIN = Plugin(TagOptions, _build, exercise=_exercise)

@@ -1,0 +1,270 @@
+"""Families of tags, and reading the code of a tag from its four corners.
+
+OpenCV finds outlines fast but compares each with every member of a family, in version 5 a millisecond for each
+outline. Here the code is read at full resolution, however much the picture was reduced for the search, and looked up
+among all members in all four directions; only if it is none of them, it is compared with all by a product of matrices.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator
+
+from stadimeter.core.detection import Points
+
+Plane = NDArray[np.uint8]
+Points32 = NDArray[np.float32]
+
+SAMPLES = 4
+"""Samples along a cell; the outermost are left out, since neighbouring cells blur into them."""
+
+FROM = np.array([[(first + i) % 4 for i in range(4)] for first in range(4)])
+"""The order of the corners from each of them on."""
+
+LEAST_CONTRAST = 12.0
+"""How much brighter the white cells must be than the black ones, in levels of 8 bits."""
+
+MOST_BORDER_ERRORS = 0.12
+"""The share of the border's cells that may look white: three of 28."""
+
+MOST_BORDER_DOUBTS = 0.4
+"""Where more of the border looks white, better corners would not help."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SeenTag:
+    """A tag whose code was read.
+
+    Attributes:
+        number: Which member of the family it is.
+        errors: How many of its cells are wrong.
+        corners_px: Its corners clockwise on the screen, starting with its own top left one, shape ``(4, 2)``.
+    """
+
+    number: int
+    errors: int
+    corners_px: Points
+
+    @property
+    def side_px(self) -> float:
+        """Its longest side."""
+        return float(np.linalg.norm(self.corners_px[[1, 2, 3, 0]] - self.corners_px, axis=1).max())
+
+
+class Unread(NamedTuple):
+    """What an outline shows that is no tag of the family.
+
+    Attributes:
+        reason: The test that it failed, with the figure and the limit.
+        white_border: The share of the border's cells that look white; 1 where there is no contrast.
+    """
+
+    reason: str
+    white_border: float
+
+    @property
+    def may_be_tag(self) -> bool:
+        """Whether it may still be a tag, if its corners were known better: most of the border is black."""
+        return self.white_border < MOST_BORDER_DOUBTS
+
+
+def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bool = False) -> SeenTag | Unread:
+    """Read the code inside an outline.
+
+    What parts black from white is found by Otsu's criterion: the variance between the two classes is the largest
+    (N. Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems, Man, and
+    Cybernetics 9, 1979).
+
+    Args:
+        corners_px: The outline's corners clockwise on the screen.
+        inverted: Whether a white border on black counts too.
+
+    Returns:
+        The tag, or why it is none of the family.
+    """
+    cells = _cells(grey, corners_px, family.cells)
+    white = np.asarray(cv2.threshold(cells, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1], np.uint8)
+    has_both = 0 < cv2.countNonZero(white) < white.size
+    contrast = cv2.mean(cells, white)[0] - cv2.mean(cells, 1 - white)[0] if has_both else 0.0
+    if contrast < LEAST_CONTRAST:
+        return Unread(f"white cells are brighter by {contrast:.0f} levels, limit {LEAST_CONTRAST:.0f}", 1.0)
+    border = _white_border(white)
+    if inverted and border > 0.5:
+        white, border = 1 - white, 1 - border
+    if border > MOST_BORDER_ERRORS:
+        return Unread(f"{border:.0%} of the border is not black, limit {MOST_BORDER_ERRORS:.0%}", border)
+    return _closest(white[1:-1, 1:-1], corners_px, family, border)
+
+
+def _cells(grey: Plane, corners: Points, count: int) -> Plane:
+    """Return how bright each cell is, shape ``(count, count)``."""
+    side = count * SAMPLES
+    turned = cv2.getPerspectiveTransform(_square(side), corners.astype(np.float32))
+    flat = cv2.warpPerspective(
+        grey, turned, (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE
+    )
+    mean = _inner_means(count)
+    return np.asarray(np.rint(mean @ np.asarray(flat, np.float32) @ mean.T), np.uint8)
+
+
+@cache
+def _square(side: int) -> Points32:
+    """Return the corners of a square picture, from the outer edge of its first pixel on."""
+    return np.array(((0, 0), (side, 0), (side, side), (0, side)), np.float32) - np.float32(0.5)
+
+
+@cache
+def _inner_means(count: int) -> Points32:
+    """Return the matrix that takes the mean of the inner samples of each cell, shape ``(count, count * SAMPLES)``."""
+    inner = np.zeros(SAMPLES, np.float32)
+    inner[1:-1] = 1 / (SAMPLES - 2)
+    return np.kron(np.eye(count, dtype=np.float32), inner)
+
+
+def _white_border(white: Plane) -> float:
+    """Return the share of the border's cells that are white."""
+    cells = len(white)
+    inner = white[1:-1, 1:-1]
+    return (cv2.countNonZero(white) - cv2.countNonZero(inner)) / (cells * cells - inner.size)
+
+
+def _closest(inner: Plane, corners: Points, family: TagFamily, border: float) -> SeenTag | Unread:
+    """Return the member with the fewest wrong cells, whichever way it is turned."""
+    row, errors = family.rows.get(inner.tobytes()), 0
+    if row is None:
+        agreement = family.codes @ (inner.reshape(-1).astype(np.float32) * 2 - 1)
+        row = int(np.argmax(agreement))
+        errors = round((inner.size - float(agreement[row])) / 2)
+    if errors > family.most_errors:
+        return Unread(f"its code differs from every tag in {errors} cells or more, limit {family.most_errors}", border)
+    quarter, number = divmod(row, family.members)
+    # Turned clockwise by n quarters, its own top left corner is n corners further on.
+    return SeenTag(number=number, errors=errors, corners_px=corners[FROM[quarter]])
+
+
+APRILTAG, ARUCO = "apriltag-", "aruco-"
+
+DICTIONARIES = {
+    f"{ARUCO}{size}x{size}-{count}": f"DICT_{size}X{size}_{count}"
+    for size in (4, 5, 6, 7)
+    for count in (50, 100, 250, 1000)
+} | {
+    f"{ARUCO}original": "DICT_ARUCO_ORIGINAL",
+    f"{ARUCO}mip-36h12": "DICT_ARUCO_MIP_36h12",
+    f"{APRILTAG}16h5": "DICT_APRILTAG_16h5",
+    f"{APRILTAG}25h9": "DICT_APRILTAG_25h9",
+    f"{APRILTAG}36h10": "DICT_APRILTAG_36h10",
+    f"{APRILTAG}36h11": "DICT_APRILTAG_36h11",
+}
+"""The families by the name that people write, each with OpenCV's name for it."""
+
+SMALL_TAG_FAMILIES = {f"{APRILTAG}{name}": f"tag{name}" for name in ("16h5", "25h9", "36h11")}
+"""The families that the AprilTag library knows as well, each with its name there."""
+
+CORRECTED_SHARE = 0.6
+"""The share of the errors that a family could correct which is accepted, as `cv2.aruco` does: correcting all of them
+takes clutter for a tag."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TagFamily:
+    """A set of square tags that differ in their code.
+
+    Attributes:
+        name: Such as ``apriltag-36h11``.
+        cells: How many cells a side of the black square is long, its border of one cell included.
+        members: How many tags there are; they are numbered from 0.
+        codes: The cells inside the border, row by row, of each member: 1 for white, -1 for black. First all members
+            upright, then all turned clockwise by one, two and three quarters, shape ``(4 * members, (cells - 2)²)``.
+        rows: Where in `codes` a code is, by its cells as bytes, 1 for white and 0 for black.
+        most_errors: How many wrong cells are accepted.
+    """
+
+    name: str
+    cells: int
+    members: int
+    codes: NDArray[np.float32]
+    rows: dict[bytes, int]
+    most_errors: int
+
+
+@cache
+def tag_family(name: str) -> TagFamily:
+    """Return the family of that name.
+
+    OpenCV holds the AprilTag families turned by half a turn against the pictures that their authors publish; here they
+    are turned back.
+
+    Args:
+        name: One of `DICTIONARIES`.
+    """
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARIES[name]))
+    size = int(dictionary.markerSize)
+    rows = np.asarray(dictionary.bytesList)
+    bits = [cv2.aruco.Dictionary.getBitsFromByteList(rows[i : i + 1], size) for i in range(len(rows))]
+    upright = np.stack(bits).astype(np.float32) * 2 - 1
+    if name.startswith(APRILTAG):
+        upright = np.rot90(upright, 2, axes=(1, 2))
+    turned = [np.rot90(upright, -quarters, axes=(1, 2)) for quarters in range(4)]
+    codes = np.stack(turned).reshape(-1, size * size)
+    codes.setflags(write=False)
+    return TagFamily(
+        name=name,
+        cells=size + 2,
+        members=len(rows),
+        codes=codes,
+        rows=_rows(codes),
+        most_errors=int(_correctable(codes, len(rows)) * CORRECTED_SHARE),
+    )
+
+
+def _correctable(codes: NDArray[np.float32], members: int) -> int:
+    """Return how many wrong cells leave no doubt which member it is: less than half of what two differ by at least.
+
+    OpenCV says so too, but before version 5 wrongly for AprilTags.
+    """
+    alike = codes @ codes[:members].T
+    np.fill_diagonal(alike, -np.inf)
+    differ = int(codes.shape[1] - float(alike.max())) // 2
+    return max(0, (differ - 1) // 2)
+
+
+def _rows(codes: NDArray[np.float32]) -> dict[bytes, int]:
+    """Return where each code is; of those that look the same, the first."""
+    white = (codes > 0).astype(np.uint8)
+    return {white[row].tobytes(): row for row in reversed(range(len(white)))}
+
+
+def parse_family(text: object) -> str:
+    """Read the name of a family; ``36h11`` and ``4x4-50`` are enough where only one family ends so.
+
+    Returns:
+        One of `DICTIONARIES`.
+
+    Raises:
+        ValueError: There is no such family; the message offers the likely one.
+    """
+    if not isinstance(text, str):
+        raise ValueError(f"{text!r} is not a family of tags; write it as text, such as 'apriltag-36h11'")
+    wanted = text.strip().lower().replace("_", "-")
+    for name in (wanted, APRILTAG + wanted, ARUCO + wanted):
+        if name in DICTIONARIES:
+            return name
+    raise ValueError(_no_family(text, wanted))
+
+
+def _no_family(text: str, wanted: str) -> str:
+    short = {name.removeprefix(APRILTAG).removeprefix(ARUCO): name for name in DICTIONARIES}
+    close = difflib.get_close_matches(wanted, [*DICTIONARIES, *short], n=1, cutoff=0.6)
+    guess = f"; did you mean {short.get(close[0], close[0])!r}?" if close else "."
+    return f"there is no family of tags {text!r}{guess} There are: {', '.join(DICTIONARIES)}"
+
+
+TagFamilyName = Annotated[str, BeforeValidator(parse_family)]

@@ -1,0 +1,245 @@
+"""Expected sides of a tag, in whole pixels along and across each of them.
+
+Along is x for a side that is more horizontal and y for one that is more vertical; across is the other one. All four
+sides are worked on at once: arrays have the sides first. What is one number for each side is kept in plain Python,
+which for so few is several times as fast as arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points
+
+Values = NDArray[np.float64]
+OfSides = tuple[float, ...]
+
+CORNER_SHARE = 0.08
+"""Share of a side left out at each end, where the other side blurs in."""
+
+LEAST_STEPS = 8
+
+REACH_PX = (2, 12)
+"""How many pixels across a side are looked at on both sides of where it is expected, at least and at most."""
+
+LEAST_SHAPE_PX = 2 * REACH_PX[1] + 1
+"""A picture must be larger than this."""
+
+START_PX = 4.5
+"""How many pixels an edge takes from black to white, as long as it has not been looked at: two or three, and the start
+may be off by as many."""
+
+PLATEAU_PX = 1.5
+"""So much further is looked than where an edge is over."""
+
+START: OfSides = (START_PX,) * 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """How one fit is made.
+
+    Attributes:
+        reach_cells: How far across a side is looked, in cells: the border of a tag is one wide, and so is its margin.
+        most_steps: How many steps along a side are looked at, at most.
+        refit: Whether the line through the medians is fitted again without what lies far from it.
+    """
+
+    reach_cells: float
+    most_steps: int
+    refit: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class BentSides:
+    """How a lens bends straight sides.
+
+    Attributes:
+        camera: The lens at the picture's resolution.
+        left_top_px: Where the part of the picture that is looked at starts.
+    """
+
+    camera: CameraModel
+    left_top_px: Points
+
+    def middles(self, corners_px: Points) -> Points:
+        """Return where the middles of straight sides between these corners appear, shape ``(4, 2)``."""
+        directions = self.camera.directions(corners_px + self.left_top_px)
+        return self.camera.project((directions + directions[[1, 2, 3, 0]]) / 2) - self.left_top_px
+
+
+class Side(NamedTuple):
+    """The straight line from one corner to the next.
+
+    Attributes:
+        flat: Whether it is more horizontal.
+        start: Where it starts along.
+        forward: How far it leads along, below zero for backwards.
+        slope: How it rises across.
+        at_zero: Where it crosses along = 0.
+        cosine: What turns a difference across into a distance from the side.
+        outward: Which way across leads out of the tag, 1 or -1.
+    """
+
+    flat: bool
+    length_px: float
+    start: float
+    forward: float
+    slope: float
+    at_zero: float
+    cosine: float
+    outward: int
+
+    def strides(self, width_px: int) -> tuple[int, int]:
+        """Return how many places further on the next pixel along and the next one across is, row by row."""
+        return (1, width_px) if self.flat else (width_px, 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SideFrame:
+    """Where the sides are expected.
+
+    Attributes:
+        sides: The straight lines between the corners.
+        middle: Where along is the middle of the steps of each side, shape ``(4, 1)``.
+        from_middle: Where the steps are looked for, whole pixels along less the middle, shape ``(4, n)``.
+        place: Which pixel of the picture, counted row by row, the side is expected in there, or the nearest one around
+            which so far can be looked, shape ``(4, n)``.
+        off_pixel: How much further across than the middle of this pixel, shape ``(4, n)``; bent as the lens bends it.
+        stride: How many places further on the next pixel outwards is, shape ``(4, 1)``.
+        outward: Which way across leads out of the tag, 1 or -1, shape ``(4, 1)``.
+        cosine: What turns a difference across into a distance from the side, shape ``(4, 1)``.
+        reach: How many pixels are looked at in each direction.
+        most_reach: How many could be, as far as cells allow it.
+    """
+
+    sides: list[Side]
+    middle: Values
+    from_middle: Values
+    place: NDArray[np.intp]
+    off_pixel: Values
+    stride: NDArray[np.intp]
+    outward: Values
+    cosine: Values
+    reach: tuple[int, ...]
+    most_reach: tuple[int, ...]
+
+    def sees_enough(self, edges_px: OfSides) -> bool:
+        """Return whether edges of these widths were looked at as far as they and the cells ask for."""
+        sides = zip(edges_px, self.most_reach, self.reach, strict=True)
+        return all(min(edge_px + PLATEAU_PX, most) <= reach + 0.5 for edge_px, most, reach in sides)
+
+    def left_px(self, edges_px: OfSides) -> float:
+        """Return how many pixels are looked at beyond edges of these widths, on the side with the fewest.
+
+        At its steepest a Gaussian edge rises as if it took √(2π) = 2.5 standard deviations. So far from its middle it
+        is over: it is black or white but for 0.6 %.
+        """
+        return min([reach - edge_px for edge_px, reach in zip(edges_px, self.reach, strict=True)])
+
+
+def side_frame(
+    corners_px: Points,
+    cells: int,
+    look: Look,
+    shape: tuple[int, ...],
+    edges_px: OfSides = START,
+    bent: BentSides | None = None,
+) -> SideFrame | None:
+    """Return where the sides between four corners are.
+
+    Args:
+        corners_px: The corners, clockwise on the screen, shape ``(4, 2)``.
+        cells: How many cells a side is long.
+        edges_px: How many pixels each side takes from black to white.
+
+    Returns:
+        The sides; None where they, or the picture, are too small to be looked at, or lead out of the picture.
+    """
+    points = corners_px.tolist()
+    sides = [_side(points[i], points[i - 3]) for i in range(4)]
+    shortest_px = min([side.length_px for side in sides])
+    inside_px = _inside_px(points, shape)
+    # Steps start some way from the corners, so these may be a little outside.
+    if not (shortest_px > cells / 2 and inside_px > -CORNER_SHARE / 2 * shortest_px and min(shape) > LEAST_SHAPE_PX):
+        return None
+    most_reach = _reaches(sides, quad_area(points) / cells, look)
+    reach = tuple([min(math.ceil(e + PLATEAU_PX), most) for e, most in zip(edges_px, most_reach, strict=True)])
+    steps = int(min(max(shortest_px * (1 - 2 * CORNER_SHARE), LEAST_STEPS), look.most_steps))
+    rows = [(s.start, s.forward, s.slope, s.at_zero, s.cosine, s.outward, *s.strides(shape[1])) for s in sides]
+    start, forward, slope, at_zero, cosine, outward, next_along, next_across = np.array(rows).T[:, :, None]
+    along = np.rint(start + _shares(steps) * forward)
+    across = at_zero + slope * along
+    if bent is not None:
+        across += _bend(bent.middles(corners_px), sides, slope, at_zero, (along - start) / forward)
+    pixel = np.rint(across)
+    if bent is not None or inside_px < max(reach):
+        pixel = _with_room(pixel, sides, max(reach), shape)
+    middle = (along[:, :1] + along[:, -1:]) / 2
+    return SideFrame(
+        sides=sides,
+        middle=middle,
+        from_middle=along - middle,
+        place=(pixel * next_across + along * next_along).astype(np.intp),
+        off_pixel=across - pixel,
+        stride=(next_across * outward).astype(np.intp),
+        outward=outward,
+        cosine=cosine,
+        reach=reach,
+        most_reach=most_reach,
+    )
+
+
+def quad_area(points: list[list[float]]) -> float:
+    """Return the area between four corners: half the cross product of the diagonals."""
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = points
+    return abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2
+
+
+def _side(start: list[float], end: list[float]) -> Side:
+    x, y = end[0] - start[0], end[1] - start[1]
+    flat = abs(x) >= abs(y)
+    forward, sideways = (x, y) if flat else (y, x)
+    first, level = start if flat else (start[1], start[0])
+    length_px = math.hypot(x, y)
+    slope = sideways / forward if forward else 0.0
+    cosine = abs(forward) / length_px if length_px else 1.0
+    outward = -1 if (forward > 0) == flat else 1
+    return Side(flat, length_px, first, forward, slope, level - slope * first, cosine, outward)
+
+
+def _inside_px(points: list[list[float]], shape: tuple[int, ...]) -> float:
+    """Return how far inside the picture the corners are; below zero if one of them is outside."""
+    x, y = zip(*points, strict=True)
+    return float(min(*x, *y, shape[1] - 1 - max(x), shape[0] - 1 - max(y)))
+
+
+def _reaches(sides: list[Side], area_of_cells_px2: float, look: Look) -> tuple[int, ...]:
+    """Return how far can be looked across: the area over a side is how far away the opposite one lies."""
+    cells_px = [area_of_cells_px2 / (side.length_px * side.cosine) for side in sides]
+    return tuple([min(max(round(look.reach_cells * cell_px), REACH_PX[0]), REACH_PX[1]) for cell_px in cells_px])
+
+
+def _with_room(pixel: Values, sides: list[Side], reach: int, shape: tuple[int, ...]) -> Values:
+    """Return the nearest pixels to these around which so far can be looked without leaving the picture."""
+    last = np.array([[shape[0] if side.flat else shape[1]] for side in sides]) - 1
+    return np.asarray(np.minimum(np.maximum(pixel, reach), last - reach))
+
+
+@cache
+def _shares(steps: int) -> Values:
+    return np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
+
+
+def _bend(middles: Points, sides: list[Side], slope: Values, at_zero: Values, share: Values) -> Values:
+    """Return how far off its straight line each side is bent, as a parabola through its ends and its middle."""
+    flat = np.array([side.flat for side in sides])
+    along, across = np.where(flat, middles.T, middles.T[::-1])[:, :, None]
+    return np.asarray((across - at_zero - slope * along) * 4 * share * (1 - share))

@@ -1,0 +1,190 @@
+"""Where in a picture tags are looked for, and how hard.
+
+A reduced picture first, larger ones only if the tag is not there. Around a prediction only a part of the picture is
+looked at, reduced until the tag is about `TRACKED_PX` long, so that the cost depends neither on the picture's size nor
+on the tag's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.detection import Points, Prediction, RejectedCandidate
+from stadimeter.core.frame import Image
+from stadimeter.detectors.region import Region
+from stadimeter.detectors.sampling import Light
+from stadimeter.detectors.sides import side_lengths
+from stadimeter.detectors.tag.codes import SeenTag, TagFamily, Unread, read_tag
+from stadimeter.detectors.tag.outlines import find_outlines
+from stadimeter.detectors.tag.sides import measure_sides
+
+Plane = NDArray[np.uint8]
+
+FIRST_LONG_SIDE_PX = 480
+"""The first look is at the picture halved until its long side is no longer than this."""
+
+LEAST_FOUND_PX = 16.0
+"""A picture is never reduced less than what makes the smallest wanted tag this long."""
+
+LEAST_READ_PX = 10.0
+"""Tags with a shorter side are not looked for in a reduced picture: their cells run into each other."""
+
+TURNED_SHARE = 0.65
+"""How much shorter the way around a tag gets when it is turned by 70 degrees; turned further it cannot be read."""
+
+TRACKED_PX = 40.0
+"""How long a tag is in the picture that is searched around a prediction."""
+
+HALF_DIAGONAL, MARGIN_PX = math.sqrt(0.5), 8
+"""Around a prediction the picture is cut out so that a tag standing on its corner fits in, with some of its paper."""
+
+SIGMAS = 3.0
+"""So many standard deviations a prediction may be wrong."""
+
+SMALL_CELL_PX = 5.0
+"""Corners of an outline are good to a pixel or two. Where cells are smaller than this, the sides are measured before
+the code is given up."""
+
+
+def candidate(corners_px: Points, reason: str) -> RejectedCandidate:
+    """Return an outline of four corners, shape ``(4, 2)``, as a candidate that was rejected."""
+    x, y = corners_px.mean(axis=0).tolist()
+    return RejectedCandidate(centre_px=(x, y), size_px=max(side_lengths(corners_px)), reason=reason)
+
+
+class SmallTagFinder(Protocol):
+    """Something that finds tags which are too small for the rest."""
+
+    def find(self, grey: Plane) -> list[SeenTag]:
+        """Return the tags in a picture of shape ``(height, width)``."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Sighting:
+    """What one look at a picture, or at a part of it, showed.
+
+    Attributes:
+        grey: What was looked at, shape ``(height, width)``.
+        left_top_px: Where its first pixel is in the picture.
+        tags: The tags of the family, the largest first, with their corners in `grey`.
+        outlines: How many outlines of four corners there were.
+        unread: Outlines that show no tag of the family, shape ``(4, 2)`` in `grey` each, and why.
+    """
+
+    grey: Plane
+    left_top_px: Points
+    tags: tuple[SeenTag, ...]
+    outlines: int
+    unread: Sequence[tuple[Points, Unread]] = ()
+
+    def rejected(self, most: int) -> list[RejectedCandidate]:
+        """Return outlines that show no tag, the most like one first, the larger first where they are alike."""
+        likely = sorted(self.unread, key=lambda found: found[1].white_border)[:most]
+        return [candidate(corners + self.left_top_px, unread.reason) for corners, unread in likely]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TagSearch:
+    """Looks for the tags of a family.
+
+    Attributes:
+        min_side_px: Tags whose longest side is smaller than this are not looked for.
+        small_tags: Finds what is too small for the rest; None to do without.
+    """
+
+    family: TagFamily
+    light: Light
+    min_side_px: float
+    inverted: bool = False
+    small_tags: SmallTagFinder | None = None
+
+    def around(self, image: Image, prediction: Prediction) -> Sighting | None:
+        """Look where a tag is expected.
+
+        Returns:
+            What was seen, without tags that may be cut off; None if the place is not in the picture.
+        """
+        longest_px = prediction.size_px + SIGMAS * prediction.sigma_px
+        least_px = max((prediction.size_px - SIGMAS * prediction.sigma_px) / 2, self.min_side_px)
+        half_px = HALF_DIAGONAL * prediction.size_px + SIGMAS * prediction.sigma_px + MARGIN_PX
+        region = Region.around(prediction.centre_px, half_px, image, outwards=True)
+        if region is None:
+            return None
+        left_top, grey = region.left_top_px, _grey(region.of(image))
+        reduced_px = max(1, round(max(grey.shape) * min(1.0, TRACKED_PX / longest_px)))
+        sighting = self._whole(grey, left_top, least_px, reduced_px)
+        # A tag that is turned far is much narrower than it is long.
+        return sighting if sighting.tags else self._whole(grey, left_top, least_px, max(grey.shape))
+
+    def _whole(self, grey: Plane, left_top: Points, least_px: float, long_side_px: int) -> Sighting:
+        outlines = find_outlines(grey, 4 * TURNED_SHARE * least_px, long_side_px, thorough=False)
+        height, width = grey.shape
+        last = (width - 1 - MARGIN_PX / 2, height - 1 - MARGIN_PX / 2)
+        whole = outlines[((outlines > MARGIN_PX / 2) & (outlines < last)).reshape(-1, 8).all(axis=1)]
+        return self._sighting(grey, left_top, whole, len(outlines))
+
+    def everywhere(self, image: Image) -> Iterator[Sighting]:
+        """Look at the whole picture, each time harder.
+
+        Yields:
+            What was seen. Who has what he wants stops here and saves the rest, which takes longer each time.
+        """
+        grey = _grey(image)
+        sizes = self._long_sides(max(grey.shape))
+        for long_side_px in sizes:
+            yield self._look(grey, long_side_px, thorough=False)
+        yield self._look(grey, sizes[-1], thorough=True)
+        if self.small_tags is not None:
+            tags = sorted(self.small_tags.find(grey), key=lambda tag: tag.side_px, reverse=True)
+            yield Sighting(grey=grey, left_top_px=np.zeros(2), tags=tuple(tags), outlines=len(tags))
+
+    def _long_sides(self, full_px: int) -> list[int]:
+        """Return the sizes of the picture that are searched: each time twice as large."""
+        coarsest = max(0, math.ceil(math.log2(full_px / FIRST_LONG_SIDE_PX)))
+        finest = max(0, math.floor(math.log2(self.min_side_px / LEAST_FOUND_PX)))
+        return [max(1, full_px >> halvings) for halvings in range(max(coarsest, finest), finest - 1, -1)]
+
+    def _look(self, grey: Plane, long_side_px: int, *, thorough: bool) -> Sighting:
+        scale = long_side_px / max(grey.shape)
+        least_px = max(self.min_side_px, LEAST_READ_PX / scale)
+        outlines = find_outlines(grey, 4 * TURNED_SHARE * least_px, long_side_px, thorough=thorough)
+        return self._sighting(grey, np.zeros(2), outlines, len(outlines))
+
+    def _sighting(self, grey: Plane, left_top: Points, outlines: Points, count: int) -> Sighting:
+        """Read the code in outlines; each tag of the picture counts once."""
+        tags: list[SeenTag] = []
+        unread: list[tuple[Points, Unread]] = []
+        for corners in outlines:
+            tag = self._read(grey, corners)
+            if isinstance(tag, Unread):
+                unread.append((corners, tag))
+            elif not any(_same(tag, other) for other in tags):
+                tags.append(tag)
+        return Sighting(grey=grey, left_top_px=left_top, tags=tuple(tags), outlines=count, unread=unread)
+
+    def _read(self, grey: Plane, corners: Points) -> SeenTag | Unread:
+        """Read a code, and once more between measured sides where a cell is hardly larger than an outline's error."""
+        tag = read_tag(grey, corners, self.family, inverted=self.inverted)
+        if not isinstance(tag, Unread) or not tag.may_be_tag:
+            return tag
+        if not np.abs(corners[[1, 2, 3, 0]] - corners).max() < SMALL_CELL_PX * self.family.cells:
+            return tag
+        sides = measure_sides(grey, corners, self.family.cells, self.light)
+        return tag if sides is None else read_tag(grey, sides.corners_px, self.family, inverted=self.inverted)
+
+
+def _same(tag: SeenTag, other: SeenTag) -> bool:
+    apart = np.abs(tag.corners_px.mean(axis=0) - other.corners_px.mean(axis=0)).max()
+    return tag.number == other.number and bool(apart < other.side_px / 2)
+
+
+def _grey(image: Image) -> Plane:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)

@@ -1,0 +1,308 @@
+"""The four sides of a tag, to a few hundredths of a pixel.
+
+Brightness is read along columns of pixels where a side is more horizontal and along rows where it is more vertical, so
+nothing is interpolated but the last step: where, between two neighbouring pixels, it passes half way between black and
+white. In light that is where the edge is, see `stadimeter.detectors.sampling`. A line through these steps is fitted
+to each side, and the corners are where the lines meet.
+
+Arrays have the pixels across first, then the four sides, then the steps along a side.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.detection import Points
+from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.tag.frame import START, BentSides, Look, OfSides, SideFrame, quad_area, side_frame
+
+Plane = NDArray[np.uint8]
+Values = NDArray[np.float64]
+Profiles = NDArray[np.float32]
+
+FIRST_LOOK = Look(reach_cells=1.1, most_steps=16, refit=False)
+LARGE_CELL_PX = 4.0
+"""A wide and quick one first where cells are smaller than this, since the start may be off by two pixels."""
+
+NEXT_LOOK = Look(reach_cells=0.6, most_steps=48, refit=True)
+"""A narrow one, which sees less of the tag's own cells and of what is beside it."""
+
+MOST_NEXT_LOOKS = 4
+
+LEAST_MOVE_PX = 0.2
+"""A fit that moved a side further than this, and further than by what the reach has left beside the edge, has taken
+black or white from the edge itself, so it is repeated."""
+
+MOST_MOVED_PX = 8.0
+"""Lines that end further from the start belong to something else."""
+
+LEAST_LIGHT = 1e-4
+"""A side whose two levels differ by less is no side: a third of a level of 8 bits in the dark."""
+
+MOST_RISING = 0.03
+"""Where the light at the end of the look differs by more than this share of the contrast from that of the last two
+pixels together, the edge goes on."""
+
+LEAST_RISE = 0.04
+"""How much of the way from black to white two neighbouring pixels must differ by to be the step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TagSides:
+    """What the sides of a tag look like. Side i leads from corner i to corner i + 1.
+
+    Attributes:
+        corners_px: Where the lines meet, shape ``(4, 2)``.
+        contrast: How much more light comes from outside each side than from inside, as a share of the brightest that
+            a picture can hold; negative for a white border on black.
+        support: The share of the steps along each side that lie on its line.
+        scatter_px: Standard deviation of the steps about each line.
+        steps: How many steps each line was fitted to.
+        edge_px: How many pixels each side takes from black to white at its steepest.
+    """
+
+    corners_px: Points
+    contrast: OfSides
+    support: OfSides
+    scatter_px: OfSides
+    steps: tuple[int, ...]
+    edge_px: OfSides
+
+
+class _Steps(NamedTuple):
+    """How far across from where they are expected the steps are, and how high; contrast and width of the edges."""
+
+    off: Values
+    height: Profiles
+    contrast: OfSides
+    edge_px: OfSides
+
+
+def measure_sides(
+    grey: Plane, corners_px: Points, cells: int, light: Light, bent: BentSides | None = None
+) -> TagSides | None:
+    """Fit lines to the sides of a tag.
+
+    Args:
+        corners_px: About where the corners are, clockwise on the screen, shape ``(4, 2)``.
+        cells: How many cells a side is long.
+
+    Returns:
+        The sides; None where they form no outline near the given corners.
+    """
+    looks = (NEXT_LOOK,) * MOST_NEXT_LOOKS
+    if quad_area(corners_px.tolist()) < (LARGE_CELL_PX * cells) ** 2:
+        looks = (FIRST_LOOK, *looks)
+    sides, corners, edges_px = None, corners_px, START
+    # Each look starts from the last one's lines and widths, until the lines stay and the edges end within what is
+    # looked at: then the corners do not depend on where the outline was found.
+    for look in looks:
+        frame = side_frame(corners, cells, look, grey.shape, edges_px, bent)
+        sides = None if frame is None else _fit(grey, frame, look, light)
+        if frame is None or sides is None or not np.abs(sides.corners_px - corners_px).max() < MOST_MOVED_PX:
+            return None
+        moved_px = float(np.abs(sides.corners_px - corners).max())
+        seen = frame.sees_enough(sides.edge_px)
+        if seen and look is NEXT_LOOK and moved_px < max(frame.left_px(sides.edge_px), LEAST_MOVE_PX):
+            break
+        # An edge that fills what is looked at goes on beyond it, to an unknown distance.
+        corners, edges_px = sides.corners_px, sides.edge_px if seen else tuple([2 * each for each in sides.edge_px])
+    return sides
+
+
+def _fit(grey: Plane, frame: SideFrame, look: Look, light: Light) -> TagSides | None:
+    steps = _steps(_profiles(grey, frame, light), frame)
+    lines = fit_lines(frame, steps.off, steps.height > LEAST_RISE, refit=look.refit)
+    met = intersections(frame, lines)
+    if met is None:
+        return None
+    return TagSides(
+        corners_px=met,
+        contrast=steps.contrast,
+        support=lines.support,
+        scatter_px=lines.scatter_px,
+        steps=lines.steps,
+        edge_px=steps.edge_px,
+    )
+
+
+def _profiles(grey: Plane, frame: SideFrame, light: Light) -> Profiles:
+    """Return the light across each side, from the inside to the outside, shape ``(2 * reach + 1, 4, n)``."""
+    places = frame.place + frame.stride * _beside(max(frame.reach))
+    return light.take(grey.reshape(-1).take(places))
+
+
+def _steps(profiles: Profiles, frame: SideFrame) -> _Steps:
+    """Find where each profile passes half way from black to white; where it does not, the height is `LEAST_RISE`."""
+    inside, outside, cut_off = _levels(profiles, frame)
+    contrast = tuple([white - black for black, white in zip(inside, outside, strict=True)])
+    half_way = [(black + white) / 2 for black, white in zip(inside, outside, strict=True)]
+    no_side = [rise if abs(rise) > LEAST_LIGHT else math.inf for rise in contrast]
+    middle, whole = np.array((half_way, no_side), np.float32)[:, :, None]
+    # Light as a share of the step, -0.5 for black and 0.5 for white; the edge is where it changes its sign, at the
+    # place where it rises most.
+    share = (profiles - middle) / whole
+    is_outside = share > 0
+    rises = share[1:] - share[:-1]
+    rises *= is_outside[1:] > is_outside[:-1]
+    best = rises.argmax(axis=0)
+    place = best * best.size + np.arange(best.size).reshape(best.shape)
+    height = np.maximum(rises.take(place), LEAST_RISE)
+    beyond = best - max(frame.reach) - share.take(place) / height
+    edge_px = [1 / each for each in median(height)[:, 0].tolist()]
+    return _Steps(
+        off=frame.outward * beyond - frame.off_pixel,
+        height=height,
+        contrast=contrast,
+        edge_px=tuple([max(e, 2 * r) if cut else e for e, r, cut in zip(edge_px, frame.reach, cut_off, strict=True)]),
+    )
+
+
+def _levels(profiles: Profiles, frame: SideFrame) -> tuple[list[float], list[float], list[bool]]:
+    """Return how bright it is inside and outside each side, and whether its edge goes on beyond what is looked at.
+
+    The edge does where it still rises at either end, and where cells allow to look further.
+    """
+    ends = profiles[_ends(frame.reach)]
+    level = median(ends.reshape(8, -1))[:, 0].tolist()
+    inside, outside = level[:4], level[4:]
+    if frame.reach == frame.most_reach:
+        return inside, outside, [False] * 4
+    at_end = median(ends[:, 0])[:, 0].tolist()
+    cut_off = []
+    for i, (reach, most) in enumerate(zip(frame.reach, frame.most_reach, strict=True)):
+        rising = max(abs(at_end[i] - inside[i]), abs(at_end[i + 4] - outside[i]))
+        cut_off.append(reach < most and rising > MOST_RISING * abs(outside[i] - inside[i]))
+    return inside, outside, cut_off
+
+
+@cache
+def _beside(reach: int) -> NDArray[np.intp]:
+    """Return how many pixels outwards each row of the profiles is, shape ``(2 * reach + 1, 1, 1)``."""
+    return np.arange(-reach, reach + 1)[:, None, None]
+
+
+@lru_cache(maxsize=256)
+def _ends(reach: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which rows of the profiles show black and white themselves, of each side inside, then outside.
+
+    That is where the look ends, and the pixel before, unless so little is looked at that this would be on the edge.
+
+    Returns:
+        The rows, shape ``(8, 2)`` or ``(8, 1)``, where the look ends first, and the sides.
+    """
+    widest = max(reach)
+    before = np.arange(2 if widest >= 3 else 1)
+    of_side = np.array(reach)[:, None]
+    return np.concatenate((widest - of_side + before, widest + of_side - before)), np.tile(np.arange(4), 2)[:, None]
+
+
+MAD_TO_SIGMA = 1.4826
+
+LIMITS_PX = (0.35, 1.5)
+"""Steps further from the line than three times their usual distance do not belong to it; nor than these limits."""
+
+LEAST_SINE = 0.1
+"""Neighbouring sides that meet at a smaller angle are not those of a tag."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TagLines:
+    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle).
+
+    Attributes:
+        offset: Shape ``(4, 1)``.
+        slope: Shape ``(4, 1)``.
+        support: The share of the steps along each side that lie on its line.
+        scatter_px: Standard deviation of these steps about each line.
+        steps: How many these are.
+    """
+
+    offset: Values
+    slope: Values
+    support: OfSides
+    scatter_px: OfSides
+    steps: tuple[int, ...]
+
+
+def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit: bool) -> TagLines:
+    """Fit lines by least squares with Tukey's weights, from a line through medians, which outliers do not move.
+
+    Args:
+        off: How far across from there the steps are, shape ``(4, n)``.
+        found: Which of them are steps, shape ``(4, n)``.
+        refit: Whether the line is fitted again; otherwise it is the one through the medians.
+    """
+    along = frame.from_middle
+    half = along.shape[1] // 2
+    # The slope is the median over pairs of steps half a side apart (Theil and Sen, with fixed pairs): up to a quarter
+    # of the steps may be outliers, and no iteration is needed.
+    slope = median((off[:, -half:] - off[:, :half]) / (along[:, -half:] - along[:, :half]))
+    rest = off - slope * along
+    offset = median(rest)
+    distance = (rest - offset) * frame.cosine
+    limit = _limit(distance)
+    if refit:
+        distance /= limit
+        weight = np.maximum(1 - distance * distance, 0)
+        weight *= weight
+        weight *= found
+        offset, slope = _weighted_lines(along, off, weight)
+        distance = (off - offset - slope * along) * frame.cosine
+    used = (np.abs(distance) < limit) & found
+    steps = used.sum(axis=1).tolist()
+    squares = np.add.reduce(distance * distance * used, axis=1).tolist()
+    return TagLines(
+        offset=offset,
+        slope=slope,
+        support=tuple([each / used.shape[1] for each in steps]),
+        scatter_px=tuple([(of_side / max(n - 2, 1)) ** 0.5 for of_side, n in zip(squares, steps, strict=True)]),
+        steps=tuple(steps),
+    )
+
+
+def intersections(frame: SideFrame, lines: TagLines) -> Points | None:
+    """Return the corners between neighbouring lines, shape ``(4, 2)``; None where two of them are all but parallel."""
+    changes = np.concatenate((lines.slope, lines.offset - lines.slope * frame.middle), axis=1).tolist()
+    # A side across = slope * along + at_zero as a x + b y = c, where along is x for the flat ones.
+    sides = []
+    for side, (steeper, higher) in zip(frame.sides, changes, strict=True):
+        slope, at_zero = side.slope + steeper, side.at_zero + higher
+        sides.append((-slope, 1.0, at_zero) if side.flat else (1.0, -slope, at_zero))
+    met = []
+    for number in range(4):
+        (a, b, c), (d, e, f) = sides[number - 1], sides[number]
+        determinant = a * e - b * d
+        if not abs(determinant) > LEAST_SINE:
+            return None
+        met.append(((c * e - b * f) / determinant, (a * f - c * d) / determinant))
+    return np.array(met)
+
+
+def _limit(distance: Values) -> Values:
+    """Return how far from its line a step may be."""
+    usual = MAD_TO_SIGMA * median(np.abs(distance))
+    return np.minimum(np.maximum(3 * usual, LIMITS_PX[0]), LIMITS_PX[1])
+
+
+def _weighted_lines(along: Values, off: Values, weight: Values) -> tuple[Values, Values]:
+    """Return offset and slope of the lines that are nearest to the steps, each with its weight."""
+    terms = np.empty((5, *weight.shape))
+    terms[0] = weight
+    np.multiply(weight, along, out=terms[1])
+    np.multiply(terms[1], along, out=terms[2])
+    np.multiply(weight, off, out=terms[3])
+    np.multiply(terms[1], off, out=terms[4])
+    lines = []
+    for total, first, second, height, together in np.add.reduce(terms, axis=2).T.tolist():
+        mean = first / max(total, 1e-9)
+        slope = (together - mean * height) / max(second - mean * first, 1e-9)
+        lines.append(((height - slope * first) / max(total, 1e-9), slope))
+    offset, slopes = np.array(lines).T[:, :, None]
+    return offset, slopes

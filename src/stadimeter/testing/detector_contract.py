@@ -1,0 +1,291 @@
+"""What every detector must do. Subclass `DetectorContract` with a fixture ``make_rig``, and pytest runs it all.
+
+::
+
+    class TestMyDetector(DetectorContract):
+        @pytest.fixture
+        def make_rig(self) -> Callable[[], DetectorRig]:
+            return my_rig
+
+The rig holds the frames to look at: rendered ones whose truth is known, or photographs at taped distances.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction
+from stadimeter.core.frame import Frame, Image
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.detectors.protocol import Detector
+from stadimeter.errors import CalibrationError, PictureError
+from stadimeter.ranging.measure import measure
+
+SIGMAS = 4.0
+"""A distance may be wrong by this many of the standard deviations stated with it."""
+
+MOST_SIGMA_SHARE = 0.2
+"""A standard deviation above this share of the distance says nothing: no error would be too large for it."""
+
+PREDICTION_SIGMA_PX = 2.0
+
+WRONG_IMAGES: dict[str, Callable[[Image], NDArray[Any]]] = {
+    "16 bits a channel": lambda image: image.astype(np.uint16),
+    "floating point": lambda image: image / 255,
+    "grey": lambda image: image[:, :, 0],
+    "four channels": lambda image: np.concatenate((image, image[:, :, :1]), axis=2),
+    "no rows": lambda image: image[:0],
+    "no columns": lambda image: image[:, :0],
+}
+
+TINY_SHAPES = ((1, 1), (1, 40), (40, 1), (2, 2), (3, 7))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class KnownTarget:
+    """A target whose true distance is known, and where a tracker would expect it."""
+
+    distance_m: float
+    centre_px: tuple[float, float]
+    size_px: float
+    """Its apparent size: of something round the diameter, of something flat the longer side."""
+
+    @property
+    def prediction(self) -> Prediction:
+        """A prediction that is right."""
+        return Prediction(centre_px=self.centre_px, size_px=self.size_px, sigma_px=PREDICTION_SIGMA_PX)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DetectorRig:
+    """A detector and what to show it. All frames have the same size, with even width and height.
+
+    Attributes:
+        detector: A new detector for a target with the name ``it``, built for `camera`.
+        camera: The camera model at the frames' resolution.
+        whole: A frame with the target whole, not in the centre of the picture.
+        target: The target in it.
+        empty: A frame without the target.
+        cut_off: A frame whose border cuts the target off, far enough inside to be recognised.
+        two: A frame with two targets alike, both whole; None for a detector that only knows of one.
+        both: The targets in that.
+        reads_images: False for a simulated detector, whose answer does not follow from the image.
+    """
+
+    detector: Detector
+    camera: CameraModel
+    whole: Frame
+    target: KnownTarget
+    empty: Frame
+    cut_off: Frame
+    two: Frame | None = None
+    both: Sequence[KnownTarget] = ()
+    reads_images: bool = True
+
+    def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
+        """Detect as a run does: with the lens at the frame's resolution; without one if the aspect is another."""
+        try:
+            lens = self.camera.scaled_to(frame.width_px, frame.height_px)
+        except CalibrationError:
+            lens = None
+        return self.detector.detect(frame, prediction, lens=lens)
+
+    def measured(self, detection: Detection, frame: Frame) -> Measurement:
+        """Measure what was detected, as a run does."""
+        lens = self.camera.scaled_to(frame.width_px, frame.height_px)
+        return measure(detection, self.detector.target_size, lens, frame.captured_at_s)
+
+    def check_distance(self, detection: Detection, frame: Frame, *known: KnownTarget) -> None:
+        """Fail unless the target was found at one of the known distances, within what is stated of it."""
+        assert detection.status is DetectionStatus.FOUND, f"the target is there, but: {detection.reason}"
+        measurement = self.measured(detection, frame)
+        distance_m, sigma_m = measurement.distance_m, measurement.sigma_m
+        assert distance_m is not None, measurement.reason
+        assert sigma_m is not None, measurement.reason
+        assert 0 < sigma_m < MOST_SIGMA_SHARE * distance_m, f"a standard deviation of {sigma_m} m says nothing"
+        off_m = min(abs(distance_m - each.distance_m) for each in known)
+        assert off_m <= SIGMAS * sigma_m, f"{distance_m:.4f} m is off by {off_m / sigma_m:.1f} standard deviations"
+
+
+class DetectorContract:
+    """The tests."""
+
+    @pytest.fixture
+    def make_rig(self) -> Callable[[], DetectorRig]:
+        """Return a function that makes a new rig. Override it."""
+        raise NotImplementedError("subclass DetectorContract and override the fixture make_rig")
+
+    @pytest.fixture
+    def rig(self, make_rig: Callable[[], DetectorRig]) -> DetectorRig:
+        """Return a rig."""
+        return make_rig()
+
+    def test_the_target_is_found_at_its_distance(self, rig: DetectorRig) -> None:
+        """The distance is right within a few of the standard deviations that are stated with it."""
+        rig.check_distance(rig.detect(rig.whole), rig.whole, rig.target)
+
+    def test_a_detection_is_complete(self, rig: DetectorRig) -> None:
+        """Measuring, tracking and drawing rely on each of its fields."""
+        found = rig.detect(rig.whole)
+        assert found.target == "it", "a detection has the name of its target"
+        outline = found.outline_px
+        assert outline.dtype == np.float64
+        assert outline.shape == (len(outline), 2), "an outline has the shape (n, 2)"
+        assert len(outline) >= 3, "an outline encloses something"
+        assert np.isfinite(outline).all()
+        centre, low, high = np.array(found.centre_px), outline.min(axis=0), outline.max(axis=0)
+        assert ((low < centre) & (centre < high)).all(), "the centre is inside the outline"
+        apart_px = np.abs(centre - rig.target.centre_px).max()
+        assert apart_px < rig.target.size_px / 4, "the centre is where the target is"
+        for name in ("width_px", "height_px", "size_sigma_px"):
+            assert 0 < getattr(found, name) < math.inf, f"{name} is a positive number"
+        assert 0 <= found.quality <= 1, "quality is from 0 to 1"
+
+    def test_a_frame_without_the_target_is_no_error_and_has_a_reason(self, rig: DetectorRig) -> None:
+        """Also where the target is expected: a track does not end at once."""
+        for prediction in (None, rig.target.prediction):
+            found = rig.detect(rig.empty, prediction)
+            assert found.status is DetectionStatus.NOT_FOUND, "there is no target in that frame"
+            assert found.target == "it"
+            assert not len(found.outline_px), "what was not found has no outline"
+            check_reason(found.reason)
+            assert rig.measured(found, rig.empty).status is MeasurementStatus.NOT_FOUND
+
+    def test_a_target_that_the_border_cuts_off_is_reported_and_not_measured(self, rig: DetectorRig) -> None:
+        """Its apparent size is not known, so any distance would be wrong."""
+        for prediction in (None, rig.target.prediction):
+            found = rig.detect(rig.cut_off, prediction)
+            assert found.status is DetectionStatus.TRUNCATED, f"the border cuts it off: {found.status} {found.reason}"
+            check_reason(found.reason)
+
+    def test_of_two_targets_alike_one_is_measured(self, rig: DetectorRig) -> None:
+        """It is one of the two, not something between them."""
+        frame = _two(rig)
+        rig.check_distance(rig.detect(frame), frame, *rig.both)
+
+    @pytest.mark.parametrize("expected", [0, 1], ids=["first", "second"])
+    def test_of_two_targets_alike_the_expected_one_is_taken(self, rig: DetectorRig, expected: int) -> None:
+        """A track stays with its target while another one is in view."""
+        frame, known = _two(rig), rig.both[expected]
+        found = rig.detect(frame, known.prediction)
+        rig.check_distance(found, frame, known)
+        apart_px = math.dist(found.centre_px, known.centre_px)
+        assert apart_px < known.size_px / 2, f"the other one was taken, {apart_px:.0f} px away"
+
+    def test_a_right_prediction_gives_the_same_distance(self, rig: DetectorRig) -> None:
+        """Looking there first is a short cut, not another measurement."""
+        rig.check_distance(rig.detect(rig.whole, rig.target.prediction), rig.whole, rig.target)
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"centre_px": (2.0, 2.0)},
+            {"centre_px": (-5000.0, 5000.0)},
+            {"size_px": 3.0},
+            {"size_px": 3000.0},
+            {"size_px": 0.0},
+            {"sigma_px": 0.0},
+            {"sigma_px": 5000.0},
+            {"centre_px": (math.nan, math.nan)},
+            {"centre_px": (math.inf, 0.0)},
+            {"size_px": math.nan},
+            {"size_px": math.inf},
+            {"sigma_px": math.nan},
+            {"sigma_px": math.inf},
+        ],
+        ids=str,
+    )
+    def test_a_wrong_prediction_hides_nothing(self, rig: DetectorRig, change: dict[str, object]) -> None:
+        """What is not where it was expected is looked for in the whole frame."""
+        prediction = replace(rig.target.prediction, **change)  # type: ignore[arg-type] # fields by their names
+        rig.check_distance(rig.detect(rig.whole, prediction), rig.whole, rig.target)
+
+    def test_a_frame_of_half_the_resolution_gives_the_same_distance(self, rig: DetectorRig) -> None:
+        """The camera model may be for any resolution of the same aspect."""
+        frame = replace(rig.whole, image=_halved(rig.whole.image))
+        rig.check_distance(rig.detect(frame), frame, rig.target)
+
+    def test_the_same_frame_gives_the_same_answer(self, make_rig: Callable[[], DetectorRig]) -> None:
+        """Again, and from another detector that is built alike, or no recording could be replayed."""
+        first, second = make_rig(), make_rig()
+        for prediction in (None, first.target.prediction):
+            answer = first.detect(first.whole, prediction)
+            assert _same(answer, first.detect(first.whole, prediction)), "the second answer differs"
+            assert _same(answer, second.detect(second.whole, prediction)), "another detector differs"
+
+    def test_no_frame_changes_the_answer_to_another(self, make_rig: Callable[[], DetectorRig]) -> None:
+        """A detector keeps no state: what is known from before is in the prediction."""
+        rig, fresh = make_rig(), make_rig()
+        for frame in (rig.whole, rig.empty, rig.cut_off, rig.whole):
+            rig.detect(frame)
+            rig.detect(frame, rig.target.prediction)
+        for seen, unseen in ((rig.empty, fresh.empty), (rig.cut_off, fresh.cut_off), (rig.whole, fresh.whole)):
+            assert _same(rig.detect(seen), fresh.detect(unseen)), "the answer depends on the order"
+
+    def test_the_image_is_not_changed(self, rig: DetectorRig) -> None:
+        """Other detectors, views and recordings look at the same image."""
+        for frame in (rig.whole, rig.empty, rig.cut_off):
+            before = frame.image.copy()
+            rig.detect(frame)
+            rig.detect(frame, rig.target.prediction)
+            assert np.array_equal(frame.image, before), "the detector wrote into the image"
+
+    def test_an_image_that_is_part_of_a_larger_one_gives_the_same_answer(self, rig: DetectorRig) -> None:
+        """Its rows then do not follow each other in memory."""
+        height, width = rig.whole.image.shape[:2]
+        larger = np.zeros((height + 6, width + 10, 3), np.uint8)
+        part = larger[3:-3, 5:-5]
+        part[:] = rig.whole.image
+        found = rig.detect(replace(rig.whole, image=part))
+        assert _same(found, rig.detect(rig.whole))
+
+    @pytest.mark.parametrize("wrong", WRONG_IMAGES)
+    def test_an_image_of_another_form_is_refused(self, rig: DetectorRig, wrong: str) -> None:
+        """With an error of ours that says what it is instead of ``(height, width, 3)`` of 8 bits."""
+        image = WRONG_IMAGES[wrong](rig.whole.image)
+        with pytest.raises(PictureError) as raised:
+            rig.detect(replace(rig.whole, image=image))
+        check_reason(str(raised.value))
+
+    @pytest.mark.parametrize("shape", TINY_SHAPES, ids=str)
+    def test_in_a_tiny_image_nothing_is_found(self, rig: DetectorRig, shape: tuple[int, int]) -> None:
+        """It is a picture all the same, and looking at it is no error."""
+        if not rig.reads_images:
+            pytest.skip("what this detector finds does not follow from the image")
+        image = np.random.default_rng(0).integers(0, 256, (*shape, 3), dtype=np.uint8)
+        for prediction in (None, rig.target.prediction):
+            found = rig.detect(replace(rig.whole, image=image), prediction)
+            assert found.status is DetectionStatus.NOT_FOUND
+            check_reason(found.reason)
+
+
+def check_reason(reason: str) -> None:
+    """Fail unless a reason or message is one line with something in it."""
+    assert reason.strip(), "the reason is missing"
+    assert "\n" not in reason.strip(), "the reason is more than one line"
+
+
+def _two(rig: DetectorRig) -> Frame:
+    if rig.two is None:
+        pytest.skip("this detector only knows of one target")
+    return rig.two
+
+
+def _same(one: Detection, other: Detection) -> bool:
+    """Compare two detections, to the last bit."""
+    return all(np.array_equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(Detection))
+
+
+def _halved(image: Image) -> Image:
+    """Return an image at half the resolution: means of four pixels, as `CameraModel.scaled_to` has it."""
+    height, width = image.shape[:2]
+    cells = image.reshape(height // 2, 2, width // 2, 2, 3)
+    return np.asarray(np.rint(cells.mean(axis=(1, 3))), np.uint8)
