@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 SETTLE_S = 0.3
-"""How long a pace must last to be believed."""
+"""Time that a pace must last to be believed."""
 
 FALL_S = 0.05
 """A stream whose lag still falls by this within `SETTLE_S` is delivering what waited."""
@@ -36,7 +36,7 @@ GOOD_STAMPS_NEEDED = 3
 """Stamps are trusted after this many sane ones in a row."""
 
 DRIFT = 2e-4
-"""How fast the smallest lag may rise, in seconds a second: two clocks without a common time run apart by this at most.
+"""Greatest rise of the smallest lag, in seconds a second: two clocks without a common time run apart by this at most.
 
 A quartz is off by 0.05 in a thousand, a clock that is being corrected by 0.5 for some minutes.
 """
@@ -99,7 +99,7 @@ class StreamTime:
 
 
 class _Lag:
-    """How much longer than the quickest one a picture was on its way, by the sender's time stamps.
+    """Lag of pictures behind the quickest one, by the sender's time stamps.
 
     Attributes:
         fell_at_s: When the smallest lag last fell by `FALL_S`.
@@ -134,7 +134,7 @@ class _Lag:
 
 @dataclass(slots=True)
 class _CatchUp:
-    """What has come since a gap.
+    """Pictures that came since a gap.
 
     Attributes:
         since_s: When the last picture before the gap came.

@@ -129,7 +129,8 @@ class Multipart:
 READ_BYTES = 1 << 16
 
 DRAIN_MAX_BYTES = 32 << 20
-"""How much that waits is passed over at a time: more than the kernel's buffers hold, and less than for ever."""
+"""Greatest amount of waiting data that is passed over at a time: more than the kernel's buffers hold, and less than for
+ever."""
 
 SNIFFED_BYTES = 1024
 

@@ -31,19 +31,19 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceOpenError, DriverError, LinkLostError
 
 FIRST_FRAME_S = 3.0
-"""How long a device may take to deliver its first frame: USB cameras start slowly."""
+"""Time limit for a device's first frame: USB cameras start slowly."""
 
 STREAM_OPEN_S = 5.0
-"""How long a stream may take to answer."""
+"""Time limit for a stream's answer."""
 
 FFMPEG_SETTLE_S = 2.0
-"""How long FFmpeg may take to deliver what waited while it opened a stream without time stamps."""
+"""Time limit for FFmpeg to deliver what waited while it opened a stream without time stamps."""
 
 CLOSE_WAIT_S = 1.5
-"""How long `OpenCvCamera.close` waits for a read to end; the driver's own wait for a frame is a second."""
+"""Time that `OpenCvCamera.close` waits for a read to end; the driver's own wait for a frame is a second."""
 
 DEVICE_WAIT_S = 1.0
-"""How long OpenCV waits for a device's frame at a time, as set above."""
+"""Time that OpenCV waits for a device's frame at a time, as set above."""
 
 
 class OpenCapture(Protocol):
@@ -102,7 +102,7 @@ class OpenCvCamera:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was asked for and not given when the camera was last opened, a sentence each."""
+        """Settings that were not taken when the camera was last opened, a sentence each."""
         return self._settings_differ
 
     @property

@@ -92,7 +92,7 @@ class OpenCvOptions(Options):
 
     @property
     def name(self) -> str:
-        """What messages call the camera: its path or address, without what may be a secret in it."""
+        """The camera's name in messages: its path or address, without what may be a secret in it."""
         if self.device_file is not None:
             return f"named in {self.device_file}"
         return f"/dev/video{self.device}" if isinstance(self.device, int) else address_for_people(self.device or "")
@@ -109,7 +109,7 @@ class OpenCvOptions(Options):
 
     @property
     def scheme(self) -> str:
-        """How a stream is sent, such as ``rtsp``; empty for a device, and for a stream whose address cannot be read."""
+        """The scheme of a stream's address, such as ``rtsp``; empty for a device and an address that cannot be read."""
         with suppress(DeviceOpenError):
             return self.source().partition("://")[0].lower() if self.is_stream else ""
         return ""
@@ -142,7 +142,7 @@ def _loses_packets(options: OpenCvOptions) -> bool:
 
 
 class CaptureLike(Protocol):
-    """What the driver uses of ``cv2.VideoCapture``."""
+    """The part of ``cv2.VideoCapture`` that the driver uses."""
 
     def isOpened(self) -> bool: ...  # noqa: D102, N802 - OpenCV's name and meaning
     def grab(self) -> bool: ...  # noqa: D102

@@ -19,10 +19,10 @@ from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError, UnreadableError
 
 PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
-"""What the name of a picture in a folder ends in, in lower case."""
+"""Endings of the names of pictures in a folder, in lower case."""
 
 _PADDING = re.compile(r"[1-8] extraneous bytes before marker 0xd9")
-"""What libjpeg says of the filling that some USB cameras put before the end marker: all pixels are there."""
+"""libjpeg's warning about the filling that some USB cameras put before the end marker: all pixels are there."""
 
 
 def read_picture(path: Path | str) -> Image:

@@ -26,7 +26,7 @@ class Camera(Protocol):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What its user should know since it was opened, a sentence each: settings that the device did not take."""
+        """Remarks for the user since it was opened, a sentence each: settings that the device did not take."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""What cameras that play a recording have in common: time passes as the recording says."""
+"""Base of cameras that play a recording: time passes as the recording says."""
 
 from __future__ import annotations
 

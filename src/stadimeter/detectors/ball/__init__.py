@@ -31,15 +31,15 @@ from stadimeter.detectors.region import Region
 from stadimeter.ranging.ball import BallSize
 
 FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
-"""How far from the circle around a blob its limb is looked for, both ways: so far, and a cell and a half of the
+"""Reach of the search for the limb on either side of the circle around a blob: pixels, or cells and a half of the
 search."""
 
 COARSE_STEP = 8
 COARSE_FROM_PIXELS = 30_000
-"""Where the search has to look at more pixels than these, it looks at a quarter of them first."""
+"""A search of more pixels than these looks at a quarter of them first."""
 
 COARSE_CELLS, MOST_COARSE = 3, 2
-"""So many cells across, a ball is seen in those. How many are tried: where more are needed, every one is looked at."""
+"""Least width of a ball in those, in cells, and number of blobs tried before all pixels are searched."""
 
 CERTAIN_PX, REACH_SIGMAS = 2.0, 2.5
 WIDEST_RING_PX = 16.0
@@ -48,10 +48,7 @@ WIDEST_RING_PX = 16.0
 REGION_SIGMAS = 4.0
 
 MOST_SEARCHED_AROUND = 3
-"""Around how many blobs the circle of edges is looked for: that is slow."""
-
-EDGE_CIRCLE_SHARE = 0.05
-"""How far from that circle the limb may be, as a share of its radius."""
+"""Number of blobs around which the circle of edges is looked for, which is slow."""
 
 MOST_REJECTED = 8
 

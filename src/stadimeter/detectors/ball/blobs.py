@@ -27,13 +27,13 @@ SMALLEST_SEARCHED_RADIUS_PX = 1.25
 GREATEST_STEP = 8
 
 MOST_BLOBS = 16
-"""How many blobs are looked at: the largest."""
+"""Number of blobs that are looked at: the largest."""
 
 MOST_POINTS = 60
-"""How many points of an outline are used where fewer will do: evenly spaced ones."""
+"""Number of points of an outline, evenly spaced, used where fewer will do."""
 
 GRID = 16
-"""So many pixels each way say how much of a circle has the ball's colour."""
+"""Pixels each way from which the share of a circle with the ball's colour is estimated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -20,17 +20,17 @@ RADIALS = 96
 """In how many directions the limb is looked for."""
 
 EDGES_PER_RADIAL = 3
-"""How many edges are kept in each: the limb is not always the strongest."""
+"""Edges kept in each: the limb is not always the strongest."""
 
 NEAREST, FURTHEST = 0.35, 2.0
-"""Where the limb is looked for, in half sizes of the blob, from its middle."""
+"""Range of the search for the limb, in half sizes of the blob from its centre."""
 
 LEAST_STEP = 6.0
 """Edges of fewer levels of 8 bits a pixel are noise."""
 
 BAND_PX = 1.5
 BAND_SHARE = 0.08
-"""How far from the circle its points may lie: for pixels, felt and blur; and for the ellipse that a ball looks like
+"""Greatest distance of points from the circle: for pixels, felt and blur; and for the ellipse that a ball looks like
 away from the optical axis."""
 
 

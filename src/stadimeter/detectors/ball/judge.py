@@ -12,7 +12,7 @@ from stadimeter.detectors.ball.circles import Circle
 from stadimeter.detectors.ball.limb import Limb
 
 LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.5
-"""How much of the limb must be seen: so much if its steps lie on it exactly; and the more they scatter, the more, up to
+"""Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
 the sum of both for the allowance below. Clutter has many circles with few steps near them, and some that are round by
 half, but hardly any with most of its steps close by."""
 
@@ -28,13 +28,13 @@ MARGIN_PX = 1.0
 """A limb this near to the outermost pixels is cut off."""
 
 EXPECTED_SHARE = 0.7
-"""Where a ball is expected, so much of that is enough."""
+"""Share of that which is enough where a ball is expected."""
 
 SHARP_PX = 2.6
-"""How wide a sharp step is."""
+"""Width of a sharp step."""
 
 LEAST_FILL = 0.3
-"""How much of the ball must have its colour."""
+"""Least share of the ball that has its colour."""
 
 BEST_MARGIN = 0.6
 """With so much more of the limb seen than is asked for, a ball has the best quality."""

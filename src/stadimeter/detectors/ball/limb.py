@@ -24,26 +24,26 @@ from stadimeter.ranging.sphere_cone import LEAST_RAYS, ConeFrame, SphereCone, wi
 Values = NDArray[np.float64]
 
 BEYOND_PX = 2.5
-"""How far beyond the places where the limb may be pixels are looked at in the first look, for the levels beside it."""
+"""Pixels read in the first look beyond where the limb may be, for the levels beside it."""
 
 LEAST_REACH_PX, MOST_REACH_PX = 6.0, 24.0
-"""How far from the expected circle the limb is looked for, at first and later on."""
+"""Least and greatest reach on either side of the circle of the last fit."""
 
 REACH_OF_WIDTH = 0.6
 """Half of a step, and some room, must be within reach on either side of it."""
 
 REACH_SPARE_PX = 4.0
-"""What must be left of the reach beside the step: the pixels that its levels are read from, and the rounding."""
+"""Pixels that must be left of the reach beside the step: the pixels that its levels are read from, and the rounding."""
 
 WITHIN_PX, WITHIN_SHARE, WITHIN_OF_WIDTH = 2.0, 0.06, 0.3
 """Once a circle was fitted, the limb is looked for so near to it: pixels, a share of the radius for an oblong outline,
 and a share of how wide the steps are. Further away is the edge of a hand or of what lies behind."""
 
 MOST_LOOKS = 4
-"""How often the limb is looked for again around the last fit, until the same steps are found."""
+"""Greatest number of looks, each around the last fit, until the same steps are found."""
 
 ROUNDS, SETTLED_SHARE = 5, 0.8
-"""How often the cone is fitted with new weights at most; no more once the limit for outliers shrinks by less, nor
+"""Greatest number of reweighted fits of the cone; they end once the limit for outliers shrinks by less, nor
 where all steps are so near that they count fully."""
 
 NARROWEST_PX = 0.25

@@ -36,7 +36,7 @@ Flags = NDArray[np.bool_]
 
 MOST_SPOKES_A_SIDE = 16
 SPOKES_A_PIXEL = 1.2
-"""So many spokes for each pixel of the radius cross each of the four sides: no row or column is read twice."""
+"""Spokes across each of the four sides for each pixel of the radius: no row or column is read twice."""
 
 LEAST_RADIUS_PX = 2.0
 """A smaller circle is looked around as if it had this radius."""
@@ -57,9 +57,9 @@ LEVELS = np.array(
     ],
     np.float32,
 )
-"""What is made of these pixels, a row each: how much brighter it is inside, two to three pixels before the steepest
-place, than outside, two to three pixels behind it; how much brighter still it is further inside; and how much brighter
-than outside the pixels before, at and behind the steepest place are."""
+"""Weights of these pixels, a row for each figure: how much brighter it is inside, two to three pixels before the
+steepest place, than outside, two to three pixels behind it; how much brighter still it is further inside; and how much
+brighter than outside the pixels before, at and behind the steepest place are."""
 
 CHANNELS = np.ones(3, np.float32)
 """The product with these is the sum over the channels, several times as fast as numpy's."""
@@ -68,7 +68,7 @@ CLIPPED = 251
 """A channel with such a code value holds more light than it tells; the others must do. JPEG leaves it below 255."""
 
 LEAST_LIGHT = 2e-5
-"""Where the squared difference of inside and outside is less there is no step, but noise of dark pixels."""
+"""Least squared difference of inside and outside; less is noise of dark pixels."""
 
 SHARP_PX, BLURRED_PX = 3.0, 3.2
 """Steps up to the first width tell how a ball is shaded. If most are wider than the second, levels are read further
@@ -78,10 +78,10 @@ MOST_SHADE = 0.2
 """A ball's limb is not darker than this, as a share of the step; more is a seam or a hand."""
 
 GAP_PX, GAP_OF_WIDTH, MOST_GAP_PX = 0.7, 0.5, 10.7
-"""How far from a blurred step its levels are read: half its width, and what point spread adds at its foot."""
+"""Distance from a blurred step at which its levels are read: half its width, and what point spread adds."""
 
 MOST_ROUNDS = 4
-"""How often the levels of a blurred step are read again, from further away."""
+"""Greatest number of times that the levels of a blurred step are read, each time from further away."""
 
 BLUR_OF_WIDTH = 0.3
 """Standard deviation of the blur as a share of how wide a step is."""
@@ -107,7 +107,7 @@ class LimbEdges:
 
     @property
     def points_px(self) -> Points:
-        """Where they are, shape ``(n, 2)``."""
+        """The steps, shape ``(n, 2)``."""
         return self.places[:2].T
 
 

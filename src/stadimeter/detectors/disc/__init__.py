@@ -40,7 +40,7 @@ from stadimeter.detectors.region import Region, touches_border
 from stadimeter.ranging.flat import DiscSize
 
 MOST_MEASURED = 12
-"""How many candidates have their outlines measured: the most promising."""
+"""Number of candidates whose outlines are measured: the most promising."""
 
 MOST_REJECTED = 8
 BORDER_PX = 1.5
@@ -51,10 +51,11 @@ LEAST_SEARCH_PX, LEAST_SEARCH_SHARE = 6.0, 0.75
 at another level than half way, a disc is smaller."""
 
 REACH_PX, REACH_SHARE = 2.5, 0.04
-"""How far from a candidate its outline is looked for: in pixels of the reduced picture, and as a share of its size."""
+"""Reach of the search for an outline around a candidate: in pixels of the reduced picture, and as a share of its
+size."""
 
 REACH_AGAIN_PX = 2.5
-"""How far from where it was measured roughly."""
+"""Reach around where it was measured roughly."""
 
 AROUND_SIZES, AROUND_SIGMAS, AROUND_PX = 0.75, 4.0, 8.0
 """Reach of the search around a prediction: in sizes, standard deviations and pixels."""
@@ -116,7 +117,7 @@ class _Disc:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """What a better one has more of: a whole one comes before any that the border cuts off."""
+        """Sort key, greater for a better one: a whole one comes before any that the border cuts off."""
         return not self.truncated, self.prominence
 
 

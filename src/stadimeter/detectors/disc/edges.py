@@ -21,12 +21,12 @@ LEAST_LINES = 40
 """Across how many lines the light is read at least; if the effort allows, one for each pixel of the outline."""
 
 FIRST_FITS, NEXT_FITS = 3, 2
-"""How often a look's fit is repeated, each time with weights that follow from the last."""
+"""Number of fits in a look, each with weights that follow from the last."""
 
 LEAST_REACH_PX = 2.2
 REACH_SIGMAS = 2.6
 REACH_MORE_PX = 0.8
-"""How far to both sides of the outline light is read: past the blur of the edge, and no further."""
+"""Reach on both sides of the outline: past the blur of the edge, and no further."""
 
 NEARLY_REACHED = 1.2
 INNER_SHARE = 0.6
@@ -46,10 +46,10 @@ MAD_SIGMAS = 1.4826
 """The standard deviation of a normal distribution in units of its median absolute deviation."""
 
 BEND_PARTS = 36
-"""How far the outline is from an ellipse is seen in parts of 10 degrees."""
+"""Parts of the outline, of 10 degrees, in which its distance from an ellipse is averaged."""
 
 INSIDE = np.concatenate([share * turns(16) for share in (0.15, 0.4, 0.6, 0.75)])
-"""Where the light inside is read, for an ellipse that is the unit circle."""
+"""Points at which the light inside is read, for an ellipse that is the unit circle."""
 
 EVEN_SHARE = 0.7
 """The rest may be hidden, or printed on."""
@@ -57,12 +57,11 @@ EVEN_SHARE = 0.7
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EllipseEdges:
-    """What the outline of a disc looks like.
+    """Measured outline of a disc.
 
     Attributes:
         ellipse: The ellipse through its edges, without the lens's distortion and the camera's edge bias.
         support: The share of the lines with an edge on the ellipse, of those inside the picture.
-        visible: The share of the lines that are inside the picture.
         widest_gap: The longest part of the outline without an edge on the ellipse, as a share of it.
         contrast: How much more light comes from inside than from outside, as a share of the most that a picture can
             hold: the median of the lines on the ellipse. Negative for a dark disc.
@@ -79,7 +78,6 @@ class EllipseEdges:
 
     ellipse: Ellipse
     support: float
-    visible: float
     widest_gap: float
     contrast: float
     weakest: float
@@ -93,7 +91,7 @@ class EllipseEdges:
 
 
 class Effort(NamedTuple):
-    """How well to measure.
+    """Effort of a measurement.
 
     Attributes:
         most_lines: Across how many lines the light is read at most.
@@ -182,7 +180,7 @@ def _reach_px(edge_px: float, smaller_px: float) -> float:
 
 
 def _is_near(ellipse: Ellipse, start: Ellipse, reach_px: float) -> bool:
-    """Say whether an ellipse is still about the one where it began."""
+    """Return whether an ellipse is still about the one where it began."""
     if not np.isfinite(ellipse.half_axes_px).all():
         return False
     larger, smaller, _ = ellipse.axes()
@@ -193,7 +191,7 @@ def _is_near(ellipse: Ellipse, start: Ellipse, reach_px: float) -> bool:
 
 
 def _is_hopeful(fit: _Fit, steps: Steps) -> bool:
-    """Say whether enough of the edges are near enough to the ellipse for more of them to be after the next look."""
+    """Return whether enough edges are near the ellipse for more of them to be near it after the next look."""
     larger_px = 2 * fit.ellipse.axes()[0]
     if fit.scatter_px > HOPELESS_PX + HOPELESS_BLURS * steps.edge_px + HOPELESS_SHARE * larger_px:
         return False
@@ -260,7 +258,6 @@ def _described(picture: EdgePicture, fit: _Fit, steps: Steps) -> EllipseEdges:
     return EllipseEdges(
         ellipse=fit.ellipse,
         support=float(seen.sum()) / max(1, int(steps.visible.sum())),
-        visible=float(steps.visible.mean()),
         widest_gap=_widest_gap(seen),
         contrast=sign * usual,
         weakest=quantile(contrast, 0.1),

@@ -161,7 +161,7 @@ class Lens:
 
     @property
     def bend(self) -> Bend | None:
-        """How outlines are bent; None if they are not."""
+        """The lens's distortion; None if it has none."""
         return self.bent if self.camera is not None and self.camera.distortion else None
 
     def bent(self, points_px: Points) -> Points:

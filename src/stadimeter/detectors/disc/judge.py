@@ -14,11 +14,11 @@ GREATEST_TILT_RAD = math.radians(75)
 """A disc turned away further from the line of sight is not accepted: it would be seen at a fourth of its height."""
 
 LEAST_CONTRAST = 8.0
-"""How much a disc must stand out, in levels of 8 bits, on nine tenths of its outline."""
+"""Least contrast of a disc, in levels of 8 bits, on nine tenths of its outline."""
 
 LEAST_SUPPORT = 0.6
 WIDEST_GAP = 0.36
-"""How much of the outline must be seen, and how much of it may be hidden in one place, such as by a finger."""
+"""Least share of the outline that is seen, and greatest share hidden in one place, such as by a finger."""
 
 SCATTER_PX, SCATTER_BLURS, SCATTER_SHARE = 0.15, 0.15, 0.004
 """Edges may scatter about the ellipse by the sum of these: pixels, widths of the edge, and shares of the diameter."""
@@ -31,7 +31,7 @@ MOST_UNEVEN = 0.12
 """The light inside may differ from that along the rim by this share of the contrast: that of a ball does by more."""
 
 MOST_BLURRED = 0.18
-"""How blurred the edge may be, as a share of the smaller diameter: a glow without an edge is no disc."""
+"""Greatest blur of the edge, as a share of the smaller diameter: a glow without an edge is no disc."""
 
 
 LEAST_HEIGHT = 0.6
@@ -51,7 +51,7 @@ class Trouble(NamedTuple):
 
 
 def trouble_with(edges: EllipseEdges, least_px: float, light: Light) -> Trouble | None:
-    """Say why an outline is not that of a disc.
+    """Return why an outline is not that of a disc.
 
     Args:
         least_px: The least larger diameter.

@@ -18,12 +18,12 @@ Profiles = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 LUMINANCE = np.array((0.0722, 0.7152, 0.2126), np.float32)
-"""How much of the light is blue, green and red (ITU-R BT.709). Channels are decoded one by one and added as light: the
+"""Shares of blue, green and red in the light (ITU-R BT.709). Channels are decoded one by one and added as light: the
 luma of a pixel that is half white and half blue stands for too much of it."""
 
 STEP_PX = 0.5
 MOST_STEPS = 8
-"""How far apart the places on a line are; on long lines further, so that there are no more than 17 of them."""
+"""Spacing of the samples on a line; on long lines more, so that there are no more than 17 of them."""
 
 WIDEST_SHARE = 0.85
 """The blur that the reach follows from: that many edges are sharper. What moves is blurred on two sides only."""
@@ -40,7 +40,7 @@ MOST_BLURS = 3.0
 """An edge that seems more times as blurred as usual has something beside it."""
 
 LEAST_RISE = 0.02
-"""How much of the way from inside to outside the light must change from one place to the next to be the edge."""
+"""Least change of the light from one sample to the next at the edge, as a share of that from inside to outside."""
 
 LEAST_LIGHT = 1e-4
 LEVEL_LINES = 9
@@ -82,7 +82,7 @@ class EdgePicture:
 
 
 class Steps(NamedTuple):
-    """What was read on each of n lines.
+    """Edges on n lines.
 
     Attributes:
         off_px: How far outside the ellipse the edge is, shape ``(n,)``.

@@ -23,7 +23,7 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.disc.ellipse import Ellipse, ellipse_from_moments, ellipse_through
 from stadimeter.detectors.region import Region
-from stadimeter.detectors.sampling import reduced, to_full_scale
+from stadimeter.detectors.sampling import grey_of, reduced, to_full_scale
 
 Plane = NDArray[np.uint8]
 Contour = NDArray[np.int32]
@@ -50,7 +50,8 @@ LEAST_ASPECT = 0.2
 """Flatter outlines are not looked at; the limit for a disc is applied to its measured outline."""
 
 OFF_PX, OFF_SHARE = 0.8, 0.025
-"""How far an outline may lie from its ellipse, root mean square: in pixels, and as a share of the mean half axis."""
+"""Greatest distance of an outline from its ellipse, root mean square: in pixels, and as a share of the mean half
+axis."""
 
 SAME_PLACE, SAME_SIZE = 0.2, 0.15
 """Outlines are one if their centres are nearer than this share of the size, and their sizes differ by less."""
@@ -77,7 +78,7 @@ class View:
     def of(cls, image: Image, region: Region) -> View:
         """Return a view of a part of a picture."""
         small, scale = reduced(region.of(image), SEARCH_LONG_SIDE_PX)
-        return cls(left_top_px=region.left_top_px, grey=_grey(small), scale=scale)
+        return cls(left_top_px=region.left_top_px, grey=grey_of(small), scale=scale)
 
     def in_full(self, ellipse: Ellipse) -> Ellipse:
         """Return where an ellipse of the reduced part is in the whole picture."""
@@ -88,7 +89,7 @@ class View:
 
 
 class Shape(NamedTuple):
-    """What is brighter or darker than a level.
+    """A region brighter or darker than a level.
 
     Attributes:
         contour: The pixels of its outline, shape ``(n, 1, 2)``.
@@ -120,7 +121,7 @@ class Outline(NamedTuple):
 
     @property
     def promise(self) -> float:
-        """How much it may stand out as a disc: a root of contrast times size, times how round it is."""
+        """Its likely prominence as a disc: a root of contrast times size, times how round it is."""
         larger, smaller, _ = self.ellipse.axes()
         return math.sqrt(self.seen * larger) * smaller / larger
 
@@ -131,7 +132,7 @@ class Outline(NamedTuple):
 
 
 class Outlines(NamedTuple):
-    """What was found in a picture.
+    """Outlines that were found in a picture.
 
     Attributes:
         ellipses: What is elliptical, each of them once, the most promising first.
@@ -249,7 +250,7 @@ LEAST_SIZE_PX = 16.0
 """The pieces of smaller outlines are too short to tell an ellipse from."""
 
 LEAST_LEFT = 0.55
-"""How much of an outline must be left."""
+"""Least share of an outline that must be left."""
 
 POINTS = 96
 PIECE_POINTS = (24, 48)
@@ -322,7 +323,7 @@ def _on_best_piece(points: Points, inner: NDArray[np.bool_]) -> NDArray[np.bool_
 
 
 def _is_ellipse(a: Conics, b: Conics, c: Conics, d: Conics, e: Conics) -> NDArray[np.bool_]:
-    """Say which conics are ellipses with points on them; the middle of the outline need not be inside."""
+    """Return which conics are ellipses with points on them; the middle of the outline need not be inside."""
     area = 4 * a * c - b * b
     safe = np.where(area > 0, area, 1.0)
     x, y = (b * e - 2 * c * d) / safe, (b * d - 2 * a * e) / safe
@@ -341,7 +342,3 @@ def _conics(rows: NDArray[np.float64]) -> Conics:
 
 def _is_on(ellipse: Ellipse, points: Points) -> NDArray[np.bool_]:
     return np.asarray(np.abs(ellipse.distances_px(points)) < TIMES_OFF * most_off_px(ellipse), np.bool_)
-
-
-def _grey(image: Image) -> Plane:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)

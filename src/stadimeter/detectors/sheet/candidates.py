@@ -47,7 +47,7 @@ class Candidate:
 
 @dataclass(slots=True, kw_only=True)
 class Findings:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
         best: The outline that looks most like the sheet; None if none is one.
@@ -95,15 +95,16 @@ class Findings:
 Values = NDArray[np.float64]
 
 FOCAL_LENGTHS = (0.5, 0.65, 0.85, 1.1, 1.5, 2.2, 3.5)
-"""What is tried while the lens is not known, in lengths of the picture's longer side: from wide-angle to telephoto."""
+"""Focal lengths tried while the lens is not known, in lengths of the picture's longer side: from wide-angle to
+telephoto."""
 
 UNKNOWN_SIDES = (0.5, 0.65, 0.8, 1.0, 1.25, 1.55, 2.0)
-"""What is tried for the side that is not named, in lengths of what the options say of it."""
+"""Lengths tried for the side that is not named, as multiples of the one in the options."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SheetFit:
-    """How well outlines fit the sheet.
+    """Misfit of outlines to the sheet.
 
     Attributes:
         misfit_px: How far their corners are from where a sheet would have them, root mean square, shape ``(c,)``.
@@ -116,7 +117,7 @@ class SheetFit:
 
 
 class SheetShape:
-    """What pictures of the sheet look like.
+    """Shapes that pictures of the sheet may have.
 
     Args:
         lens: The camera model at the picture's resolution; None if it is not known.

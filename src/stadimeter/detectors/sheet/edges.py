@@ -23,13 +23,13 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.sampling import Light, median
 from stadimeter.detectors.sheet.lines import (
-    CORNER_SHARE,
     QuadFrame,
     Values,
     fit_lines,
     intersections,
     quad_frame,
 )
+from stadimeter.detectors.sides import CORNER_SHARE
 
 Profiles = NDArray[np.float32]
 
@@ -39,13 +39,13 @@ MOST_STEPS = 64
 LEAST_STEPS = 8
 
 PLATEAU_PX = 1.7
-"""So far beyond an edge both sides are themselves."""
+"""Distance beyond an edge at which both sides have their own level."""
 
 REACHES_PX = (3.0, 16.0)
-"""How far across a side is looked at once it is known about where it is, at least and at most."""
+"""Least and greatest reach across a side that is roughly known."""
 
 LEAST_DROP = 0.06
-"""How much of the way from inside to outside two neighbouring pixels must differ by to be the step."""
+"""Least difference of the two pixels of a step, as a share of that between inside and outside."""
 
 CLEAR_PX = 1.5
 SMOOTH = 0.04
@@ -66,7 +66,7 @@ SAME_PX = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadEdges:
-    """What the sides of candidates look like. Side i leads from corner i to corner i + 1.
+    """Measured sides of candidates. Side i leads from corner i to corner i + 1.
 
     Attributes:
         corners_px: Where the lines meet, shape ``(c, 4, 2)``; NaN where they do not.

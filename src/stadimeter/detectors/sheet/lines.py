@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
+from stadimeter.detectors.sides import CORNER_SHARE, LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA, areas
 
 Values = NDArray[np.float64]
 
-CORNER_SHARE = 0.08
-"""Share of a side left out at each end, where the other side blurs in and corners are bent, torn or rounded."""
-
 REACH_SHARE = 0.3
-"""How far across a side is looked at most, as a share of how far away the opposite one is."""
+"""Greatest reach across a side, as a share of the distance to the opposite one."""
 
 LEAST_REACH_PX = 2
 
@@ -30,7 +28,7 @@ CURVE_POINTS = 33
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadFrame:
-    """Where the sides are expected. Arrays are of shape ``(c, 4, n)``, or ``(c, 4, 1)`` where nothing else is said.
+    """Expected sides. Arrays are of shape ``(c, 4, n)``, or ``(c, 4, 1)`` where nothing else is said.
 
     Attributes:
         flat: Which sides are more horizontal.
@@ -85,7 +83,7 @@ def quad_frame(
     across = at_zero[..., None] + slope[..., None] * along
     if lens is not None and lens.distortion:
         across = across + _bend(corners_px, flat, along, lens)
-    most = REACH_SHARE * (_areas(corners_px)[:, None] / length_px) / cosine
+    most = REACH_SHARE * (areas(corners_px)[:, None] / length_px) / cosine
     reach = np.maximum(np.minimum(np.ceil(reach_px), most), LEAST_REACH_PX).astype(np.int64)
     reach = np.minimum(reach, max((min(height, width) - 1) // 2, 0))
     widest = reach[..., None]
@@ -108,11 +106,6 @@ def _along_first(pairs: Points, flat: NDArray[np.bool_]) -> tuple[Values, Values
     return np.where(flat, x, y), np.where(flat, y, x)
 
 
-def _areas(corners: Points) -> Values:
-    first, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
-    return np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
-
-
 def _bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraModel) -> Values:
     """Return how far off the straight line between its corners each side appears: it is straight before the lens."""
     count = len(corners)
@@ -130,17 +123,10 @@ def _bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraM
     return np.array(bend).reshape(along.shape)
 
 
-MAD_TO_SIGMA = 1.4826
-
-LIMITS_PX = (0.35, 1.5)
-"""Steps further from the line than three times their usual distance do not belong to it; nor than these limits."""
-
 BEND_SHARE = 0.004
 """The side of a real sheet is bent: steps may be so far from its line, as a share of its length."""
 
 ROUNDS = 3
-LEAST_SINE = 0.1
-"""Neighbouring sides that meet at a smaller angle are not those of a sheet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -163,7 +149,7 @@ class QuadLines:
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """How many steps each line was fitted to, shape ``(c, 4)``."""
+        """Number of steps on each line, shape ``(c, 4)``."""
         return np.asarray(self.used.sum(axis=2), np.int64)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.sides import grown
+from stadimeter.detectors.sides import areas, grown
 
 Mask = NDArray[np.uint8]
 Values = NDArray[np.float64]
@@ -232,5 +232,4 @@ def _distinct(corners: Points) -> Points:
     # Corners rounded to a coarse grid: outlines in one cell of it are the same sheet, found in several masks.
     _, first = np.unique(np.rint(corners.reshape(-1, 8) / SAME_PX), axis=0, return_index=True)
     corners = corners[first]
-    areas = np.abs(_cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])) / 2
-    return np.asarray(corners[np.argsort(-areas, kind="stable")])
+    return np.asarray(corners[np.argsort(-areas(corners), kind="stable")])

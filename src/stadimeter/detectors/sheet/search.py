@@ -61,7 +61,7 @@ SMALLEST_ANGLE_RAD = math.radians(12)
 START_OFF_PX = 1.0
 FIRST_LOOK_OFF_PX = 1.0
 SECOND_LOOK_OFF_PX = 0.4
-"""How badly a sheet fits its own shape when its corners are only roughly known: as found in the reduced picture, in its
+"""Misfit of a sheet to its own shape while its corners are only roughly known: as found in the reduced picture, in its
 pixels, and as measured at the first two looks."""
 
 SERIOUS_STAGE = 4
@@ -79,25 +79,25 @@ cuts one. The rest may be hidden by fingers, or lie before something that looks 
 FIRST_SUPPORT = 0.25
 
 LEAST_CONTRAST = 6.0
-"""How much each side must stand out from what is behind it, in levels of 8 bits of the channel that differs most."""
+"""Least contrast of each side with what is behind it, in levels of 8 bits of the channel that differs most."""
 
 GREATEST_BEND_PX = 0.6
 GREATEST_BEND_SHARE = 0.003
-"""How far the edge may scatter about a straight line, in pixels or as a share of the side, whatever is more."""
+"""Greatest scatter of the edge about a straight line, in pixels or as a share of the side, whatever is more."""
 
 UNEVEN_LEVELS = 20.0
 UNEVEN_SHARE = 0.35
-"""How much the inside may differ along its border, in levels or as a share of the contrast, whatever is more: light may
-fall off across a sheet, but it is one thing."""
+"""Greatest difference of the inside along its border, in levels or as a share of the contrast, whatever is more: light
+may fall off across a sheet, but it is one thing."""
 
 MISFIT_SIGMAS = 4.0
 FLATNESS_SHARE = 0.0025
-"""How far corners may be from those of the sheet: four standard deviations, and what a sheet that is not quite flat or
-cut adds as a share of its size, 0.3 mm of a page."""
+"""Greatest misfit of the corners to those of the sheet: four standard deviations, and what a sheet that is not quite
+flat or cut adds as a share of its size, 0.3 mm of a page."""
 
 TOLERANCE_FACTOR = 0.8
-"""So many standard deviations of the sheet's sides are added to it: sides that are wrong by 1 % move the corners of a
-sheet that faces the camera by 0.3 % of its size, three standard deviations by 0.9 %."""
+"""Multiple of the standard deviation of the sheet's sides that is added to it: sides that are wrong by 1 % move the
+corners of a sheet that faces the camera by 0.3 % of its size, three standard deviations by 0.9 %."""
 
 UNKNOWN_LENS_SHARE = 0.01
 """The same while the focal length, or a side, is one of a few that are tried."""

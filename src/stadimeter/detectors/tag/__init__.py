@@ -36,7 +36,7 @@ from stadimeter.errors import DriverUnavailableError
 from stadimeter.ranging.flat import TagSize
 
 MOST_REJECTED = 8
-"""So many candidates that are not the tag are reported."""
+"""Number of reported candidates that are not the tag."""
 
 BORDER_PX = 2.0
 """A tag with a corner nearer to the border of the picture than this may be cut off."""
@@ -45,7 +45,7 @@ LEAST_SUPPORT = 0.5
 """The share of each side that must be seen as a straight edge."""
 
 LEAST_CONTRAST = 0.02
-"""How much more light the white around a tag must give than its black: a share of the most that a picture holds."""
+"""Least difference in light between the white around a tag and its black: a share of the most that a picture holds."""
 
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.012
@@ -186,7 +186,7 @@ class TagDetector:
         return [tag for tag in tags if self._number is None or tag.number == self._number]
 
     def _missing(self, sighting: Sighting | None) -> str:
-        """Say what was seen instead of the tag."""
+        """Return what was seen instead of the tag, in words."""
         if sighting is not None and sighting.tags:
             others = ", ".join(str(number) for number in sorted({tag.number for tag in sighting.tags}))
             return f"no tag {self._number} of {self._family.name}, only {others}"
@@ -211,7 +211,7 @@ class TagDetector:
         return self._found(tag, sides, corners, sighting.tags)
 
     def _trouble(self, sides: TagSides) -> str:
-        """Say why the sides are not those of a tag; an empty string if they are."""
+        """Return why the sides are not those of a tag; an empty string if they are."""
         longest = max(side_lengths(sides.corners_px))
         if longest < self._min_side_px:
             return f"is too small: {longest:.1f} px, limit {self._min_side_px:g} px"
@@ -238,7 +238,7 @@ class TagDetector:
         )
 
     def _choice(self, tag: SeenTag, tags: Sequence[SeenTag]) -> str:
-        """Say that there was a choice, if there was one."""
+        """Return a remark that there was a choice, if there was one."""
         if self._number is not None or len(tags) < 2:
             return ""
         return f"tag {tag.number}, one of {len(tags)} of {self._family.name} in view; name one with id"
@@ -254,7 +254,7 @@ class TagDetector:
 
 
 def _is_at(rejected: RejectedCandidate, found: Detection) -> bool:
-    """Say whether a candidate is the tag itself: OpenCV sees one border from both its sides."""
+    """Return whether a candidate is the tag itself: OpenCV sees one border from both its sides."""
     if not len(found.outline_px):
         return False
     x, y = (rejected.centre_px - found.outline_px.mean(axis=0)).tolist()

@@ -29,13 +29,13 @@ FROM = np.array([[(first + i) % 4 for i in range(4)] for first in range(4)])
 """The order of the corners from each of them on."""
 
 LEAST_CONTRAST = 12.0
-"""How much brighter the white cells must be than the black ones, in levels of 8 bits."""
+"""Least difference between white and black cells, in levels of 8 bits."""
 
 MOST_BORDER_ERRORS = 0.12
 """The share of the border's cells that may look white: three of 28."""
 
 MOST_BORDER_DOUBTS = 0.4
-"""Where more of the border looks white, better corners would not help."""
+"""Share of white in the border above which better corners would not help."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -59,7 +59,7 @@ class SeenTag:
 
 
 class Unread(NamedTuple):
-    """What an outline shows that is no tag of the family.
+    """Why the content of an outline is no tag of the family.
 
     Attributes:
         reason: The test that it failed, with the figure and the limit.

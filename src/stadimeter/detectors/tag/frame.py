@@ -17,34 +17,32 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
+from stadimeter.detectors.sides import CORNER_SHARE
 
 Values = NDArray[np.float64]
 OfSides = tuple[float, ...]
 
-CORNER_SHARE = 0.08
-"""Share of a side left out at each end, where the other side blurs in."""
-
 LEAST_STEPS = 8
 
 REACH_PX = (2, 12)
-"""How many pixels across a side are looked at on both sides of where it is expected, at least and at most."""
+"""Least and greatest reach across a side, to both sides of where it is expected."""
 
 LEAST_SHAPE_PX = 2 * REACH_PX[1] + 1
 """A picture must be larger than this."""
 
 START_PX = 4.5
-"""How many pixels an edge takes from black to white, as long as it has not been looked at: two or three, and the start
+"""Width of an edge from black to white before it has been measured: two or three, and the start
 may be off by as many."""
 
 PLATEAU_PX = 1.5
-"""So much further is looked than where an edge is over."""
+"""Reach beyond the end of an edge."""
 
 START: OfSides = (START_PX,) * 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """How one fit is made.
+    """Parameters of one fit.
 
     Attributes:
         reach_cells: How far across a side is looked, in cells: the border of a tag is one wide, and so is its margin.
@@ -59,7 +57,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BentSides:
-    """How a lens bends straight sides.
+    """Distortion of straight sides by a lens.
 
     Attributes:
         camera: The lens at the picture's resolution.
@@ -104,7 +102,7 @@ class Side(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SideFrame:
-    """Where the sides are expected.
+    """The expected sides.
 
     Attributes:
         sides: The straight lines between the corners.

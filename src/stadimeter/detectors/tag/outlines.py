@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
-from stadimeter.detectors.sampling import to_full_scale
+from stadimeter.detectors.sampling import reduced, to_full_scale
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag
 
 Plane = NDArray[np.uint8]
@@ -31,7 +31,7 @@ NEAR_PX = SAME_PX * (0.8 + 0.6)
 """A direction, and how far apart along it the centres of two outlines that are one may be."""
 
 INSET_PX = 0.85
-"""How far inside the edge of a black tag OpenCV's outline runs: through the middles of the outermost dark pixels."""
+"""Distance of OpenCV's outline inside the edge of a black tag: through the middles of the outermost dark pixels."""
 
 ROUND = np.array((1, 2, 3, 0))
 """The corner after each corner."""
@@ -53,7 +53,7 @@ def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, 
     """
     if min(grey.shape) < LEAST_PICTURE_PX:
         return np.zeros((0, 4, 2))
-    small, scale = _reduced(grey, long_side_px)
+    small, scale = reduced(grey, long_side_px, cv2.INTER_LINEAR)
     rate = smallest_perimeter_px * scale / max(small.shape)
     parameters = _parameters(THREE_WINDOWS if thorough else ONE_WINDOW, rate)
     named, _, others = cv2.aruco.ArucoDetector(_no_dictionary(), parameters).detectMarkers(small)
@@ -71,16 +71,6 @@ def _around_dark(corners: NDArray[np.float32], scale: float) -> Points:
     centre = corners.sum(axis=1, keepdims=True) / 4
     grown = to_full_scale(centre, scale) + (corners - centre) * growth[:, None, None]
     return np.asarray(grown if len(grown) == 1 else grown[np.argsort(-around_px, kind="stable")])
-
-
-def _reduced(grey: Plane, long_side_px: int) -> tuple[Plane, float]:
-    """Return the picture at a smaller size, and its scale: half of it as means of four pixels, anything else sooner."""
-    height, width = grey.shape
-    scale = min(1.0, long_side_px / max(height, width))
-    if scale == 1.0:
-        return grey, scale
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_LINEAR), np.uint8), scale
 
 
 def _parameters(windows: tuple[int, int], rate: float) -> cv2.aruco.DetectorParameters:
@@ -130,7 +120,7 @@ def distinct(outlines: Points) -> Points:
 
 
 LEAST_MARGIN = 20.0
-"""How clearly the cells must differ from what decides between black and white, in levels: noise reaches about 10."""
+"""Least difference of the cells from the threshold between black and white, in levels: noise reaches about 10."""
 
 
 class ApriltagFinder:

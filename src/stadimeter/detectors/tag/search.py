@@ -1,4 +1,4 @@
-"""Where in a picture tags are looked for, and how hard.
+"""Search for tags in a picture, each look harder than the last.
 
 A reduced picture first, larger ones only if the tag is not there. Around a prediction only a part of the picture is
 looked at, reduced until the tag is about `TRACKED_PX` long, so that the cost depends neither on the picture's size nor
@@ -12,14 +12,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.detectors.region import Region
-from stadimeter.detectors.sampling import Light
+from stadimeter.detectors.sampling import Light, grey_of
 from stadimeter.detectors.sides import side_lengths
 from stadimeter.detectors.tag.codes import SeenTag, TagFamily, Unread, read_tag
 from stadimeter.detectors.tag.outlines import find_outlines
@@ -37,16 +36,16 @@ LEAST_READ_PX = 10.0
 """Tags with a shorter side are not looked for in a reduced picture: their cells run into each other."""
 
 TURNED_SHARE = 0.65
-"""How much shorter the way around a tag gets when it is turned by 70 degrees; turned further it cannot be read."""
+"""Share of its perimeter that a tag keeps when it is turned by 70 degrees; turned further it cannot be read."""
 
 TRACKED_PX = 40.0
-"""How long a tag is in the picture that is searched around a prediction."""
+"""Length of a tag's side in the reduced picture that is searched around a prediction."""
 
 HALF_DIAGONAL, MARGIN_PX = math.sqrt(0.5), 8
 """Around a prediction the picture is cut out so that a tag standing on its corner fits in, with some of its paper."""
 
 SIGMAS = 3.0
-"""So many standard deviations a prediction may be wrong."""
+"""Greatest error of a prediction, in its standard deviations."""
 
 SMALL_CELL_PX = 5.0
 """Corners of an outline are good to a pixel or two. Where cells are smaller than this, the sides are measured before
@@ -69,7 +68,7 @@ class SmallTagFinder(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sighting:
-    """What one look at a picture, or at a part of it, showed.
+    """Tags and outlines seen in one look at a picture or a part of it.
 
     Attributes:
         grey: What was looked at, shape ``(height, width)``.
@@ -118,7 +117,7 @@ class TagSearch:
         region = Region.around(prediction.centre_px, half_px, image, outwards=True)
         if region is None:
             return None
-        left_top, grey = region.left_top_px, _grey(region.of(image))
+        left_top, grey = region.left_top_px, grey_of(region.of(image))
         reduced_px = max(1, round(max(grey.shape) * min(1.0, TRACKED_PX / longest_px)))
         sighting = self._whole(grey, left_top, least_px, reduced_px)
         # A tag that is turned far is much narrower than it is long.
@@ -137,7 +136,7 @@ class TagSearch:
         Yields:
             What was seen. Who has what he wants stops here and saves the rest, which takes longer each time.
         """
-        grey = _grey(image)
+        grey = grey_of(image)
         sizes = self._long_sides(max(grey.shape))
         for long_side_px in sizes:
             yield self._look(grey, long_side_px, thorough=False)
@@ -184,7 +183,3 @@ class TagSearch:
 def _same(tag: SeenTag, other: SeenTag) -> bool:
     apart = np.abs(tag.corners_px.mean(axis=0) - other.corners_px.mean(axis=0)).max()
     return tag.number == other.number and bool(apart < other.side_px / 2)
-
-
-def _grey(image: Image) -> Plane:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)

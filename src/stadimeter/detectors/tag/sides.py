@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.sides import LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA
 from stadimeter.detectors.tag.frame import START, BentSides, Look, OfSides, SideFrame, quad_area, side_frame
 
 Plane = NDArray[np.uint8]
@@ -46,16 +47,16 @@ LEAST_LIGHT = 1e-4
 """A side whose two levels differ by less is no side: a third of a level of 8 bits in the dark."""
 
 MOST_RISING = 0.03
-"""Where the light at the end of the look differs by more than this share of the contrast from that of the last two
-pixels together, the edge goes on."""
+"""An edge goes on where the light at the end of the look differs by more than this share of the contrast from that of
+the last two pixels together."""
 
 LEAST_RISE = 0.04
-"""How much of the way from black to white two neighbouring pixels must differ by to be the step."""
+"""Least difference of the two pixels of a step, as a share of that between black and white."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TagSides:
-    """What the sides of a tag look like. Side i leads from corner i to corner i + 1.
+    """Measured sides of a tag. Side i leads from corner i to corner i + 1.
 
     Attributes:
         corners_px: Where the lines meet, shape ``(4, 2)``.
@@ -76,7 +77,7 @@ class TagSides:
 
 
 class _Steps(NamedTuple):
-    """How far across from where they are expected the steps are, and how high; contrast and width of the edges."""
+    """Offsets of the steps across from where they are expected, their heights, contrast and width of the edges."""
 
     off: Values
     height: Profiles
@@ -201,15 +202,6 @@ def _ends(reach: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     before = np.arange(2 if widest >= 3 else 1)
     of_side = np.array(reach)[:, None]
     return np.concatenate((widest - of_side + before, widest + of_side - before)), np.tile(np.arange(4), 2)[:, None]
-
-
-MAD_TO_SIGMA = 1.4826
-
-LIMITS_PX = (0.35, 1.5)
-"""Steps further from the line than three times their usual distance do not belong to it; nor than these limits."""
-
-LEAST_SINE = 0.1
-"""Neighbouring sides that meet at a smaller angle are not those of a tag."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
