@@ -110,7 +110,7 @@ def rate_at(
     most_often = max(float(nearer.max(initial=0.0)), raises[0] / duration_s[0])
     likeliest = _a_day((at, raises, duration_s), slope.per_sigma, clearances, most_often)
     slopes = np.minimum(random.normal(slope.per_sigma, slope.sigma, DRAWS), 0.0)
-    # A parametric bootstrap: counts and slope are drawn anew; the 95th percentile of the rate over the draws is the limit.
+    # A parametric bootstrap: counts and slope are drawn anew; the 95th percentile of the drawn rates is the limit.
     again = np.maximum(random.poisson(raises, (DRAWS, len(raises))), _HALF)
     drawn = [
         _a_day((at, each, duration_s), float(by), clearances, most_often)
