@@ -190,8 +190,9 @@ def test_of_several_instances_one_must_be_named(terminal):
     assert str(terminal.config) in done.stderr
     assert str(other) in done.stderr
     assert terminal.type("ack", "near", "--config", other).returncode == 0
-    assert "near: active, unacknowledged" in terminal.type("status", "--config", terminal.config).stdout
-    assert "near: active: " in terminal.type("status", "--config", other).stdout
+    (unseen,) = json.loads(terminal.type("status", "--json", "--config", terminal.config).stdout)["rules"]
+    (seen,) = json.loads(terminal.type("status", "--json", "--config", other).stdout)["rules"]
+    assert (unseen["acknowledged"], seen["acknowledged"]) == (False, True)
     done = terminal.type("status", "--config", terminal.folder / "none.toml")
     assert "no instance runs with" in done.stderr
 

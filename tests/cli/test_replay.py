@@ -100,10 +100,12 @@ def moved(drawn):
 def test_a_recording_replays_with_its_own_configuration_though_the_files_are_gone(recorded, drawn):
     moved(drawn)
     for path in recorded:
-        done = stadimeter("replay", path, "--strict")
+        done = stadimeter("replay", path, "--strict", "--json")
         assert done.exit_code == 0, done.output
-        assert "decisions identical, with the configuration of the recording." in done.stdout
-        assert "raised" in done.stdout
+        result = json.loads(done.stdout)
+        assert result["same_configuration"]
+        assert result["identical"] == result["cycles"] > 0
+        assert "raised" in [event["kind"] for event in result["events"]]
 
 
 def test_journal_and_recording_replay_to_the_same_events(recorded):

@@ -35,12 +35,7 @@ def asked(
     socket: Path | None,
     wait_s: float = ANSWER_WAIT_S,
 ) -> Any:
-    """Ask the running instance that is meant.
-
-    Args:
-        config: The configuration of the instance; None if there is but one.
-        socket: Where it listens; None to find out.
-        wait_s: How long to wait for the answer.
+    """Ask the running instance: that at a socket, or with a configuration, or the only one.
 
     Raises:
         ControlError: None runs, several do, or it refuses.
@@ -49,14 +44,7 @@ def asked(
 
 
 def who(by: str | None) -> str:
-    """Return who asks.
-
-    Args:
-        by: What was said; None for the login name.
-
-    Returns:
-        The name; that of the person, also below ``sudo``.
-    """
+    """Return who asks: as given, or the login name, below ``sudo`` that of the person."""
     if by is not None:
         return by
     try:

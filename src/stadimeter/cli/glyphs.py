@@ -18,19 +18,7 @@ _ASCII_WORDS = str.maketrans(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Glyphs:
-    """One set of characters, each one column wide.
-
-    Attributes:
-        ascii_only: Whether everything must be ASCII.
-        bar: The full part of a bar.
-        bar_rest: The empty part of a bar.
-        left_end: The left end of the bearing's scale.
-        mark: Where the target is on it.
-        beyond_left: The target is further to the left than the scale.
-        beyond_right: It is further to the right.
-        axis: The vertical axis of a chart.
-        dots: The states of a rule: idle, pending, active, clearing, latched, returned, unknown.
-    """
+    """One set of characters, each one column wide; `dots` are those of the states in `RuleStatus`, in its order."""
 
     ascii_only: bool = False
     line: str = "─"
@@ -53,14 +41,7 @@ class Glyphs:
     dots: str = "○◔●◑■◇?"
 
     def words(self, text: str) -> str:
-        """Return a text as it can be shown: one line, no control characters, ASCII if it must be.
-
-        Args:
-            text: Any text, such as a reason in a driver's words.
-
-        Returns:
-            The text that is safe to print.
-        """
+        """Return a text as it can be shown: one line, no control characters, ASCII if it must be."""
         shown = "".join(character if character.isprintable() else " " for character in text)
         if not self.ascii_only:
             return shown
@@ -85,13 +66,7 @@ ASCII = Glyphs(
 
 
 def heading(name: str, width: int, glyphs: Glyphs, *details: tuple[str, str]) -> Text:
-    """Return a line across the screen with a name in it.
-
-    Args:
-        name: What comes below.
-        width: How many columns the line takes.
-        details: More words behind the name, each with its style.
-    """
+    """Return a line across the screen with a name in it, and details behind it, each with its style."""
     line = Text.assemble((f"{glyphs.line} ", "dim"), (glyphs.words(name), "bold"), " ")
     for words, style in details:
         line.append(glyphs.words(words), style).append(" ")

@@ -204,14 +204,11 @@ def _wide(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyp
 
 
 def grant_rows(free: int, claims: Sequence[tuple[str, int]], most: dict[str, int]) -> Counter[str]:
-    """Share rows out.
+    """Share rows out. Headings come all together or not at all.
 
     Args:
-        claims: Who wants how many more, the most important claim first.
+        claims: Names with the rows that they want, the most important claim first.
         most: The upper limits of some of them.
-
-    Returns:
-        How many rows each got. Headings come all together or not at all.
     """
     rows: Counter[str] = Counter()
     for name, wanted in claims:

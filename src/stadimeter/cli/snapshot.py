@@ -20,19 +20,16 @@ class Snapshot:
     """All that a live view shows at one moment.
 
     Attributes:
-        unit: The unit of distances.
         record: The newest cycle; None before the first.
         started_s: The time of the first cycle, on the run's monotonic clock.
-        frame_rate_hz: How many frames a second come.
-        frame_age_s: How old the newest frame is; None before the first.
-        looked_at: For each target that was not measured in the newest frame, what was looked at in vain, the most like
-            it first.
-        tilts_rad: How far each target that is flat, and was measured in the newest frame, is turned away.
+        frame_age_s: Age of the newest frame; None before the first.
+        looked_at: Rejected candidates of each target that the newest frame does not show, the most like it first.
+        tilts_rad: Tilt of each flat target that was measured in the newest frame.
         samples: The recent distances of each target, oldest first.
-        events: The recent events, newest first.
-        messages: What was sent to other programs and when, newest first.
+        events: Newest first.
+        messages: The messages to other programs, each with its time, newest first.
         limits_m: Distances to mark in the chart of each target.
-        trouble: What is wrong outside the loop, such as with the broker; empty if nothing.
+        trouble: A fault outside the loop, such as of the broker; empty if there is none.
     """
 
     title: str

@@ -16,12 +16,7 @@ from stadimeter.cli.snapshot import WINDOW_S, Sample
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layer:
-    """One kind of thing that is drawn.
-
-    Attributes:
-        style: The colour of cells where this layer is on top.
-        character: What stands for it in ASCII.
-    """
+    """One kind of thing that is drawn: the colour of cells where it is on top, and its character in ASCII."""
 
     style: str
     character: str
@@ -45,7 +40,6 @@ class StripChart:
     Attributes:
         width: Its columns, axis and labels included.
         height: Its rows, the axis of time included; below 3 nothing can be drawn.
-        unit: The unit of the vertical axis.
         limits_m: Distances to draw as dotted lines.
     """
 
@@ -134,7 +128,7 @@ class DotCanvas:
     """Dots in cells. A cell has the colour of the topmost layer in it.
 
     Args:
-        layers: What will be drawn, lowest first.
+        layers: All layers, lowest first.
         ascii_only: Whether a cell holds one dot, shown as the character of the layer.
     """
 
@@ -157,24 +151,16 @@ class DotCanvas:
         return self._height * self._dots_down
 
     def dots_of_row(self, position: float) -> int:
-        """Return the row of dots that is nearest to a place between rows of cells.
+        """Return the row of dots nearest to a position, at most one outside of the canvas.
 
         Args:
-            position: 0 is the middle of the top row of cells, 1 that of the next, and so on.
-
-        Returns:
-            The row of dots, from the top, at most one outside of the canvas.
+            position: In rows of cells: 0 is the middle of the top row, 1 that of the next.
         """
         row = round(position * self._dots_down + (self._dots_down - 1) / 2)
         return min(max(row, -1), self.height_dots)
 
     def dot(self, x: int, y: int, layer: Layer) -> None:
-        """Set a dot; outside the canvas it does nothing.
-
-        Args:
-            x: Column of dots, from the left.
-            y: Row of dots, from the top.
-        """
+        """Set a dot, in columns from the left and rows from the top; outside the canvas it does nothing."""
         if not (0 <= x < self.width_dots and 0 <= y < self.height_dots):
             return
         column, row = x // self._dots_across, y // self._dots_down
@@ -207,7 +193,6 @@ class ChartScale:
     Attributes:
         low: The figure at the bottom row, in the unit that is shown.
         step: From one label to the next, in the same unit.
-        rows_per_step: How many rows apart labels are.
     """
 
     low: float
@@ -216,15 +201,7 @@ class ChartScale:
     rows_per_step: int
 
     def position(self, value: float) -> float:
-        """Return how many rows below the top row a figure is.
-
-        Args:
-            value: The figure, in the unit that is shown.
-
-        Returns:
-            0 at the middle of the top row, ``rows - 1`` at the middle of the bottom row, and outside of these for
-            figures that are not on the scale.
-        """
+        """Return how many rows below the middle of the top row a figure is; not within the rows if off the scale."""
         return self.rows - 1 - (value - self.low) / self.step * self.rows_per_step
 
     def labels(self) -> Iterator[tuple[int, str]]:
@@ -235,15 +212,12 @@ class ChartScale:
 
 
 def chart_scale(values: Iterable[float], span_min: float, rows: int) -> ChartScale:
-    """Choose a scale that holds all figures and does not wobble with every new one.
+    """Choose a scale that holds all figures and does not wobble with every new one; it never goes below 0.
 
     Args:
-        values: The figures to show, finite; without any, the scale begins at 0.
+        values: Finite; without any, the scale begins at 0.
         span_min: The scale spans at least this much, so that noise does not fill it.
-        rows: How many rows of characters there are, two or more.
-
-    Returns:
-        The scale. It never goes below 0, for it is for distances.
+        rows: Two or more.
     """
     shown = [max(0.0, value) for value in values] or [0.0]
     lowest, highest = min(shown), max(shown)
@@ -313,16 +287,10 @@ class Bin:
 
 
 def binned(samples: Iterable[Sample], bin_s: float) -> dict[int, Bin]:
-    """Sort distances into columns of time.
+    """Sort distances, oldest first, into columns of time, by the number of `bin_s` since time 0.
 
-    Columns are fixed in time, so what was drawn once moves to the left but never changes its shape.
-
-    Args:
-        samples: The distances, oldest first. One without a distance makes a gap.
-        bin_s: How much time a column stands for.
-
-    Returns:
-        The columns that show something, by the number of `bin_s` since time 0.
+    Columns are fixed in time, so what was drawn once moves to the left but never changes its shape. A sample without a
+    distance makes a gap.
     """
     bins: dict[int, Bin] = {}
     for run in _runs(samples):
@@ -351,11 +319,9 @@ def _runs(samples: Iterable[Sample]) -> Iterator[list[Point]]:
 
 
 def known_point(sample: Sample) -> Point | None:
-    """Return a sample as a point to draw.
+    """Return a sample as a point to draw; None if it holds no distance that can be drawn.
 
-    Returns:
-        The point; None if it holds no distance that can be drawn. Its standard deviation is at most the distance, so
-        that the band never reaches below zero nor far above everything else.
+    Its standard deviation is at most the distance, so that the band never reaches below zero, nor far above all else.
     """
     distance_m, sigma_m = sample.distance_m, sample.sigma_m
     if distance_m is None or not 0 <= distance_m <= FARTHEST_M:

@@ -143,14 +143,10 @@ def _wrapped(words: str, width: int) -> list[str]:
 
 
 def bearing_scale(bearing_rad: float | None, glyphs: Glyphs, width: int = 17) -> Text:
-    """Draw where a target is between left and right.
+    """Draw a bearing, positive to the right, on a scale such as ``├──●────┼───────┤``; empty if unknown.
 
     Args:
-        bearing_rad: Its bearing, positive to the right; None if unknown.
-        width: How many columns the scale takes, an odd number.
-
-    Returns:
-        Such as ``├──●────┼───────┤``; empty if unknown.
+        width: Columns of the scale, an odd number.
     """
     if bearing_rad is None or not math.isfinite(bearing_rad):
         return Text()
@@ -182,16 +178,6 @@ _DIGITS = {
 
 
 def big_digits(number: str) -> tuple[str, str, str]:
-    """Write a number large.
-
-    Args:
-        number: Made of digits, a point and a minus sign, or the dash that stands for no number.
-
-    Returns:
-        Three rows of the same width.
-
-    Raises:
-        KeyError: There is something else in it.
-    """
+    """Write a number in three rows of the same width: digits, a point, a minus sign, or the dash for no number."""
     rows = [" ".join(_DIGITS[character][row] for character in number) for row in range(3)]
     return rows[0], rows[1], rows[2]

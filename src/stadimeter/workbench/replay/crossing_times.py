@@ -40,13 +40,11 @@ class Stay:
 
 
 def stays(at_s: Sequence[float], distances_m: Sequence[float], condition: DistanceCondition) -> list[Stay]:
-    """Return when a target was where a condition holds, without any regard to bands, delays and probabilities.
+    """Return, in order, when a target was where a condition holds, regardless of hysteresis, delays and probability.
 
     Args:
-        at_s: When distances were measured, in order.
-
-    Returns:
-        The times, in order.
+        at_s: The times of the measurements, in order.
+        distances_m: The distances, or depths; a NaN counts as not measured.
     """
     times, measured = np.asarray(at_s, float), np.asarray(distances_m, float)
     known = np.isfinite(measured)

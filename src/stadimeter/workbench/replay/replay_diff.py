@@ -19,12 +19,10 @@ MOVED_S = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventChange:
-    """An event that is not the same with both sets of rules.
+    """An event that is not the same with both sets of rules; it is of the new rules, unless it is lost.
 
     Attributes:
-        change: ``added`` with the new rules, ``lost`` with them, or ``moved``.
-        event: The event: of the new rules, unless it is lost.
-        by_s: By how much it moved, positive for later; 0 if it did not move.
+        by_s: The time by which it moved, positive for later; 0 if it did not move.
     """
 
     change: Literal["added", "lost", "moved"]
@@ -34,11 +32,7 @@ class EventChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RuleChange:
-    """What a rule comes to with both sets of rules.
-
-    Attributes:
-        old: With the old ones; None if there is no such rule.
-    """
+    """The figures of a rule with both sets of rules; None where there is no such rule."""
 
     rule: str
     old: RuleFigures | None
@@ -47,11 +41,7 @@ class RuleChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayDiff:
-    """What the new rules change.
-
-    Attributes:
-        changes: The events that are not the same, in order of time.
-    """
+    """The difference that new rules make: changed events in order of time, and the figures of each rule."""
 
     changes: tuple[EventChange, ...]
     same: int
@@ -100,6 +90,7 @@ def _by_subject(events: Sequence[Event]) -> defaultdict[tuple[str, str], list[Ev
 
 def _paired(old: Sequence[Event], new: Sequence[Event]) -> list[tuple[Event | None, Event | None]]:
     """Pair events of one kind and source, in order of time: each with the nearest that is left for it."""
+    # Both lists are sorted by time, so one pass does: the earlier of the two heads is paired, or is alone for good.
     pairs: list[tuple[Event | None, Event | None]] = []
     i = j = 0
     while i < len(old) and j < len(new):

@@ -42,7 +42,7 @@ class Tuned:
     """The alarm that is tuned.
 
     Attributes:
-        threshold_m: The limit that the target may cross.
+        threshold_m: The threshold that the target may cross.
         side: 1 if the alarm is raised by a target that is nearer than the threshold, -1 if by one that is further.
     """
 
@@ -97,11 +97,7 @@ class Tuned:
 
 
 def beginnings(tuned: Tuned) -> list[Settings]:
-    """Return the settings to try for when the alarm begins: those that it has first.
-
-    Returns:
-        The settings; a safety alarm does not wait.
-    """
+    """Return the settings to try for when the alarm begins, its own first; a safety alarm does not wait."""
     delays = ON_DELAYS[:1] if tuned.rule.severity is Severity.SAFETY else ON_DELAYS
     tried = [
         replace(tuned.settings, probability=probability, on_delay=delay)
@@ -111,11 +107,7 @@ def beginnings(tuned: Tuned) -> list[Settings]:
 
 
 def endings(begin: Settings) -> list[Settings]:
-    """Return the settings to try for when the alarm ends: those that it has first.
-
-    Args:
-        begin: The settings for when it begins.
-    """
+    """Return the settings to try for when the alarm ends, its own first, with the chosen beginning."""
     tried = [
         replace(begin, deadband_sigmas=band, off_delay_s=off_s)
         for band, off_s in product(DEADBANDS_SIGMAS, OFF_DELAYS_S)

@@ -125,10 +125,7 @@ class Noise:
 
 
 def series_of(recording: Recording, target: str, quantity: Quantity) -> Series:
-    """Read the measurements of a target from a recording.
-
-    Returns:
-        What was measured, in the order of the frames.
+    """Read the measurements of a target from a recording, in the order of the frames.
 
     Raises:
         JournalError: The recording is damaged, has no frames, or does not know the target.
@@ -175,13 +172,7 @@ def _nothing_of(recording: Recording, target: str, frames: int, known: set[str])
 
 
 def noise_of(recordings: Sequence[Series]) -> Noise:
-    """Tell the noise from the target's movement.
-
-    Args:
-        recordings: The measurements of the target in each recording.
-
-    Returns:
-        What is known of the noise.
+    """Separate the noise of recordings from the target's movement.
 
     Raises:
         JournalError: The target was never calm for long enough.
@@ -267,12 +258,13 @@ def _stretch(series: Series, part: slice, steps_s: Floats) -> Stretch:
 
 
 def _robust_line(times_s: Floats, figures_m: Floats) -> tuple[float, float, float]:
-    """Return slope, height in the middle, and the middle, of a line that gross errors do not draw to themselves."""
+    """Return slope, height at the mean time, and the mean time, of a line that outliers do not draw to themselves."""
     seen = np.isfinite(figures_m)
     times_s, figures_m = times_s[seen], figures_m[seen]
     middle_s = float(times_s.mean())
     weights = (np.abs(figures_m - np.median(figures_m)) <= 0.3 * np.median(figures_m)).astype(float)
     slope, height = 0.0, float(np.median(figures_m))
+    # Iteratively reweighted least squares: beyond three robust standard deviations weights fall with the fourth power.
     for _ in range(_FIT_ROUNDS):
         slope, height = np.polyfit(times_s - middle_s, figures_m, 1, w=np.sqrt(weights))
         off = np.abs(figures_m - height - slope * (times_s - middle_s))
@@ -299,6 +291,8 @@ def _made_whole(calm: Sequence[Stretch]) -> list[Stretch]:
     A line takes two of the independent errors to itself, and errors that last are fewer than the frames.
     """
     errors = [stretch.errors for stretch in calm]
+    # n frames with autocorrelation ρ hold n (1 - ρ) / (1 + ρ) independent errors; a line with two parameters fitted to
+    # m of them leaves a variance of (1 - 2/m) of what it was.
     correlation = max(0.0, _correlation(errors, max(_spread(np.concatenate(errors)), 1e-3)))
     frames = float(np.mean([len(each) for each in errors]))
     independent = max(4.0, frames * (1 - correlation) / (1 + correlation))

@@ -67,11 +67,10 @@ class Rate:
 
 
 def at_most(count: int) -> float:
-    """Return the most events that are expected, with 95 % confidence, where `count` were counted.
+    """Return the 95 % upper limit of a Poisson variable's mean, where `count` events were counted.
 
-    Returns:
-        The upper limit of a Poisson variable's mean; 3.0 for none, the "rule of three". The formula is that of Wilson
-        and Hilferty, "The distribution of chi-square", PNAS 17 (12), 1931.
+    For none it is 3.0, the "rule of three". The formula is that of Wilson and Hilferty, "The distribution of
+    chi-square", PNAS 17 (12), 1931.
     """
     more = count + 1
     return float(more * (1 - 1 / (9 * more) + _SIGMAS_OF_SURE / (3 * math.sqrt(more))) ** 3)
@@ -111,6 +110,7 @@ def rate_at(
     most_often = max(float(nearer.max(initial=0.0)), raises[0] / duration_s[0])
     likeliest = _a_day((at, raises, duration_s), slope.per_sigma, clearances, most_often)
     slopes = np.minimum(random.normal(slope.per_sigma, slope.sigma, DRAWS), 0.0)
+    # A parametric bootstrap: counts and slope are drawn anew; the 95th percentile of the drawn rates is the limit.
     again = np.maximum(random.poisson(raises, (DRAWS, len(raises))), _HALF)
     drawn = [
         _a_day((at, each, duration_s), float(by), clearances, most_often)
@@ -143,6 +143,7 @@ def _tail(counts: Sequence[Count]) -> tuple[Floats, Floats, Floats]:
 def _a_day(tail: tuple[Floats, Floats, Floats], per_sigma: float, clearances: Floats, most_often: float) -> float:
     """Return the rate, by the line, and nowhere more than where it is raised most often."""
     at, raises, duration_s = tail
+    # The likeliest height of a Poisson rate exp(height + slope · clearance), given the slope: counts over exposure.
     height = math.log(raises.sum() / np.sum(duration_s * np.exp(per_sigma * at)))
     rates = np.minimum(np.exp(height + per_sigma * clearances), most_often)
     return float(DAY_S * np.mean(rates))

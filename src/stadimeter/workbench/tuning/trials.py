@@ -98,14 +98,7 @@ def _within(times_s: Floats, marks_s: Floats, reach_s: float) -> Truths:
 
 
 def truth_of(series: Series, around_s: float = _TRUTH_S) -> Floats:
-    """Return the smoothed distance in each frame, in metres.
-
-    Args:
-        around_s: The time over which the median is taken.
-
-    Returns:
-        The distance in each frame; NaN where it was not seen.
-    """
+    """Return the distance in each frame, in metres, smoothed by a median over `around_s`; NaN where it was not seen."""
     frame_s = float(np.median(np.diff(series.times_s))) if len(series.times_s) > 1 else 1.0
     half = max(1, round(around_s / frame_s / 2)) if frame_s > 0 else 1
     padded = np.pad(series.figures_m, half, constant_values=np.nan)
