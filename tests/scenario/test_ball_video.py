@@ -15,6 +15,7 @@ from stadimeter.core.outputs import safe_command
 from stadimeter.core.track import TrackStatus
 from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
 from stadimeter.workbench.replay.replay import replay
+from support.recordings import records_of
 from support.simulated_run import LENS
 
 # The ball's size is not known; with 6.4 cm and 600 px it moves between about 0.5 and 1 m.
@@ -65,7 +66,7 @@ def run(real_pictures, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def records(run):
-    return list(run[1].records())
+    return list(records_of(run[1]))
 
 
 pytestmark = pytest.mark.long

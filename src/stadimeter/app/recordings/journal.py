@@ -168,14 +168,6 @@ class Journal:
                 rules, reloaded = cycle.rules_json, None
                 yield cycle
 
-    def records(self) -> Iterator[CycleRecord]:
-        """Yield every cycle, in order, read whole.
-
-        Raises:
-            JournalError: A line is damaged. A last line that was cut off is not an error: the recording ended there.
-        """
-        return (cycle.record() for cycle in self.cycles())
-
     def is_cut_off(self) -> bool:
         """Return whether the last line is not whole, as after a power cut."""
         with readable(self.path) as file:
