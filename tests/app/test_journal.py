@@ -228,8 +228,6 @@ def test_two_runs_with_one_name_lose_nothing(tmp_path):
     second.close()
     journals = [each for each in tmp_path.iterdir() if each.stat().st_size]
     lengths = {each.name: len(list(records_of(read_journal(each)))) for each in journals}
-        each.name: len(list(records_of(read_journal(each)))) for each in tmp_path.iterdir() if each.stat().st_size
-    }
     assert lengths == {"run.jsonl": 3, "run-1.jsonl": 3}
 
 

@@ -17,7 +17,7 @@ class Commands(LazyGroup):
     """Every command, in the order of the help."""
 
     LAZY: ClassVar[Mapping[str, LazyCommand]] = {
-        "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until told to stop."),
+        "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped."),
         "demo": LazyCommand(
             "stadimeter.cli.run", "Watch a simulated ball being measured, followed and reported. Needs no hardware."
         ),

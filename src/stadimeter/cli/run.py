@@ -63,7 +63,7 @@ def run(
     unit: Unit = "m",
     as_json: Annotated[bool, typer.Option("--json", help="Print nothing but one JSON object, at the end.")] = False,
 ) -> None:
-    """Measure, decide and act, until told to stop.
+    """Measure, decide and act, until stopped.
 
     Opens the camera and every output that CONFIG names, and runs its rules on every frame. Prints a line a second,
     and each event at once. A recording ends when its frames do; Ctrl-C and SIGTERM stop every output first and then
@@ -71,7 +71,7 @@ def run(
     service, which has no terminal, SIGHUP says to read CONFIG again, as `stadimeter reload` does.
 
     Alarms of a live camera are remembered: after a restart they go on as if nothing had happened. A running instance
-    can be told things with `stadimeter ack`, `shelve` and so on.
+    takes commands from `stadimeter ack`, `shelve` and so on.
 
     **Examples**
 
@@ -165,7 +165,7 @@ def _run(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing
 def _run_to_the_end(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
     with served(loop, serving), kept(loop, keeping), show(loop, showing.view, showing.title, showing.unit):
         if loop.parts.recording_drives:
-            loop.listeners.append(_RealOutputsTeller(loop.parts.recording_drives))
+            loop.listeners.append(_RealOutputsWarning(loop.parts.recording_drives))
         gc.freeze()  # else all threads stand still now and then, while the collector walks through every library
         loop.run(limits)
 
@@ -177,8 +177,8 @@ def _say_end(loop: Loop, view: View) -> None:
     typer.echo(json.dumps(summary) if view == "json" else in_words(summary))
 
 
-class _RealOutputsTeller:
-    """Tells once, when the first frame has come, that a recording drives something real."""
+class _RealOutputsWarning:
+    """Warns once, when the first frame has come, that a recording drives something real."""
 
     def __init__(self, outputs: tuple[str, ...]) -> None:
         self._words = f"warning: a recording or simulation drives real outputs: {', '.join(outputs)}"
