@@ -68,7 +68,7 @@ class Desk:
         self.unix_s += seconds
         frame = FrameStamp(sequence=len(self.run.decisions), captured_at_s=now_s)
         seen = (measured("ball", now_s, distance_m),)
-        told = self.control.told()
+        told = self.control.operator_commands()
         observation = Observation(now_s=now_s, frame=frame, measurements=seen, operator_commands=told)
         decision = self.run.cycle(observation)
         self.control.heard(CycleRecord(observation=observation, applied=(), timings_s={}, decision=decision))

@@ -23,6 +23,7 @@ from stadimeter.core.plan import BaseOutput, LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.errors import JournalError
 from support.observing import Rehearsal, measured
+from support.recordings import records_of
 from support.replaying import replay
 
 PLAN = Plan(
@@ -63,7 +64,7 @@ def recorded(path, *sights):
 def test_what_is_read_is_what_was_written_to_the_last_bit(tmp_path):
     recorder = recorded(tmp_path / "run.jsonl", 5, 4, None, 0.1 + 0.2, 1 / 3)
     journal = read_journal(tmp_path / "run.jsonl")
-    assert [(r.observation.now_s, r.decision) for r in journal.records()] == recorder.decisions
+    assert [(r.observation.now_s, r.decision) for r in records_of(journal)] == recorder.decisions
     assert journal.header.configuration == "# configuration"
 
 
@@ -73,7 +74,7 @@ def test_rules_that_did_not_change_are_not_written_again_and_read_all_the_same(t
     assert written.count("as before") > len(written) / 2
     near = {"rule": "near", "status": "active", "output": "buzzer"}
     assert any(near.items() <= rule.items() for rules in written if rules != "as before" for rule in rules)
-    read = [record.decision.rules for record in read_journal(tmp_path / "run.jsonl").records()]
+    read = [record.decision.rules for record in records_of(read_journal(tmp_path / "run.jsonl"))]
     assert read == [decision.rules for _, decision in recorder.decisions]
 
 
@@ -179,7 +180,7 @@ def test_an_older_journal_is_kept_under_another_name_from_the_first_cycle_on(tmp
     JournalWriter(path, "").close()
     assert (names(tmp_path), path.read_bytes()) == (["run.jsonl"], old)
     assert written(path).kept() == f"{path} held an older journal, which is now {tmp_path / 'run-1.jsonl'}"
-    assert len(list(read_journal(path).records())) == 1
+    assert len(list(records_of(read_journal(path)))) == 1
     assert (tmp_path / "run-1.jsonl").read_bytes() == old
     written(path)
     assert names(tmp_path) == ["run-1.jsonl", "run-2.jsonl", "run.jsonl"]
@@ -203,7 +204,7 @@ def test_the_longest_name_is_shortened_for_the_number(tmp_path, stem):
     (kept,) = [each for each in tmp_path.iterdir() if each != path]
     assert kept.name.startswith(stem[:100])
     assert kept.name.endswith("-1.jsonl")
-    assert len(list(read_journal(kept).records())) == 1
+    assert len(list(records_of(read_journal(kept)))) == 1
 
 
 def test_what_a_link_leads_to_is_kept_beside_it_and_the_link_stays(tmp_path):
@@ -225,7 +226,8 @@ def test_two_runs_with_one_name_lose_nothing(tmp_path):
         second.write(a_record())
     first.close()
     second.close()
-    lengths = {each.name: len(list(read_journal(each).records())) for each in tmp_path.iterdir() if each.stat().st_size}
+    journals = [each for each in tmp_path.iterdir() if each.stat().st_size]
+    lengths = {each.name: len(list(records_of(read_journal(each)))) for each in journals}
     assert lengths == {"run.jsonl": 3, "run-1.jsonl": 3}
 
 
@@ -269,7 +271,7 @@ def test_what_was_rejected_is_in_no_journal(tmp_path):
     writer.write(replace(a_record(), rejected={"ball": (looked_at,)}))
     writer.close()
     assert "support" not in (tmp_path / "run.jsonl").read_text()
-    (record,) = read_journal(tmp_path / "run.jsonl").records()
+    (record,) = records_of(read_journal(tmp_path / "run.jsonl"))
     assert record.rejected == {}
 
 
@@ -280,13 +282,13 @@ def test_a_tilt_is_recorded_and_a_journal_from_before_tilts_were_measured_is_rea
     writer = JournalWriter(path, "")
     writer.write(replace(a_record(), observation=observation))
     writer.close()
-    (record,) = read_journal(path).records()
+    (record,) = records_of(read_journal(path))
     assert record.observation.measurements == (tilted,)
     header, cycle = path.read_text().splitlines()
     older = cycle.replace(',"tilt_rad":0.3333333333333333,"ambiguity":0.25', "")
     assert older != cycle
     path.write_text(f"{header}\n{older}\n")
-    (record,) = read_journal(path).records()
+    (record,) = records_of(read_journal(path))
     assert record.observation.measurements == (replace(tilted, tilt_rad=None, ambiguity=None),)
 
 
@@ -294,7 +296,7 @@ def test_broken_figures_are_recorded_as_they_were(tmp_path):
     recorded(tmp_path / "run.jsonl", 2.0, float("nan"), float("inf"))
     distances = [
         record.observation.measurements[0].distance_m
-        for record in read_journal(tmp_path / "run.jsonl").records()
+        for record in records_of(read_journal(tmp_path / "run.jsonl"))
         if record.observation.measurements
     ]
     assert distances[0] == 2.0
@@ -336,7 +338,7 @@ def test_a_disk_that_fills_up_leaves_a_journal_of_whole_lines(tmp_path):
     assert done.stdout == f"{path}: File too large; the journal ends here, intact\n"
     assert 4000 < path.stat().st_size <= 5000
     assert path.read_bytes().endswith(b"\n")
-    assert len(list(read_journal(path).records())) >= 5
+    assert len(list(records_of(read_journal(path)))) >= 5
 
 
 @given(st.lists(st.lists(st.sampled_from("abcde"), unique=True, max_size=5), min_size=1, max_size=8))

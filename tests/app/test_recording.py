@@ -32,6 +32,7 @@ from stadimeter.ranging.ball import BallSize
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.replay.recording_reader import decoded_frame, read_mcap
 from support.observing import Rehearsal
+from support.recordings import records_of
 from support.replaying import replay
 
 PLAN = Plan(
@@ -90,7 +91,7 @@ def messages(path, topic):
 def test_what_is_read_is_what_was_written_to_the_last_bit(tmp_path):
     recording = recorded(tmp_path / "run.mcap", 5, 4, None, 0.1 + 0.2, 1 / 3, float("nan"))
     read = read_mcap(tmp_path / "run.mcap")
-    assert repr([(r.observation.now_s, r.decision) for r in read.records()]) == repr(recording.decisions)
+    assert repr([(r.observation.now_s, r.decision) for r in records_of(read)]) == repr(recording.decisions)
     assert read.header.configuration == "# configuration"
     assert read.header.files == {"camera.toml": "# lens"}
     assert not read.is_cut_off()
@@ -197,7 +198,7 @@ def test_no_pictures_are_recorded_if_none_are_wanted(tmp_path):
     recorded(tmp_path / "run.mcap", 5, 4, 3, options=ImageOptions(images="none"))
     read = read_mcap(tmp_path / "run.mcap")
     assert not read.has_images()
-    assert len(list(read.records())) == 8
+    assert len(list(records_of(read))) == 8
 
 
 def test_pictures_of_events_are_those_in_which_something_changed(tmp_path):
@@ -230,7 +231,7 @@ def test_a_recording_cut_anywhere_is_read_as_far_as_it_is_whole_or_refused(tmp_p
     path.write_bytes(whole[: int(share * (len(whole) - 1))])
     with refusing(path):
         read = read_recording(path)
-        assert len(list(read.records())) <= 35
+        assert len(list(records_of(read))) <= 35
         assert read.is_cut_off()
 
 
@@ -251,7 +252,7 @@ def test_a_recording_that_was_not_finished_loses_no_more_than_its_last_second(tm
     recording.writer.abandon()
     read = read_mcap(tmp_path / "run.mcap")
     assert read.is_cut_off()
-    assert 35 <= len(list(read.records())) <= 45
+    assert 35 <= len(list(records_of(read))) <= 45
 
 
 @settings(max_examples=60)
@@ -291,7 +292,7 @@ def test_an_older_recording_is_kept_under_another_name_from_the_first_cycle_on(t
     RecordingWriter(path, RECORDED).close()
     assert path.read_bytes() == old
     recorded(path, 5)
-    assert len(list(read_mcap(path).records())) == 6
+    assert len(list(records_of(read_mcap(path)))) == 6
     assert (tmp_path / "run-1.mcap").read_bytes() == old
     assert path.stat().st_mode & 0o777 == 0o600
 
@@ -317,7 +318,7 @@ def test_a_missing_library_names_the_extra_that_brings_it(tmp_path, monkeypatch)
 
 def test_what_a_file_is_its_content_tells_and_not_its_name(tmp_path):
     recorded(tmp_path / "run.jsonl", 5)
-    assert len(list(read_recording(tmp_path / "run.jsonl").records())) == 6
+    assert len(list(records_of(read_recording(tmp_path / "run.jsonl")))) == 6
     (tmp_path / "text.mcap").write_text("hello\n")
     with pytest.raises(JournalError, match="not a journal"):
         read_recording(tmp_path / "text.mcap")
@@ -368,7 +369,7 @@ def test_a_disk_that_fills_up_leaves_a_recording_of_whole_records(tmp_path):
     assert done.stdout == f"{path}: File too large; the recording ends here, intact\n"
     read = read_mcap(path)
     assert read.is_cut_off()
-    assert len(list(read.records())) >= 10
+    assert len(list(records_of(read))) >= 10
 
 
 @pytest.mark.parametrize("text", ["NaN", "Infinity", "-Infinity"])
@@ -376,5 +377,5 @@ def test_what_is_no_number_is_written_as_text_and_read_as_it_was(tmp_path, text)
     recorded(tmp_path / "run.mcap", 5, float(text))
     *_, (_, last) = messages(tmp_path / "run.mcap", "/cycle")[:2]
     assert last["observation"]["measurements"][0]["distance_m"] == text
-    read = list(read_mcap(tmp_path / "run.mcap").records())[1].observation.measurements[0].distance_m
+    read = list(records_of(read_mcap(tmp_path / "run.mcap")))[1].observation.measurements[0].distance_m
     assert repr(read) == repr(float(text))

@@ -110,7 +110,7 @@ class _Round:
         ratios["memory of run / OpenCV's own loop"] = self._spent(program).memory_mib / floor_mib
         floor_s = statistics.median(_timed_s(workload) for _ in range(2 * FRAMES))
         decide_s = statistics.median(machinery.decide_times_s(self._plan, self._seen))
-        cycle_s = statistics.median(machinery.turn_times_s(self._rules, FRAMES, self._folder / "run.jsonl"))
+        cycle_s = statistics.median(machinery.cycle_times_s(self._rules, FRAMES, self._folder / "run.jsonl"))
         ratios[f"decide, {RULES} rules / Python"] = decide_s / floor_s
         ratios[f"cycle without vision, {RULES} rules, journal / Python"] = cycle_s / floor_s
         return ratios

@@ -1,7 +1,7 @@
 """What a cycle costs beside vision: deciding, the journal, messages. Run ``python tests/benchmarks/machinery.py``.
 
-The whole loop runs in a simulated world whose camera draws nothing and whose detector is told where the ball is. The
-time between two turns of the loop is taken, less what the camera and the measurement took of it: what is left is
+The whole loop runs in a simulated world whose camera draws nothing and whose detector knows where the ball is. The
+time between two cycles of the loop is taken, less what the camera and the measurement took of it: what is left is
 deciding, applying, the journal, composing and sending messages, and the loop itself. Messages go to a simulated broker,
 and in one more row through a real client to a mosquitto of our own, if this machine has one.
 
@@ -85,7 +85,7 @@ class Row:
 
 
 def configuration(count: int, folder: Path, messenger: str = 'driver = "simulated"') -> Path:
-    """Write a configuration with so many rules: near and far alarms all along the ball's way, with other delays each.
+    """Write a configuration with this many rules: near and far alarms all along the ball's way, with other delays each.
 
     One rule in twenty-five is a ramp. They share four outputs, so many ask for the same one.
     """
@@ -132,8 +132,8 @@ def decide_times_s(plan: Plan, seen: Sequence[Observation]) -> list[float]:
     return times_s
 
 
-class TurnTimes:
-    """Listens to a loop and takes the time of each turn, without the camera and the measurement."""
+class CycleTimes:
+    """Listens to a loop and takes the time of each cycle, without the camera and the measurement."""
 
     def __init__(self) -> None:
         self.times_s: list[float] = []
@@ -146,19 +146,19 @@ class TurnTimes:
         self._last_s = now_s
 
 
-def turn_times_s(path: Path, frames: int, journal: Path | None) -> list[float]:
-    """Return how long each turn of the whole loop took, without the camera and the measurement."""
+def cycle_times_s(path: Path, frames: int, journal: Path | None) -> list[float]:
+    """Return how long each cycle of the whole loop took, without the camera and the measurement."""
     loop = Loop(build(load_configuration(path), speed=None))
-    turns = TurnTimes()
-    loop.listeners.append(turns)
+    cycles = CycleTimes()
+    loop.listeners.append(cycles)
     if journal is None:
         loop.run(Limits(frames=frames))
-        return turns.times_s[10:]
+        return cycles.times_s[10:]
     recorder = Recorder(JournalWriter(journal, loop.parts.configuration.text), is_live=False)
     loop.listeners.insert(0, recorder)
     with closing(recorder):
         loop.run(Limits(frames=frames))
-    return turns.times_s[10:]
+    return cycles.times_s[10:]
 
 
 def yardstick_times_s() -> list[float]:
@@ -191,11 +191,11 @@ def measure_all(counts: Sequence[int] = COUNTS, frames: int = FRAMES, rounds: in
             path = configuration(count, folder)
             plan = load_configuration(path).plan
             work["decide", count] = partial(decide_times_s, plan, seen)
-            work["all but vision, no journal", count] = partial(turn_times_s, path, frames, None)
-            work[WHOLE, count] = partial(turn_times_s, path, frames, folder / "run.jsonl")
+            work["all but vision, no journal", count] = partial(cycle_times_s, path, frames, None)
+            work[WHOLE, count] = partial(cycle_times_s, path, frames, folder / "run.jsonl")
         if mosquitto_program():
             path = _with_broker(max(counts), folder, closing_broker)
-            work[WITH_BROKER, max(counts)] = partial(turn_times_s, path, frames, folder / "run.jsonl")
+            work[WITH_BROKER, max(counts)] = partial(cycle_times_s, path, frames, folder / "run.jsonl")
         times_s: dict[tuple[str, int], list[list[float]]] = {key: [] for key in work}
         for _ in range(rounds):
             for key, measure in work.items():

@@ -47,7 +47,7 @@ def test_the_configuration_has_as_many_rules_as_it_says_and_they_do_something(ma
     assert len(plan.rules) == 100
     assert len(plan.outputs) == machinery.OUTPUTS
     journal = tmp_path / "run.jsonl"
-    machinery.turn_times_s(tmp_path / "100-rules.toml", 300, journal)
+    machinery.cycle_times_s(tmp_path / "100-rules.toml", 300, journal)
     text = journal.read_text()
     assert text.count("\n") >= 300
     assert '"kind":"raised"' in text

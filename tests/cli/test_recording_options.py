@@ -17,6 +17,7 @@ import pytest
 
 from stadimeter.testing.eventually import eventually
 from stadimeter.workbench.replay.opening import read_recording
+from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL
 
 SIMULATED = SIMULATED_BALL + '[rules.far]\nactuator = "motor"\nramp = { from = "0.5 m", to = "1 m" }\n[world]\n'
@@ -53,7 +54,7 @@ def test_a_disk_that_fills_up_ends_the_file_intact_and_the_run_goes_on(
     first, last = done.stderr.splitlines()
     assert first.endswith("the run goes on without it")
     assert "is not whole: " in last
-    cycles = list(read_recording(path).records())
+    cycles = list(records_of(read_recording(path)))
     assert 50 < len(cycles) < 1800
     assert path.stat().st_size <= 400_000
     if name.endswith("jsonl"):
@@ -73,7 +74,7 @@ def test_a_restart_replaces_no_record_of_an_earlier_run_and_says_where_that_is(
     assert counts[20] == ""
     for number, frames in ((1, 30), (2, 40)):
         assert counts[frames].endswith(f", which is now {path.with_stem(f'run-{number}')}\n")
-    lengths = [len(list(read_recording(path.with_stem(stem)).records())) for stem in ("run-1", "run-2", "run")]
+    lengths = [len(list(records_of(read_recording(path.with_stem(stem))))) for stem in ("run-1", "run-2", "run")]
     assert lengths == [20, 30, 40]
 
 

@@ -27,6 +27,7 @@ from stadimeter.errors import ConfigError, JournalError
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.replay.recording_reader import McapRecording
 from support.observing import Rehearsal
+from support.recordings import records_of
 from support.replaying import replay
 
 PLAN = Plan(
@@ -113,7 +114,7 @@ def fuzz(file: Path, sound: bytes, change: Callable[..., bytes], seed: int, coun
 def test_what_is_sound_is_read(tmp_path: Path, sound: dict[str, bytes], name: str) -> None:
     (tmp_path / name).write_bytes(sound[name])
     recording = read_recording(tmp_path / name)
-    assert len(list(recording.records())) == replay(recording, PLAN).cycles > 5
+    assert len(list(records_of(recording))) == replay(recording, PLAN).cycles > 5
     assert load_recorded(recording.header.recorded_configuration, tmp_path / name).camera_model
 
 
@@ -159,7 +160,7 @@ def test_a_chunk_that_unpacks_to_more_than_it_may_is_refused(
     file = tmp_path / "run.mcap"
     file.write_bytes(with_chunk(sound["run.mcap"], packed_by, PACKERS[packed_by](bytes(30_000_000)), says))
     with pytest.raises(JournalError, match="the recording is damaged"):
-        list(read_recording(file).records())
+        list(records_of(read_recording(file)))
 
 
 @pytest.mark.long

@@ -14,6 +14,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.track import TrackStatus
 from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
+from support.recordings import records_of
 from support.replaying import replay
 from support.simulated_run import LENS
 
@@ -65,7 +66,7 @@ def run(real_pictures, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def records(run):
-    return list(run[1].records())
+    return list(records_of(run[1]))
 
 
 pytestmark = pytest.mark.long

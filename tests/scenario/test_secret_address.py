@@ -24,6 +24,7 @@ from stadimeter.testing.eventually import eventually
 from stadimeter.workbench.replay.opening import read_recording
 from support.broker import make_broker
 from support.mqtt_listener import MqttListener
+from support.recordings import records_of
 from support.simulated_run import LENS
 
 PASSWORD, TOKEN = "hunter2", "tok3n"
@@ -143,7 +144,7 @@ def test_the_password_of_a_camera_is_in_nothing_that_a_run_says_writes_or_sends(
     for name in ("run.jsonl", "run.mcap"):
         assert "decisions identical" in ask("replay", tmp_path / name, "--strict", "--config", config).stdout
         assert ask("replay", tmp_path / name, "--strict", "--journal", tmp_path / f"again-{name}").exit_code == 0
-        assert list(read_recording(tmp_path / name).records())
+        assert list(records_of(read_recording(tmp_path / name)))
 
     left = [path for path in tmp_path.rglob("*") if path.is_file() and secret not in path.parents]
     assert {path.suffix for path in left} >= {".jsonl", ".mcap", ".sqlite3"}

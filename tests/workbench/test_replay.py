@@ -17,6 +17,7 @@ from stadimeter.core.rules.keeping import kept
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.replay import decisions
 from support.observing import Rehearsal
+from support.recordings import records_of
 from support.replaying import replay
 
 
@@ -115,7 +116,7 @@ def test_the_journal_writes_what_was_taken_over(tmp_path):
     rehearsal = Rehearsal(plan())
     record = CycleRecord(observation=None, decision=rehearsal.see(2.0), applied=(), timings_s={})
     journal = journal_of(path, 2.0)
-    (first,) = journal.records()
+    (first,) = records_of(journal)
     writer = JournalWriter(path, "# configuration")
     writer.write(first)
     writer.reloaded(1.0, RecordedConfiguration(text="# another", files={"camera.toml": "# lens"}))
@@ -169,7 +170,7 @@ def test_what_a_run_took_over_from_an_earlier_one_is_taken_over_by_its_replay(tm
 def test_what_was_taken_over_and_is_damaged_is_one_clear_error(tmp_path):
     writer = JournalWriter(tmp_path / "run.jsonl", "")
     writer.resumed("[]")
-    writer.write(next(journal_of(tmp_path / "other.jsonl", 2.0).records()))
+    writer.write(next(records_of(journal_of(tmp_path / "other.jsonl", 2.0))))
     writer.close()
     with pytest.raises(JournalError, match=r"run\.jsonl: not what a run takes over from another"):
         replay(read_journal(tmp_path / "run.jsonl"), plan())

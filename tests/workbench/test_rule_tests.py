@@ -14,6 +14,7 @@ from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
 from stadimeter.workbench.rule_tests.watching import Failure
+from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL
 
 RULES = """
@@ -338,7 +339,7 @@ def test_a_recording_with_pictures_will_do_too(run: Run, recorded: Path) -> None
     from stadimeter.app.recordings.recording import Recorded, RecordingWriter
 
     writer = RecordingWriter(recorded.with_suffix(".mcap"), Recorded(configuration=RecordedConfiguration(text="")))
-    for record in read_journal(recorded).records():
+    for record in records_of(read_journal(recorded)):
         writer.write(record, None)
     writer.close()
     result = run('input = { journal = "run.mcap" }\nexpect.near = { raised = 1, cleared = 1 }')
@@ -388,5 +389,5 @@ def test_a_test_decides_as_a_run_would_to_the_last_bit(load: Load, recorded: Pat
     """The journal's own events are those of the test on it."""
     configuration = load(f'[[tests]]\ninput = {{ journal = "{recorded.name}" }}\nexpect.near = {{ raised = 1 }}\n')
     result = RuleTests(configuration).run(configuration.tests[0])
-    recorded_events = [event for record in read_journal(recorded).records() for event in record.decision.events]
+    recorded_events = [event for record in records_of(read_journal(recorded)) for event in record.decision.events]
     assert [event for _, event in result.events] == recorded_events

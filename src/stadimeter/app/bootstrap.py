@@ -30,9 +30,9 @@ class Parts:
         configuration: What they were built from.
         capture: Where frames come from.
         outputs: The outputs, in the order of the plan.
-        messenger: Who tells other programs; None if nobody does.
-        notifiers: Who tells people, by name.
-        cycle: One turn of the loop.
+        messenger: Sends messages to other programs; None for none.
+        notifiers: Notify people, by name.
+        cycle: One cycle of the loop.
         shared: What the drivers share; its closers are called at the end.
         is_live: Whether the camera delivers frames at its own pace, on the computer's clock.
         recording_drives: The names of real outputs that a recording or a simulation drives; none for a live camera.

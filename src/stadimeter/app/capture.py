@@ -15,7 +15,7 @@ from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DriverErro
 
 
 class Mailbox:
-    """Holds the newest frame until somebody takes it. A newer frame takes the place of one that nobody took."""
+    """Holds the newest frame until it is taken. A newer frame takes the place of one that was not taken."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -25,7 +25,7 @@ class Mailbox:
 
     @property
     def passed_over(self) -> int:
-        """How many frames were replaced before anybody took them."""
+        """How many frames were replaced before they were taken."""
         return self._passed_over
 
     def put(self, frame: Frame) -> None:

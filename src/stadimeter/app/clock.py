@@ -127,7 +127,7 @@ class _Task:
 
 
 class SteppedClock:
-    """A clock that moves only when somebody sleeps on it: for recordings, simulations and tests.
+    """A clock that moves only when it is slept on: for recordings, simulations and tests.
 
     All time passes inside `sleep_until_s`, in the thread of the caller, so a run is the same each time. An hour takes
     as long as what is computed in it.

@@ -1,4 +1,4 @@
-"""One turn of the control loop: look, measure, decide, act."""
+"""One cycle of the control loop: look, measure, decide, act."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class _Stopwatch:
 
 @dataclass(slots=True, kw_only=True)
 class Cycle:
-    """The parts that one turn of the loop needs.
+    """The parts that one cycle of the loop needs.
 
     Attributes:
         capture: Where frames come from.
@@ -68,9 +68,9 @@ class Cycle:
         self.looking = Looking(self.detectors, self.camera_model)
 
     def run(
-        self, state: State, told: tuple[OperatorCommand, ...] = (), wall: WallTime | None = None
+        self, state: State, operator_commands: tuple[OperatorCommand, ...] = (), wall: WallTime | None = None
     ) -> tuple[State, CycleRecord, Frame | None]:
-        """Turn once.
+        """Run one cycle.
 
         Args:
             wall: The local time of day, if a rule asks for it and it is known.
@@ -102,7 +102,7 @@ class Cycle:
                 if (fault := output.observed_fault())
             ),
             wall=wall,
-            operator_commands=told,
+            operator_commands=operator_commands,
         )
         state, decision = decide(state, observation)
         watch.lap("decide")

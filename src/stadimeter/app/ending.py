@@ -1,6 +1,6 @@
 """The end of a run: on a signal the outputs stop at once, inside the handler; then one deadline holds for all.
 
-Somebody who asks for the end (SIGTERM, Ctrl-C) waits two seconds at most: then systemd kills. Each part of the end
+Whoever asks for the end (SIGTERM, Ctrl-C) waits two seconds at most: then systemd kills. Each part of the end
 takes what it needs of that time, and no part has a limit of its own that another one could add to. Parts are closed
 side by side; one that does not come back is left behind, with a warning.
 
@@ -26,7 +26,7 @@ from types import FrameType
 from stadimeter.errors import DriverError
 
 END_WITHIN_S = 1.3
-"""After somebody has asked for the end, nothing is waited for any longer than this."""
+"""After the end was asked for, nothing is waited for any longer than this."""
 
 LOOK_EVERY_S = 0.02
 
@@ -35,18 +35,18 @@ Steps = list[tuple[str, Callable[[], object]]]
 
 
 class Deadline:
-    """Until when a run must have ended: without limit, until somebody asks for its end."""
+    """Until when a run must have ended: without limit, until its end is asked for."""
 
     def __init__(self) -> None:
         self._by_s = math.inf
 
     def set(self) -> None:
-        """Note that somebody asks for the end. Asking again changes nothing."""
+        """Note that the end is asked for. Asking again changes nothing."""
         self._by_s = min(self._by_s, time.monotonic() + END_WITHIN_S)
 
     @property
     def is_set(self) -> bool:
-        """Whether somebody has asked for the end."""
+        """Whether the end was asked for."""
         return self._by_s < math.inf
 
     def left_s(self, wish_s: float, keep_s: float = 0.0) -> float:
@@ -165,7 +165,7 @@ def has_terminal() -> bool:
     """Return whether the process has a controlling terminal, wherever its standard input and output lead."""
     try:
         os.close(os.open("/dev/tty", os.O_RDWR | os.O_NOCTTY))
-    except OSError as error:  # what cannot be told counts as a terminal: then a run ends that could have gone on
+    except OSError as error:  # what is not known counts as a terminal: then a run ends that could have gone on
         return error.errno not in {errno.ENXIO, errno.ENOENT}
     return True
 

@@ -21,11 +21,11 @@ REMEMBERED = 16
 """How many pictures are remembered. Drivers cycle through 3 to 10 buffers."""
 
 HASHED_ROWS = 8
-"""Of every so many rows one is hashed: 0.04 ms at 640 × 480 and 0.3 ms at 1920 × 1080, a seventh of all rows."""
+"""One of this many rows is hashed: 0.04 ms at 640 × 480 and 0.3 ms at 1920 × 1080, a seventh of all rows."""
 
 BANDS = 32
 RUN_PX = 16
-"""A run of so many pixels in a row, one MCU of a JPEG, is what either changes or does not."""
+"""A run of this many pixels in a row, one MCU of a JPEG, is what either changes or does not."""
 CONTRAST = 12
 UNCLIPPED = (8, 247)
 """A run is evidence if its grey levels differ by this and none is near black or white, where noise is cut off."""

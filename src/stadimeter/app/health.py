@@ -21,8 +21,7 @@ class Health:
     """Counts and times of a run.
 
     Attributes:
-        cycles: Turns of the loop.
-        frames: Turns with a new frame.
+        frames: Cycles with a new frame.
         track_statuses: For each target, how many frames it spent in each status.
         events: How many events of each kind.
         data_ages_s: For the newest cycles, the age of the frame when its commands had been applied.

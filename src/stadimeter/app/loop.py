@@ -1,4 +1,4 @@
-"""The control loop: opens the parts of a run, turns cycle after cycle, and stops everything on every way out."""
+"""The control loop: opens the parts of a run, runs cycle after cycle, and stops everything on every way out."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # few runs are reloaded, and what that needs takes long to lo
 
 
 class _EndedWhileOpening(BaseException):
-    """Somebody asked for the end while a device was being opened. No driver catches it: it is no `Exception`."""
+    """The end was asked for while a device was being opened. No driver catches it: it is no `Exception`."""
 
 
 class _Openable(Protocol):
@@ -43,10 +43,10 @@ Listener = Callable[[CycleRecord, Frame | None], None]
 
 
 SETTLE_S = 0.2
-"""After everything was stopped, the guard goes on for this long: a stop that nobody acknowledged is repeated."""
+"""After everything was stopped, the guard goes on for this long: a stop without acknowledgement is repeated."""
 
 PUBLISHED_MAX = 50
-"""So many messages are kept for whoever watches the run."""
+"""This many messages are kept for whoever watches the run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +64,7 @@ class Limits:
 
 @dataclass(slots=True)
 class Loop:
-    """A run: its parts, turned until it ends.
+    """A run: its parts, run until it ends.
 
     Attributes:
         listeners: Called after each cycle with its record and the frame that was new in it: views, journals and
@@ -72,7 +72,7 @@ class Loop:
         health: Figures on the run so far.
         ending: Why the run ended, in words; empty while it runs.
         troubles: What went wrong on the way out.
-        reporter: Composes what other programs are told.
+        reporter: Composes messages for other programs.
         notifying: Fills in what rules send.
         deadline: Until when the run must have ended.
         published: The newest messages with the time of each on the run's clock, newest first.
@@ -102,7 +102,7 @@ class Loop:
         self.notifying = Notifying(self.parts.configuration.plan.rules)
 
     def run(self, limits: Limits | None = None) -> None:
-        """Run until a limit is reached, the frames end, or somebody asks for the end.
+        """Run until a limit is reached, the frames end, or the end is asked for.
 
         Whatever happens, every output is stopped first, and then everything is closed, side by side and before the
         deadline that `stop` sets.
@@ -118,7 +118,7 @@ class Loop:
             except _EndedWhileOpening:
                 return
             try:
-                self._turn(limits or Limits(), guard)
+                self._run_cycles(limits or Limits(), guard)
             except EndOfFramesError as end:
                 self.ending = self.ending or str(end)
             finally:
@@ -176,7 +176,7 @@ class Loop:
             self._lanes.setdefault(lane, []).append((name, part.close))
             try:
                 self._is_opening = True
-                if self.ending:  # somebody asked for the end before, or between two parts
+                if self.ending:  # the end was asked for before, or between two parts
                     raise _EndedWhileOpening
                 part.open()
             except DriverError as error:
@@ -210,7 +210,7 @@ class Loop:
             yield output.name, output
         yield "camera", parts.capture
 
-    def _turn(self, limits: Limits, guard: Guard) -> None:
+    def _run_cycles(self, limits: Limits, guard: Guard) -> None:
         parts = self.parts
         began_s = parts.clock.now_s()
         everybody: list[object] = [*self.listeners]
@@ -226,19 +226,19 @@ class Loop:
             self.ending = self.ending or self._limit_reached(limits, record.observation.now_s - began_s)
 
     def _cycle(self, state: State) -> tuple[State, CycleRecord, Frame | None]:
-        """Attend to what people ask, turn once, tell of it, and remember."""
-        told = self.services.told()
+        """Attend to what people ask, run one cycle, report it, and remember."""
+        commands = self.services.operator_commands()
         change = self.services.change()
-        before = self._taken_over(state, change) if change is not None else state
-        after, record, frame = self.parts.cycle.run(before, told, self.services.wall(self.parts.clock.now_s()))
+        before = self._reloaded(state, change) if change is not None else state
+        after, record, frame = self.parts.cycle.run(before, commands, self.services.wall(self.parts.clock.now_s()))
         self._report(record)
         self.services.cycle(before, after, record)  # what has just been sent is kept with what it is about
         return after, record, frame
 
-    def _taken_over(self, state: State, change: Change) -> State:
+    def _reloaded(self, state: State, change: Change) -> State:
         """Let every part that goes by the configuration go by another one."""
         parts, configuration = self.parts, change.configuration
-        taken = self.services.take_over(state, change)
+        taken = self.services.reloaded(state, change)
         parts.configuration = configuration
         parts.cycle.max_frame_age_s = configuration.plan.safety.max_frame_age_s
         self.notifying.take(configuration.plan.rules)
@@ -246,7 +246,7 @@ class Loop:
         for recording in self._recordings:
             recording.reloaded(now_s, change.recorded)
         self._publish(now_s, self.reporter.forget(taken.removed))
-        self.services.taken_over(change, taken)
+        self.services.answer_reload(change, taken)
         return taken.state
 
     def _limit_reached(self, limits: Limits, seconds: float) -> str:

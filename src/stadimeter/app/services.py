@@ -12,7 +12,6 @@ from stadimeter.core.decide import State, initial_state
 from stadimeter.core.observation import WallTime
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan
-from stadimeter.core.rules.keeping import TakenOver, carried_over
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.reloading import Change
@@ -20,6 +19,7 @@ if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.deliveries import Undelivered
     from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.core.rules.keeping import TakenOver
 
 
 @runtime_checkable
@@ -27,11 +27,11 @@ class Recording(Protocol):
     """What a journal or a recording must learn, besides the cycles, to be replayed."""
 
     def resumed(self, text: str) -> None:
-        """Take in what the run takes over from an earlier one, before the first cycle."""
+        """Take in what the run restores from an earlier one, before the first cycle."""
         ...
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration) -> None:
-        """Take in a configuration that was taken over, before its first cycle."""
+        """Take in a configuration that was reloaded, before its first cycle."""
         ...
 
     def trouble(self) -> str:
@@ -46,7 +46,7 @@ class Services:
     Attributes:
         control: Attends to what people ask of the run.
         memory: What alarms remember beyond the end of the run.
-        time_of_day: Tells the time of day, for rules that go by it.
+        time_of_day: Gives the time of day, for rules that go by it.
         tell: Takes a line that somebody should read, such as what became of a damaged state file.
     """
 
@@ -71,20 +71,22 @@ class Services:
             recording.resumed(resumption.text())
         return resumption.of(state)
 
-    def told(self) -> tuple[OperatorCommand, ...]:
+    def operator_commands(self) -> tuple[OperatorCommand, ...]:
         """Attend to what was asked since the last cycle; return what operators want of rules. Never waits."""
-        return self.control.told() if self.control is not None else ()
+        return self.control.operator_commands() if self.control is not None else ()
 
     def change(self) -> Change | None:
-        """Return the configuration to take over before the next cycle, if there is one."""
+        """Return the configuration to apply before the next cycle, if there is one."""
         return self.control.change() if self.control is not None else None
 
-    def take_over(self, state: State, change: Change) -> TakenOver:
+    def reloaded(self, state: State, change: Change) -> TakenOver:
         """Let a run go on with a changed configuration.
 
         Returns:
             What it remembers now, and what became of which rule.
         """
+        from stadimeter.core.rules.keeping import carried_over  # noqa: PLC0415 - few runs are reloaded
+
         plan = change.configuration.plan
         taken = carried_over(state, plan)
         self._goes_by_the_clock = goes_by_the_clock(plan)
@@ -92,8 +94,8 @@ class Services:
             self.memory.keep(taken.state)
         return taken
 
-    def taken_over(self, change: Change, taken: TakenOver) -> None:
-        """Tell whoever asked that a configuration was taken over, by all parts."""
+    def answer_reload(self, change: Change, taken: TakenOver) -> None:
+        """Answer whoever asked that a configuration was reloaded, by all parts."""
         if self.control is not None:
             self.control.changed(change, taken)
 
@@ -105,7 +107,7 @@ class Services:
         return True
 
     def wall(self, now_s: float) -> WallTime | None:
-        """Return the time of day, if a rule goes by it and somebody vouches for it.
+        """Return the time of day, if a rule goes by it and it is known to be right.
 
         Returns:
             The local time, or None.

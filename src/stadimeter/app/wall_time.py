@@ -1,7 +1,7 @@
 """The local time of day, for rules that go by it, and whether it can be believed.
 
 A Raspberry Pi has no clock that runs while it is off. Until a time server has answered, it shows some time of the past,
-so a schedule must not go by it. Who knows whether the clock is right:
+so a schedule must not go by it. Sources that know whether the clock is right:
 
 =====================================  =================================================================================
 ``/run/systemd/timesync/synchronized``  systemd-timesyncd makes this file when it has set the clock
@@ -27,7 +27,7 @@ from stadimeter.core.rule import AlarmRule
 
 TIMESYNC_FILE = Path("/run/systemd/timesync/synchronized")
 ERROR_MAX_US = 16_000_000
-"""The kernel sets its estimate to this when nobody has corrected the clock for long, or ever."""
+"""The kernel sets its estimate to this when nothing has corrected the clock for long, or ever."""
 
 ASKED_EVERY_S = 1.0
 

@@ -121,7 +121,7 @@ def _recording_writer(loop: Loop, keeping: Keeping, path: Path, configuration: R
 
 
 class _Teller:
-    """Tells what becomes of the files: each thing once, and what is missing in a file again at the end."""
+    """Reports what becomes of the files: each thing once, and what is missing in a file again at the end."""
 
     def __init__(self, recorders: Sequence[Recorder], tell: Callable[[str], None], *, is_quiet: bool) -> None:
         self._recorders = recorders
@@ -136,7 +136,7 @@ class _Teller:
                 self._say(f"warning: {recorder.failure}; the run goes on without it")
 
     def at_end(self) -> None:
-        """Tell what is not whole, after the files were closed."""
+        """Tell which files are not whole, after the files were closed."""
         for recorder in self._recorders:
             self._say_kept(recorder)
             if recorder.failure:

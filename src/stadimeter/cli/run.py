@@ -164,7 +164,7 @@ def _run(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing
 def _run_to_the_end(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
     with served(loop, serving), kept(loop, keeping), show(loop, showing.view, showing.title, showing.unit):
         if loop.parts.recording_drives:
-            loop.listeners.append(_RealOutputsTeller(loop.parts.recording_drives))
+            loop.listeners.append(_RealOutputsWarning(loop.parts.recording_drives))
         gc.freeze()  # else all threads stand still now and then, while the collector walks through every library
         loop.run(limits)
 
@@ -176,8 +176,8 @@ def _say_end(loop: Loop, view: View) -> None:
     typer.echo(json.dumps(summary) if view == "json" else in_words(summary))
 
 
-class _RealOutputsTeller:
-    """Tells once, when the first frame has come, that a recording drives something real."""
+class _RealOutputsWarning:
+    """Warns once, when the first frame has come, that a recording drives something real."""
 
     def __init__(self, outputs: tuple[str, ...]) -> None:
         self._words = f"warning: a recording or simulation drives real outputs: {', '.join(outputs)}"

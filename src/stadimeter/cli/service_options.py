@@ -46,7 +46,7 @@ class Serving:
         socket: Where to listen; None for the usual place.
         trust_clock: Whether the computer's clock counts as right.
         is_unhurried: Whether the run takes time, so that somebody can ask for something meanwhile.
-        is_quiet: Whether nothing is told about it while it runs: the screen is in use.
+        is_quiet: Whether nothing is printed about it while it runs: the screen is in use.
     """
 
     state: Path | None = None
@@ -95,7 +95,7 @@ def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> Non
 
 
 def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
-    """Listen for people; a run that nobody can talk to runs all the same, unless that was asked for."""
+    """Listen for people; a run without a socket runs all the same, unless that was asked for."""
     if serving.socket is None and not serving.is_unhurried:
         return
     from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder  # noqa: PLC0415 - likewise
@@ -119,7 +119,7 @@ def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
 
 
 class _Teller:
-    """Tells on standard error; at the end, if the screen is in use until then."""
+    """Writes on standard error; at the end, if the screen is in use until then."""
 
     def __init__(self, *, is_quiet: bool) -> None:
         self._is_quiet = is_quiet

@@ -88,7 +88,7 @@ def find(configuration: Path | None = None, sockets: Iterable[Path] | None = Non
 
 
 def in_words(taken: Mapping[str, Any]) -> str:
-    """Return what became of the rules when a configuration was taken over.
+    """Return what became of the rules when a configuration was reloaded.
 
     Args:
         taken: The data of the answer to ``reload``.

@@ -1,7 +1,7 @@
 """Taking over a changed configuration while a run goes on.
 
 The file is read and checked apart from the control loop. If it is sound, and asks for nothing that only a restart can
-change, the loop takes it over between two cycles. Else nothing changes at all, and whoever asked is told why: a run
+change, the loop applies it between two cycles. Else nothing changes at all, and whoever asked learns why: a run
 always goes by one file, and never by half of one and half of another.
 """
 
@@ -19,19 +19,19 @@ from stadimeter.core.rules.judging import not_judged_yet
 from stadimeter.errors import StadimeterError
 
 _LIVE = frozenset({"path", "text", "plan", "warnings", "tests"})
-"""What a run can take over. The plan is looked at apart; everything else needs a restart."""
+"""What a reload can change. The plan is looked at apart; everything else needs a restart."""
 
 _SECTIONS = {"camera_model": "camera.model", "leases_s": "lease of an output", "stays_off": "after_fault"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """A configuration that is sound, to be taken over between two cycles.
+    """A configuration that is sound, to be applied between two cycles.
 
     Attributes:
         recorded: What a recording keeps of it.
         warnings: What is allowed in it and hardly meant, a line each.
-        answer: Tells whoever asked what came of it.
+        answer: Answers whoever asked what came of it.
     """
 
     configuration: Configuration
@@ -41,7 +41,7 @@ class Change:
 
 
 class Reloader:
-    """Reads and checks the configuration again when somebody asks for it."""
+    """Reads and checks the configuration again when asked."""
 
     def __init__(self, configuration: Configuration) -> None:
         self.running = configuration
@@ -53,7 +53,7 @@ class Reloader:
         """Have the file read and checked. Returns at once.
 
         Args:
-            answer: Tells whoever asks what came of it; called from another thread if the file is refused.
+            answer: Answers whoever asks what came of it; called from another thread if the file is refused.
         """
         with self._lock:
             is_busy, self._is_busy = self._is_busy, True
@@ -63,7 +63,7 @@ class Reloader:
         threading.Thread(target=self._check, args=(answer,), name="reload", daemon=True).start()
 
     def take(self) -> Change | None:
-        """Return the configuration that is ready to be taken over. Never waits.
+        """Return the configuration that is ready to be applied. Never waits.
 
         Returns:
             The change, once; None if there is none.
@@ -74,10 +74,10 @@ class Reloader:
         return change
 
     def done(self, configuration: Configuration | None = None) -> None:
-        """Note that a change was taken over, or refused.
+        """Note that a change was applied, or refused.
 
         Args:
-            configuration: What was taken over; None if it was refused.
+            configuration: What was reloaded; None if it was refused.
         """
         self.running = configuration or self.running
         self._is_busy = False
@@ -112,10 +112,10 @@ class Reloader:
 
 
 def needs_restart(running: Configuration, new: Configuration) -> tuple[str, ...]:
-    """Return what a configuration changes that a run cannot take over.
+    """Return what a configuration changes that a reload cannot apply.
 
     Returns:
-        The sections, such as ``[camera]``; empty if all can be taken over.
+        The sections, such as ``[camera]``; empty if all can be applied.
     """
     names = [field.name for field in fields(Configuration) if field.name not in _LIVE]
     found = [name for name in names if _parts(getattr(running, name)) != _parts(getattr(new, name))]

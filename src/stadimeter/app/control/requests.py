@@ -27,7 +27,7 @@ from stadimeter.core.rules.explaining import explain
 from stadimeter.core.rules.keeping import TakenOver
 
 REMEMBERED_S = 60.0
-"""The decisions of so many seconds can be explained afterwards."""
+"""The decisions of this many seconds can be explained afterwards."""
 
 
 class Requests(Protocol):
@@ -42,7 +42,7 @@ class Control:
     """Attends to what is asked of a running loop.
 
     Args:
-        deliveries: Tells how much waits for other programs and people, and how much was given up.
+        deliveries: Reports how much waits for other programs and people, and how much was given up.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Control:
         """
         self._reload_for = lambda reply: tell(_reload_words(reply))
 
-    def told(self) -> tuple[OperatorCommand, ...]:
+    def operator_commands(self) -> tuple[OperatorCommand, ...]:
         """Attend to what was asked since the last cycle.
 
         Returns:
@@ -82,11 +82,11 @@ class Control:
         return tuple(command for asked in self._requests.take() if (command := self._sorted(asked)) is not None)
 
     def change(self) -> Change | None:
-        """Return the configuration to take over now, if there is one."""
+        """Return the configuration to apply now, if there is one."""
         return self._reloader.take()
 
     def changed(self, change: Change, taken: TakenOver) -> None:
-        """Tell whoever asked that a configuration was taken over."""
+        """Answer whoever asked that a configuration was reloaded."""
         self._reloader.done(change.configuration)
         data = {name: getattr(taken, name) for name in ("kept", "changed", "added", "removed")}
         change.answer(Reply({**data, "warnings": change.warnings}))

@@ -42,7 +42,7 @@ _RULES_KEY = b',"rules":'
 
 @dataclass(frozen=True, slots=True)
 class _Reload:
-    """A configuration that was taken over while running.
+    """A configuration that was reloaded while running.
 
     Attributes:
         at_s: When, on the run's monotonic clock.
@@ -66,7 +66,7 @@ _RELOADED_BEGINS = b'{"reloaded":'
 
 
 def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
-    """Write that another configuration was taken over while running.
+    """Write that another configuration was reloaded while running.
 
     Returns:
         The JSON, on one line. It stands before the first cycle that the configuration decided.
@@ -144,11 +144,11 @@ class RecordedCycle:
 
     Args:
         rules_before: The JSON of the rules of the cycle before.
-        reloaded: The configuration that was taken over right before it, while running; None for none.
+        reloaded: The configuration that was reloaded right before it, while running; None for none.
 
     Attributes:
         rules_json: The JSON of its rules.
-        reloaded: The configuration that was taken over right before it.
+        reloaded: The configuration that was reloaded right before it.
     """
 
     __slots__ = ("_line", "_place", "reloaded", "rules_json")

@@ -1,6 +1,6 @@
 """The journal: what was known, decided and done in each cycle, one line of JSON a cycle.
 
-The first line says what wrote the journal and holds the configuration; where another one was taken over while running,
+The first line says what wrote the journal and holds the configuration; where another one was reloaded while running,
 a line holds that. Every further line is one `CycleRecord`, without
 the reasons of the rules, which follow from the rest, and without the candidates that were rejected, which decide
 nothing. Its rules are ``"as before"`` while none of them changed: with many rules they would be most of each line, and
@@ -50,7 +50,7 @@ class JournalHeader:
         configuration: The text of the configuration.
         configuration_sha256: Its SHA-256, in hexadecimal.
         files: The texts of the files that the configuration names, by the path that stands in it.
-        resumed: What the run took over from an earlier one, as text; empty for nothing.
+        resumed: What the run restored from an earlier one, as text; empty for nothing.
     """
 
     stadimeter_journal: int
@@ -109,11 +109,11 @@ class JournalWriter:
         self._append(self._encoder.encode(record))
 
     def resumed(self, text: str) -> None:
-        """Take in what the run takes over from an earlier one. Only before the first cycle."""
+        """Take in what the run restores from an earlier one. Only before the first cycle."""
         self._header = replace(self._header, resumed=text)
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
-        """Add that another configuration was taken over, before the first cycle that it decides.
+        """Add that another configuration was loaded, before the first cycle that it decides.
 
         Raises:
             JournalError: The line could not be written whole.
@@ -149,7 +149,7 @@ class Journal:
         """Yield every cycle, in order.
 
         Raises:
-            JournalError: A configuration that was taken over while running is damaged, or a line is longer than any
+            JournalError: A configuration that was reloaded while running is damaged, or a line is longer than any
                 that is written.
         """
         with readable(self.path) as file:
@@ -167,14 +167,6 @@ class Journal:
                 cycle = RecordedCycle(line, rules, place, reloaded)
                 rules, reloaded = cycle.rules_json, None
                 yield cycle
-
-    def records(self) -> Iterator[CycleRecord]:
-        """Yield every cycle, in order, read whole.
-
-        Raises:
-            JournalError: A line is damaged. A last line that was cut off is not an error: the recording ended there.
-        """
-        return (cycle.record() for cycle in self.cycles())
 
     def is_cut_off(self) -> bool:
         """Return whether the last line is not whole, as after a power cut."""

@@ -37,7 +37,7 @@ class RecordFile:
 
     Args:
         kind: Its name in messages, such as ``journal``.
-        is_ours: Tells from the first bytes of a file, up to 4 KiB, whether it is of that kind.
+        is_ours: Decides from the first bytes of a file, up to 4 KiB, whether it is of that kind.
 
     Attributes:
         kept_as: The new name of the older file; None if there was none.

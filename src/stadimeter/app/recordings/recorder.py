@@ -49,11 +49,11 @@ class Writer(Protocol):
         ...
 
     def resumed(self, text: str) -> None:
-        """Take in what the run takes over from an earlier one, before the first cycle."""
+        """Take in what the run restores from an earlier one, before the first cycle."""
         ...
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
-        """Add that another configuration was taken over."""
+        """Add that another configuration was loaded."""
         ...
 
     def kept(self) -> str:
@@ -117,11 +117,11 @@ class Recorder:
         self._put((record, frame))
 
     def resumed(self, text: str) -> None:
-        """Take in what the run takes over from an earlier one. Only before the first cycle."""
+        """Take in what the run restores from an earlier one. Only before the first cycle."""
         self._writer.resumed(text)
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
-        """Take in that another configuration was taken over, before the first cycle that it decides."""
+        """Take in that another configuration was loaded, before the first cycle that it decides."""
         self._put(_Reload(now_s, configuration))
 
     def kept(self) -> str:

@@ -2,7 +2,7 @@
 
 Topics: ``/cycle``, from which a run is replayed; ``/camera/image``, ``/camera/calibration``, ``/camera/annotations``;
 ``/targets/NAME``, to plot distances; ``/log``, the events. The configuration is an attachment; ``/configuration`` has
-those that were taken over while running. Times are those of the
+those that were reloaded while running. Times are those of the
 run's monotonic clock, moved so that the first cycle is at the wall-clock time of the beginning: a wall clock that is
 set meanwhile moves nothing.
 """
@@ -45,7 +45,7 @@ CAMERA_FILE = "camera file: "
 """Begins the name of an attachment that holds a file that the configuration names."""
 
 RESUMED_NAME = "resumed.json"
-"""The name of the attachment that holds what the run took over from an earlier one."""
+"""The name of the attachment that holds what the run restored from an earlier one."""
 
 FLUSH_S = 1.0
 """What is newer than this may be lost if the program is killed."""
@@ -135,11 +135,11 @@ class RecordingWriter:
             self._flushed_s = now_s
 
     def resumed(self, text: str) -> None:
-        """Take in what the run takes over from an earlier one. Only before the first cycle."""
+        """Take in what the run restores from an earlier one. Only before the first cycle."""
         self._resumed = text
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
-        """Add that another configuration was taken over, before the first cycle that it decides.
+        """Add that another configuration was loaded, before the first cycle that it decides.
 
         Raises:
             JournalError: The file could not be written.

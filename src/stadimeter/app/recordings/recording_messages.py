@@ -161,7 +161,7 @@ _SHADE = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.6}
 _THICKNESS_PX = 2.0
 _FONT_PX = 14.0
 _WHOLE_COLOUR = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
-"""JPEGs mostly have colour at half the resolution; edges that are told by colour then move by a part of a pixel."""
+"""JPEGs mostly have colour at half the resolution; edges that only colour shows then move by a part of a pixel."""
 
 _FIRST_PIXEL = 0.5
 """Foxglove has (0, 0) at the corner of the first pixel, not at its centre."""

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
-from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import RecordedCycle
 from stadimeter.app.recordings.journal import JournalHeader, read_journal, readable
 from stadimeter.app.recordings.record_file import MAGIC
@@ -27,10 +26,6 @@ class Recording(Protocol):
 
     def cycles(self) -> Iterator[RecordedCycle]:
         """Yield every cycle, in order, not read yet; raises JournalError where the file is damaged."""
-        ...
-
-    def records(self) -> Iterator[CycleRecord]:
-        """Yield every cycle, in order, read whole; raises JournalError where the file is damaged."""
         ...
 
     def is_cut_off(self) -> bool:

@@ -15,7 +15,6 @@ from zlib import crc32
 import cv2
 import numpy as np
 
-from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import RecordedCycle, reload_of
 from stadimeter.app.recordings.journal import JournalHeader, readable
 from stadimeter.app.recordings.record_file import HEAD_BYTES, LIBRARY, MAGIC, writer_of
@@ -116,14 +115,6 @@ class McapRecording:
             JournalError: The file is damaged.
         """
         return any(True for _ in _messages(self.path, {IMAGES}))
-
-    def records(self) -> Iterator[CycleRecord]:
-        """Yield every cycle, in order, read whole.
-
-        Raises:
-            JournalError: The file is damaged.
-        """
-        return (cycle.record() for cycle in self.cycles())
 
     def is_cut_off(self) -> bool:
         """Return whether the file was not finished, as after a power cut or on a full disk."""

@@ -1,0 +1,13 @@
+"""Journals and recordings, read whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.workbench.replay.opening import Recording
+
+
+def records_of(recording: Recording) -> Iterator[CycleRecord]:
+    """Yield every cycle of a journal or a recording, in order; raises JournalError where it is damaged."""
+    return (cycle.record() for cycle in recording.cycles())
