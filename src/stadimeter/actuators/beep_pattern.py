@@ -37,10 +37,6 @@ class BeepPattern:
 
         Args:
             level: 0 is silent, and the first level above it beeps at once; 1 sounds without a break.
-            now_s: The time; it never goes back.
-
-        Returns:
-            Whether it sounds.
         """
         if level <= 0.0:
             self._started_s = None

@@ -44,12 +44,7 @@ class BuzzerOptions(Options):
 
 
 class GpiozeroBuzzer:
-    """A buzzer. Level 0 is silent, a rising level beeps faster, and 1 sounds without a break.
-
-    Args:
-        options: Its options.
-        context: The run that it is part of.
-    """
+    """A buzzer. Level 0 is silent, a rising level beeps faster, and 1 sounds without a break."""
 
     def __init__(self, options: BuzzerOptions, context: DriverContext) -> None:
         self._pin = OutputPin(context, options.pin, active_high=options.active_high)
@@ -65,15 +60,8 @@ class GpiozeroBuzzer:
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Beep as fast as commanded. A beep that sounds is not begun anew.
 
-        Args:
-            command: The level.
-
         Returns:
             The command; a steady buzzer knows the levels 0 and 1 only.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
         """
         self._pin.check_open()
         self._level = float(command.level > 0.0) if self._steady else command.level
@@ -81,15 +69,7 @@ class GpiozeroBuzzer:
         return replace(command, level=self._level)
 
     def tick(self, now_s: float) -> None:
-        """Begin and end beeps.
-
-        Args:
-            now_s: The run's monotonic clock.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
-        """
+        """Begin and end beeps."""
         self._pin.check_open()
         self._drive(now_s)
 

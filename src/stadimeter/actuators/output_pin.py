@@ -22,9 +22,6 @@ class OutputPin:
     have a resistor of its own to its off side: to ground if it is active high, to 3.3 V if it is active low.
 
     Args:
-        context: The run that it is part of.
-        pin: The BCM number.
-        active_high: Whether a high pin means on.
         frequency_hz: Of the pulses, 0.1 to 10 000; None for a pin that is only ever off or on.
     """
 
@@ -44,11 +41,7 @@ class OutputPin:
         return self._device is not None
 
     def check_open(self) -> None:
-        """Raise unless the pin is open.
-
-        Raises:
-            DeviceClosedError: It is not.
-        """
+        """Raise unless the pin is open."""
         self._opened()
 
     def open(self) -> None:
@@ -76,20 +69,12 @@ class OutputPin:
 
         Args:
             percent: 0 for off to 100 for on; a pin without a frequency is on from 1.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
         """
         if percent != self._written_percent or self._device is None:
             self._write_at_once(percent)
 
     def off(self) -> None:
-        """Switch off, whatever was written before. Does nothing when closed.
-
-        Raises:
-            DriverError: The pin failed.
-        """
+        """Switch off, whatever was written before. Does nothing when closed."""
         if self._device is not None:
             self._write_at_once(0)
 

@@ -36,9 +36,6 @@ _TRY_WITHOUT = "to try without hardware, set GPIOZERO_PIN_FACTORY=mock"
 def shared_pin_factory(context: DriverContext) -> PiFactory:
     """Return the run's pin factory; open it if this is the first driver to ask. It is closed at the end of the run.
 
-    Args:
-        context: The run.
-
     Returns:
         The factory. Whoever makes a gpiozero device hands it over; gpiozero's global one is never touched.
 
@@ -142,10 +139,7 @@ def plain_words(name: str, pin: int, doing: str, raises: type[DriverError] = Dri
     """Turn the vendors' errors into ours.
 
     Args:
-        name: The part's name in the configuration.
-        pin: The pin's BCM number.
         doing: What is being tried, such as ``open``.
-        raises: The error to raise.
 
     Raises:
         DriverError: gpiozero or lgpio failed; of the class ``raises``.

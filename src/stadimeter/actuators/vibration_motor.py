@@ -62,9 +62,6 @@ class DutySteps:
     def level(self, percent: int) -> float:
         """Return the level that a duty stands for.
 
-        Args:
-            percent: What `percent` returned.
-
         Returns:
             0 to 1.
         """
@@ -72,12 +69,7 @@ class DutySteps:
 
 
 class GpiozeroVibrationMotor:
-    """A vibration motor.
-
-    Args:
-        options: Its options.
-        context: The run that it is part of.
-    """
+    """A vibration motor."""
 
     def __init__(self, options: VibrationMotorOptions, context: DriverContext) -> None:
         self._pin = OutputPin(context, options.pin, active_high=options.active_high, frequency_hz=options.frequency)
@@ -94,15 +86,8 @@ class GpiozeroVibrationMotor:
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Turn as strongly as commanded; from standstill at full power first, until the kick is over.
 
-        Args:
-            command: The level.
-
         Returns:
             The command with the level of the duty that the motor has after the kick.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
         """
         self._pin.check_open()
         now_s = self._clock.now_s()
@@ -114,15 +99,7 @@ class GpiozeroVibrationMotor:
         return replace(command, level=self._steps.level(percent))
 
     def tick(self, now_s: float) -> None:
-        """End the kick when its time has come.
-
-        Args:
-            now_s: The run's monotonic clock.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
-        """
+        """End the kick when its time has come."""
         self._pin.check_open()
         self._drive(now_s)
 

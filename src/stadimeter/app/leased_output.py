@@ -66,10 +66,7 @@ class LeasedOutput:
     """One actuator or base of a run. Its methods may be called from any thread.
 
     Args:
-        driver: The actuator or base.
-        safe: The command for its safe value.
         lease_s: How old the frame behind a command may grow.
-        clock: The run's clock.
         stays_off: Whether a driver that failed stays off for the rest of the run.
 
     Attributes:
@@ -122,9 +119,6 @@ class LeasedOutput:
     def apply(self, command: Command) -> Command | None:
         """Act as commanded, unless the frame behind the command is too old already: then the safe value is applied.
 
-        Args:
-            command: What to do.
-
         Returns:
             What was really applied; None if nothing was, because the driver is out of order or the output is retired.
         """
@@ -143,9 +137,6 @@ class LeasedOutput:
         """End the newest command if its lease has run out, and let the driver move its patterns on.
 
         Does nothing while the driver is busy with a call of another thread: it must not be called twice at once.
-
-        Args:
-            now_s: The run's clock.
         """
         if not self._lock.acquire(blocking=False):
             return

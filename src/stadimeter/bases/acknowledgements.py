@@ -29,7 +29,6 @@ class Acknowledgements:
         """Note that a command was sent.
 
         Args:
-            now_s: The run's monotonic clock.
             stop: Whether it told the base to stand still. Any other command takes an earlier stop back.
         """
         self._unanswered += 1

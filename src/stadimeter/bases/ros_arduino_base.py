@@ -80,10 +80,6 @@ class RosArduinoBase:
     """A `MobileBase` over the serial protocol of ros_arduino_bridge.
 
     Every command is one write, and nothing waits in a queue of ours: a port that does not take a frame is an error.
-
-    Args:
-        options: The base's table in the configuration.
-        context: The run that it is part of.
     """
 
     def __init__(self, options: RosArduinoOptions, context: DriverContext) -> None:
@@ -121,14 +117,10 @@ class RosArduinoBase:
     def apply(self, command: TwistCommand) -> TwistCommand:
         """Move as commanded.
 
-        Args:
-            command: How to move.
-
         Returns:
             What was sent: limited to the fastest wheel speed along the same curve, and rounded to whole encoder ticks.
 
         Raises:
-            DeviceClosedError: The base is not open.
             LinkLostError: The port is gone, takes no bytes, or nothing was answered for `LOST_AFTER_S`.
             ProtocolError: The base refused a command.
         """
@@ -144,11 +136,7 @@ class RosArduinoBase:
     def tick(self, now_s: float) -> None:
         """Read answers, and repeat a stop that was not acknowledged, also while the link counts as lost.
 
-        Args:
-            now_s: The run's monotonic clock.
-
         Raises:
-            DeviceClosedError: The base is not open.
             LinkLostError: The port is gone, takes no bytes, or nothing was answered for `LOST_AFTER_S`.
             ProtocolError: The base refused a command.
         """

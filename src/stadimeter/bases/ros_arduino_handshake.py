@@ -27,7 +27,6 @@ class Handshake:
 
     Attributes:
         link: The port, just opened. The base may still be booting.
-        clock: The run's clock.
         boot_wait_s: How long the base may take until it answers.
     """
 

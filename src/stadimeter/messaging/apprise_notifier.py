@@ -69,13 +69,7 @@ class AppriseOptions(Options):
 
 
 class AppriseNotifier:
-    """Tells people through one service.
-
-    Args:
-        options: The configuration.
-        name: The notifier's name in it.
-        patience: How long to wait for what.
-    """
+    """Tells people through one service."""
 
     def __init__(self, options: AppriseOptions, name: str, patience: Patience = PATIENCE) -> None:
         self._options = options
@@ -117,14 +111,7 @@ class AppriseNotifier:
         self._delivery.start()
 
     def notify(self, notification: Notification) -> None:
-        """Hand a notification over and return at once.
-
-        Args:
-            notification: What people are told.
-
-        Raises:
-            DeviceClosedError: The notifier is not open.
-        """
+        """Hand a notification over and return at once."""
         if self._delivery is None:
             raise DeviceClosedError(f"the notifier '{self._name}' is not open; open it first")
         self._delivery.add(notification)

@@ -26,11 +26,7 @@ class Patience:
 
 
 class BackOff:
-    """Pauses that double from the first to the longest.
-
-    Args:
-        patience: Names both.
-    """
+    """Pauses that double from the first to the longest."""
 
     SPREAD = 0.2
     """A pause is up to this share shorter, so that many nodes do not storm a broker that comes back.
@@ -54,9 +50,6 @@ class BackOff:
 
         Args:
             pause_s: The pause in seconds.
-
-        Returns:
-            Seconds.
         """
         return pause_s * random.uniform(1 - self.SPREAD, 1)  # noqa: S311 - nothing secret depends on it
 

@@ -33,11 +33,6 @@ class BrokerLink:
 
     paho's own thread is not used: it sleeps through a stop, and can neither tell why it could not connect nor change
     the version of MQTT. So this thread calls paho's loop, and nobody else does.
-
-    Args:
-        options: The configuration.
-        secrets: The password and the trusted certificates.
-        patience: How long to wait for what.
     """
 
     def __init__(self, options: MqttOptions, secrets: Secrets, patience: Patience) -> None:
@@ -80,11 +75,7 @@ class BrokerLink:
         self._thread.start()
 
     def send(self, message: Message) -> None:
-        """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once.
-
-        Args:
-            message: The message.
-        """
+        """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once."""
         with self._lock:
             if message.qos:
                 self._outbox.add(message, time.monotonic())

@@ -58,11 +58,7 @@ class Delivery:
         self._thread.start()
 
     def add(self, notification: Notification) -> None:
-        """Let a notification wait for its turn. Returns at once.
-
-        Args:
-            notification: The notification.
-        """
+        """Let a notification wait for its turn. Returns at once."""
         with self._changed:
             if len(self._waiting) >= QUEUE_MAX:
                 self._waiting.popleft()

@@ -25,9 +25,6 @@ class LinkEvents:
     All callbacks come in the link's thread, within paho's loop, and so does every call here, save that `take_done`
     and `refusal` may be used by any thread.
 
-    Args:
-        options: The configuration.
-
     Attributes:
         ending: Why the newest attempt to connect failed, or the connection ended, in words.
         suspects_version: Whether the broker seems not to speak the version of MQTT that was tried.
@@ -62,21 +59,13 @@ class LinkEvents:
         return self._stood_s > STABLE_S
 
     def listen_to(self, client: Client) -> None:
-        """Have a client tell us.
-
-        Args:
-            client: The client.
-        """
+        """Have a client tell us."""
         client.on_connect = self._on_connect
         client.on_disconnect = self._on_disconnect
         client.on_publish = self._on_publish
 
     def could_not_connect(self, error: OSError) -> None:
-        """Note that there is no connection at all.
-
-        Args:
-            error: What the operating system said.
-        """
+        """Note that there is no connection at all."""
         self.ending = words.unreachable(self._options, error)
 
     def no_answer_came(self) -> None:

@@ -20,10 +20,6 @@ TAKEN_OVER = 0x8E
 def unreachable(options: MqttOptions, error: OSError) -> str:
     """Say why there is no connection at all.
 
-    Args:
-        options: Where the broker should be.
-        error: What the operating system said.
-
     Returns:
         One line, without what happens next.
     """
@@ -50,10 +46,6 @@ def _trouble(error: OSError) -> str:
 def refused(options: MqttOptions, reason: ReasonCode) -> str:
     """Say why the broker would not have us.
 
-    Args:
-        options: Who we said we are.
-        reason: What the broker answered.
-
     Returns:
         One line, without what happens next.
     """
@@ -68,10 +60,6 @@ def refused(options: MqttOptions, reason: ReasonCode) -> str:
 def sent_away(options: MqttOptions, reason: ReasonCode) -> str:
     """Say why the broker ended the connection.
 
-    Args:
-        options: Who we said we are.
-        reason: What the broker said.
-
     Returns:
         One line, without what happens next.
     """
@@ -82,11 +70,6 @@ def sent_away(options: MqttOptions, reason: ReasonCode) -> str:
 
 def broke_off(options: MqttOptions, reason: ReasonCode, *, had_answered: bool) -> str:
     """Say how a connection ended without a word from the broker.
-
-    Args:
-        options: Where the broker is.
-        reason: What paho made of it.
-        had_answered: Whether the broker had accepted us.
 
     Returns:
         One line, without what happens next.
@@ -121,10 +104,6 @@ def shared_name(options: MqttOptions) -> str:
 def silent(options: MqttOptions, *, had_answered: bool) -> str:
     """Say that the broker says nothing.
 
-    Args:
-        options: Where the broker is.
-        had_answered: Whether it had accepted us.
-
     Returns:
         One line, without what happens next.
     """
@@ -132,13 +111,5 @@ def silent(options: MqttOptions, *, had_answered: bool) -> str:
 
 
 def would_not_take(options: MqttOptions, reason: ReasonCode) -> str:
-    """Say that the broker took us but not a message.
-
-    Args:
-        options: Who we said we are.
-        reason: What the broker answered.
-
-    Returns:
-        One line.
-    """
+    """Say that the broker took us but not a message."""
     return f"{options.place} refused a message below '{options.base}' ({reason}); check the broker's access list"

@@ -28,12 +28,6 @@ class Notifier(Protocol):
 
         Notifications wait in a bounded queue until the service has taken them. One that cannot be delivered is tried
         again for a while, and then given up and counted.
-
-        Args:
-            notification: What people are told.
-
-        Raises:
-            DeviceClosedError: The notifier is not open.
         """
         ...
 

@@ -24,12 +24,6 @@ class Messenger(Protocol):
 
         While there is no connection, messages of QoS 1 wait in a bounded queue and messages of QoS 0 are dropped and
         counted.
-
-        Args:
-            message: What to send.
-
-        Raises:
-            DeviceClosedError: The messenger is not open.
         """
         ...
 

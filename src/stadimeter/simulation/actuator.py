@@ -40,10 +40,6 @@ class LevelChange:
 class SimulatedActuator:
     """An actuator that remembers what it did.
 
-    Args:
-        options: The actuator's table in the configuration.
-        context: The run that it is part of.
-
     Attributes:
         level: The level that it acts with.
         changes: When the level changed to what, oldest first. Bounded: the oldest are forgotten.
@@ -69,14 +65,8 @@ class SimulatedActuator:
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Act as commanded.
 
-        Args:
-            command: The level to act with.
-
         Returns:
             The command with the level rounded to the nearest of the device's steps.
-
-        Raises:
-            DeviceClosedError: The actuator is not open.
         """
         self._check_open()
         level = round(command.level * self._steps) / self._steps if self._steps else command.level
@@ -84,14 +74,7 @@ class SimulatedActuator:
         return command if level == command.level else replace(command, level=level)
 
     def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; this device has no patterns
-        """Do nothing: it has no patterns.
-
-        Args:
-            now_s: The run's monotonic clock.
-
-        Raises:
-            DeviceClosedError: The actuator is not open.
-        """
+        """Do nothing: it has no patterns."""
         self._check_open()
 
     def stop(self) -> None:

@@ -17,7 +17,6 @@ class Ball:
     points, and it stands still between two that are equal.
 
     Args:
-        diameter_m: Its diameter.
         height_m: Height of its centre above the floor.
         path: Where it is when; times count from ``start_s``.
         loop: Whether it begins again at the end of its path, or stays there.
@@ -36,14 +35,7 @@ class Ball:
         self._y = _Coordinate(self._times_s, [point.y for point in path], loop)
 
     def position_m(self, time_s: float) -> tuple[float, float, float]:
-        """Return where the ball's centre is: x to the east, y to the north, z up from the floor.
-
-        Args:
-            time_s: A time on the run's clock.
-
-        Returns:
-            The position in metres.
-        """
+        """Return where the ball's centre is: x to the east, y to the north, z up from the floor."""
         into_s = max(0.0, time_s - self._start_s)
         if self._period_s is not None:
             into_s %= self._period_s

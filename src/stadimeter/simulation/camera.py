@@ -47,10 +47,6 @@ class SimulatedCamera:
     are passed over. It honours the knobs ``camera_frozen`` and ``camera_blocked``. Frozen, it delivers the same old
     frame again and again, with its old number and time, as a stuck driver does.
 
-    Args:
-        options: The camera's table in the configuration.
-        context: The run that it is part of.
-
     Raises:
         ConfigError: The run has no camera model or no world.
     """
@@ -103,7 +99,6 @@ class SimulatedCamera:
 
         Raises:
             CaptureTimeoutError: The camera is blocked; `TIMEOUT_S` have passed.
-            DeviceClosedError: The camera is not open.
         """
         if not self._is_open or self._start_s is None:
             raise DeviceClosedError(f"the simulated camera '{self._name}' is not open")
@@ -136,12 +131,6 @@ class SimulatedCamera:
 
 def lens(context: DriverContext) -> CameraModel:
     """Return the camera model of a run.
-
-    Args:
-        context: The run that a simulated driver is part of.
-
-    Returns:
-        The model.
 
     Raises:
         ConfigError: The run has none.

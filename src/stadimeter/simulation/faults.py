@@ -51,12 +51,7 @@ class FaultSchedule:
         )
 
     def turn(self, faults: Faults, now_s: float) -> None:
-        """Turn every knob whose time has come since the last call.
-
-        Args:
-            faults: The knobs.
-            now_s: The run's clock.
-        """
+        """Turn every knob whose time has come since the last call."""
         while self._left and self._left[-1][0] <= now_s:
             time_s, kind = self._left.pop()
             active = any(kind is other and begin_s <= time_s < end_s for other, begin_s, end_s in self._spans)

@@ -31,7 +31,6 @@ class SentMessage:
 
     Attributes:
         at_s: When it was delivered, on the run's clock.
-        message: The message.
     """
 
     at_s: float
@@ -55,10 +54,6 @@ class SimulatedMessenger:
 
     It honours the knob ``broker_gone``. What waits is delivered when the messenger is next used after the broker came
     back: a cycle later in a run.
-
-    Args:
-        options: The messenger's table in the configuration.
-        context: The run that it is part of.
 
     Attributes:
         dropped: How many messages of QoS 0 were lost for want of a broker.
@@ -89,14 +84,7 @@ class SimulatedMessenger:
         self._is_open = True
 
     def publish(self, message: Message) -> None:
-        """Deliver a message, or keep it until the broker is back.
-
-        Args:
-            message: What to send.
-
-        Raises:
-            DeviceClosedError: The messenger is not open.
-        """
+        """Deliver a message, or keep it until the broker is back."""
         if not self._is_open:
             raise DeviceClosedError(f"the simulated messenger '{self._name}' is not open")
         if message.qos == 0 and self._world.faults.broker_gone:

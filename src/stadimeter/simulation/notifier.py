@@ -30,7 +30,6 @@ class SentNotification:
 
     Attributes:
         at_s: When it was delivered, on the run's clock.
-        notification: The notification.
     """
 
     at_s: float
@@ -39,10 +38,6 @@ class SentNotification:
 
 class SimulatedNotifier:
     """A notifier that needs no service, and no world either. What waits is delivered when it is next used.
-
-    Args:
-        options: The notifier's table in the configuration.
-        context: The run that it is part of.
 
     Attributes:
         is_gone: The knob: nobody answers where the service was.
@@ -70,14 +65,7 @@ class SimulatedNotifier:
         self._is_open = True
 
     def notify(self, notification: Notification) -> None:
-        """Deliver a notification, or keep it until the service is back.
-
-        Args:
-            notification: What people are told.
-
-        Raises:
-            DeviceClosedError: The notifier is not open.
-        """
+        """Deliver a notification, or keep it until the service is back."""
         if not self._is_open:
             raise DeviceClosedError(f"the simulated notifier '{self._name}' is not open")
         if len(self._waiting) >= self._queue:

@@ -54,10 +54,8 @@ def paint_ball(image: Image, model: CameraModel, centre_m: Vector, radius_m: flo
     """Paint a ball into a picture.
 
     Args:
-        image: The picture, which is changed.
         model: The camera; its resolution is the picture's.
         centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-        radius_m: The ball's radius.
     """
     if centre_m[2] <= -radius_m:
         return
@@ -123,10 +121,8 @@ def paint_shadow(image: Image, model: CameraModel, centre_m: Vector, radius_m: f
     """Darken the floor under a ball.
 
     Args:
-        image: The picture, which is changed.
         model: The camera; its resolution is the picture's.
         centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-        radius_m: The ball's radius.
         camera_height_m: Height of the camera above the floor.
     """
     x, y, z = centre_m

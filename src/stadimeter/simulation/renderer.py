@@ -22,7 +22,6 @@ class Renderer:
     The same arguments always give the same picture.
 
     Args:
-        model: The camera.
         camera_height_m: Height of the camera above the floor.
         seed: The room and the noise follow from it.
         noise: Standard deviation of the sensor's noise in grey levels of 255.
@@ -39,8 +38,7 @@ class Renderer:
 
         Args:
             ball_m: The ball's centre in the camera frame: x right, y down, z forward; None for no ball.
-            radius_m: The ball's radius.
-            heading_rad: Where the camera looks, counter-clockwise.
+            heading_rad: Where the camera looks, counter-clockwise from east.
             sequence: The frame's number, from which its noise follows.
 
         Returns:

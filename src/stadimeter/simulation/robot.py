@@ -17,11 +17,9 @@ MEMORY = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """Where something is on the floor and where it faces, as in ROS REP 103.
+    """Position on the floor, x to the east and y to the north, and heading, as in ROS REP 103.
 
     Attributes:
-        x_m: To the east.
-        y_m: To the north.
         heading_rad: Counter-clockwise from east, not wrapped: a full turn to the left adds 2π.
     """
 
@@ -35,10 +33,8 @@ class _Leg:
     """A stretch of time with the same wheel speeds: an arc of a circle, then standing still.
 
     Attributes:
-        begin_s: When it began.
         moving_s: For how long the wheels turn, at most.
         wheels_mps: Speeds of the left and the right wheel.
-        pose: Where it began.
         travel_m: What each wheel had covered when it began.
     """
 
@@ -60,10 +56,7 @@ class DifferentialRobot:
     from the last change of speed. May be used from several threads.
 
     Args:
-        track_width_m: Distance between the wheels.
         ticks_per_metre: Ticks that a wheel's encoder counts on a metre.
-        start: Where it starts, standing.
-        clock: The run's clock.
     """
 
     def __init__(self, *, track_width_m: float, ticks_per_metre: float, start: Pose, clock: Clock) -> None:
@@ -79,7 +72,6 @@ class DifferentialRobot:
 
         Args:
             left_mps: Speed of the left wheel over the floor, forwards positive.
-            right_mps: Speed of the right wheel.
             until_s: When the wheels stop by themselves, on the run's clock.
 
         Raises:
@@ -121,12 +113,6 @@ class DifferentialRobot:
 
     def pose_at(self, time_s: float) -> Pose:
         """Return where the robot was at a time, or will be if the wheels go on like this.
-
-        Args:
-            time_s: A time on the run's clock.
-
-        Returns:
-            The pose.
 
         Raises:
             DriverError: That is longer ago than the robot remembers.

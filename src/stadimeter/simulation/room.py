@@ -40,7 +40,6 @@ class Room:
     """A room around a camera that stands in the middle of it and turns.
 
     Args:
-        model: The camera.
         camera_height_m: Height of the camera above the floor.
         seed: What hangs on the walls follows from it.
     """
@@ -63,10 +62,7 @@ class Room:
         self._panorama = panorama[:, np.arange(self._turn_px + self._view_px) % self._turn_px]
 
     def view(self, heading_rad: float) -> Image:
-        """Return what the camera sees.
-
-        Args:
-            heading_rad: Where it looks, counter-clockwise.
+        """Return what the camera sees at a heading, which is counter-clockwise from east.
 
         Returns:
             A new picture, blue first.

@@ -62,9 +62,7 @@ def silhouette(model: CameraModel, centre_m: Vector, radius_m: float) -> Silhoue
     """Return the ellipse that a ball fills in a picture.
 
     Args:
-        model: The camera.
         centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-        radius_m: The ball's radius.
 
     Returns:
         The ellipse, which may lie outside the picture; None if some of the ball is not in front of the camera.
@@ -105,7 +103,6 @@ def hits(direction: tuple[float, float], centre_m: Vector, radius_m: float) -> b
     Args:
         direction: The ray as x and y per unit of depth.
         centre_m: The ball's centre in the camera frame.
-        radius_m: The ball's radius.
 
     Returns:
         True if it does, the limb included.

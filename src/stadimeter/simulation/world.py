@@ -25,7 +25,6 @@ class World:
     so a question is answered for the moment that it is about. May be used from several threads.
 
     Args:
-        options: What is in it.
         clock: The run's clock. The times in the options count from what it shows now.
     """
 
@@ -88,9 +87,6 @@ class World:
         Args:
             time_s: A time on the run's clock; None for now.
 
-        Returns:
-            The distance in metres.
-
         Raises:
             DriverError: That is longer ago than the robot remembers.
         """
@@ -102,9 +98,6 @@ def shared_world(context: DriverContext) -> World:
 
     Args:
         context: The run that a driver is part of.
-
-    Returns:
-        The world.
 
     Raises:
         ConfigError: The run has none.

@@ -21,8 +21,6 @@ class Call:
 
     Attributes:
         at_s: When, on the double's clock.
-        device: The double's name.
-        action: Which of its methods.
         command: What `apply` was given; None for every other action.
     """
 
@@ -38,8 +36,6 @@ class RecordingOutput(Generic[CommandT]):
     A call that fails is recorded as well. Ticks are not recorded: there are too many of them.
 
     Args:
-        clock: Tells the times that are recorded.
-        name: Its name in the records.
         calls: Where to record; hand the same list to several doubles to see the order between them.
 
     Attributes:
@@ -47,7 +43,6 @@ class RecordingOutput(Generic[CommandT]):
         commands: The commands that `apply` was given, in order.
         command_times_s: When each of them came.
         stop_times_s: When `stop` was called while it was open. Closing stops too, and counts.
-        is_open: Whether it is open.
         fail_with: If set, the actions in `fail_on` raise this.
         fail_on: Which actions fail while `fail_with` is set.
     """
@@ -150,8 +145,6 @@ class RecordingMessenger:
         messages: What was published, in order.
         given_up: How many messages it says that it gave up.
         left: What it says that it has not delivered.
-        is_open: Whether it is open.
-        trouble_text: What `trouble` returns.
         fail_with: If set, `publish` raises this.
     """
 
@@ -188,12 +181,5 @@ class RecordingMessenger:
         self.is_open = False
 
     def payloads(self, topic: str) -> list[str]:
-        """Return what was published to a topic, in order.
-
-        Args:
-            topic: The topic, such as ``target/ball/state``.
-
-        Returns:
-            The payloads.
-        """
+        """Return what was published to a topic, in order."""
         return [message.payload for message in self.messages if message.topic == topic]
