@@ -66,7 +66,7 @@ class BeepPattern:
 
 
 class BuzzerOptions(Options):
-    """What a buzzer's table in the configuration holds.
+    """The table of a buzzer in the configuration.
 
     Attributes:
         pin: The BCM number of the pin.
@@ -125,7 +125,7 @@ class GpiozeroBuzzer:
         self._drive(now_s)
 
     def stop(self) -> None:
-        """Be silent at once, in the middle of a beep too. Does nothing when closed."""
+        """Be silent at once, also during a beep. Does nothing when closed."""
         self._be_silent()
         self._pin.off()
 

@@ -1,4 +1,4 @@
-"""What an actuator is to the rest of the program."""
+"""The interface of an actuator."""
 
 from __future__ import annotations
 

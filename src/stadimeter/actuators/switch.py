@@ -16,7 +16,7 @@ from stadimeter.core.command import LevelCommand
 
 
 class LedOptions(Options):
-    """What a lamp's table in the configuration holds.
+    """The table of a lamp in the configuration.
 
     Attributes:
         pin: The BCM number of the pin.
@@ -41,7 +41,7 @@ class LedOptions(Options):
 
 
 class RelayOptions(Options):
-    """What a relay's table in the configuration holds.
+    """The table of a relay in the configuration.
 
     Attributes:
         pin: The BCM number of the pin.

@@ -14,7 +14,7 @@ from stadimeter.core.command import LevelCommand
 
 
 class VibrationMotorOptions(Options):
-    """What a vibration motor's table in the configuration holds.
+    """The table of a vibration motor in the configuration.
 
     Attributes:
         pin: The BCM number of the pin.
@@ -104,7 +104,7 @@ class GpiozeroVibrationMotor:
         self._drive(now_s)
 
     def stop(self) -> None:
-        """Stand still at once, in the middle of a kick too. Does nothing when closed."""
+        """Stand still at once, also during a kick. Does nothing when closed."""
         self._percent = 0
         self._pin.off()
 

@@ -39,7 +39,7 @@ RESTING = f"it answers again, and stays at its safe value for {REST_S:g} s befor
 
 
 class OutputDriver(Protocol):
-    """What an actuator and a base have in common. `apply` takes and returns the kind of command that it understands."""
+    """The common part of an actuator and a base. `apply` takes and returns the kind of command that it understands."""
 
     def open(self) -> None:
         """Acquire the device, switched off or standing."""
@@ -146,7 +146,7 @@ class LeasedOutput:
             self._lock.release()
 
     def make_safe(self) -> None:
-        """Put it at its safe value, whatever it was told last. Does nothing while the driver is busy."""
+        """Put it at its safe value, whatever was commanded last. Does nothing while the driver is busy."""
         if not self._lock.acquire(blocking=False):
             return
         try:
@@ -224,7 +224,7 @@ class LeasedOutput:
         return self._retired
 
     def _repeat_stop(self, now_s: float) -> None:
-        """Let the driver repeat a stop that nobody has acknowledged. Its fault is known already."""
+        """Let the driver repeat a stop that was not acknowledged. Its fault is known already."""
         if self._end_opening is not None:
             return
         with suppress(DriverError):
@@ -239,7 +239,7 @@ class LeasedOutput:
             self._end_opening = self._clock.run_beside(self._open_again)
 
     def _open_again(self) -> None:
-        """Close the driver and open it anew. Meanwhile nobody else calls it, and the lock is free."""
+        """Close the driver and open it anew. Meanwhile no other thread calls it, and the lock is free."""
         is_open = False
         try:
             with suppress(DriverError):

@@ -21,7 +21,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WheelTicks:
-    """What the encoders of both wheels shall count in one frame of the base's speed control.
+    """Encoder counts that both wheels shall make in one frame of the base's speed control.
 
     Attributes:
         left: Whole ticks of the left wheel, positive forwards.

@@ -1,4 +1,4 @@
-"""What a robot base is to the rest of the program."""
+"""The interface of a robot base."""
 
 from __future__ import annotations
 

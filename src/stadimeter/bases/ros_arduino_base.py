@@ -77,7 +77,7 @@ class Handshake:
                 return tries
             if self.clock.now_s() >= deadline_s:
                 break
-        raise DeviceOpenError(self._nobody_there())
+        raise DeviceOpenError(self._no_answer_error())
 
     def _let_late_answers_pass(self) -> None:
         """Several tries may have been answered at once, after the boot. None of them shall pass for a later answer."""
@@ -93,7 +93,7 @@ class Handshake:
             if isinstance(reply, codec.Refused):
                 raise ProtocolError(f"the base at {self.link.path} refuses to drive; {BASE_IS_OFF}")
         raise DeviceOpenError(
-            f"the base at {self.link.path} has told its baud rate, but does not acknowledge {frame!r}; "
+            f"the base at {self.link.path} has answered with its baud rate, but does not acknowledge {frame!r}; "
             "is its sketch the one of ros_arduino_bridge?"
         )
 
@@ -103,7 +103,7 @@ class Handshake:
             self.clock.sleep_until_s(min(end_s, self.clock.now_s() + _READ_EVERY_S))
             yield from self._parser.feed(self.link.read())
 
-    def _nobody_there(self) -> str:
+    def _no_answer_error(self) -> str:
         heard = self._parser.dropped_bytes
         what = f"only {heard} bytes without meaning came" if heard else "nothing answers"
         return (
@@ -139,7 +139,7 @@ class Acknowledgements:
         """Note that a command was sent.
 
         Args:
-            stop: Whether it told the base to stand still. Any other command takes an earlier stop back.
+            stop: Whether it was a stop. Any other command takes an earlier stop back.
         """
         self._unanswered += 1
         self._stop_sent_s = now_s if stop else None
@@ -184,7 +184,7 @@ LOST_AFTER_S = 0.5
 
 
 class RosArduinoOptions(Options):
-    """What the table of such a base may hold.
+    """The table of such a base in the configuration.
 
     Attributes:
         port: The serial port, best as ``/dev/serial/by-id/…``; or ``emulated-ros-arduino-bridge``.
@@ -194,7 +194,7 @@ class RosArduinoOptions(Options):
         track_width: Distance between the middles of the two driven wheels.
         max_wheel_speed: No wheel is asked to run faster.
         swap_sides: Whether the firmware's left motor drives the right wheel.
-        invert_left: Whether the left wheel turns backwards when told to turn forwards.
+        invert_left: Whether the left wheel turns backwards when commanded forwards.
         invert_right: The same for the right wheel.
         boot_wait: How long the Arduino, which opening the port resets, may take until it answers.
     """
@@ -211,7 +211,7 @@ class RosArduinoOptions(Options):
     boot_wait: Duration = 4.0
 
     @model_validator(mode="after")
-    def _speeds_can_be_told(self) -> Self:
+    def _check_speeds_fit_the_firmware(self) -> Self:
         drive = self.drive()
         if not 1 <= drive.max_ticks <= codec.MAX_TICKS_PER_FRAME:
             raise ValueError(

@@ -113,7 +113,7 @@ class ReplyParser:
 
     @property
     def dropped_bytes(self) -> int:
-        """How many bytes were dropped as garbage so far."""
+        """Number of bytes that were dropped as garbage so far."""
         return self._dropped_bytes
 
     def feed(self, data: bytes) -> list[Reply]:

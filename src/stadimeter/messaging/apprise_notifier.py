@@ -31,7 +31,7 @@ from stadimeter.messaging.back_off import BackOff, Patience
 
 EXTRA = "stadimeter[notify]"
 KINDS = {Severity.INFO: "info", Severity.WARNING: "warning", Severity.ALARM: "failure", Severity.SAFETY: "failure"}
-"""What apprise calls each severity."""
+"""The names that apprise has for each severity."""
 
 PATIENCE = Patience(goodbye_s=0.6)
 """The end of a run may take two seconds in all."""
@@ -71,7 +71,7 @@ class AppriseOptions(Options):
 
 
 class AppriseNotifier:
-    """Tells people through one service."""
+    """Sends notifications to people through one service."""
 
     def __init__(self, options: AppriseOptions, name: str, patience: Patience = PATIENCE) -> None:
         self._options = options
@@ -85,7 +85,7 @@ class AppriseNotifier:
 
     @property
     def given_up(self) -> int:
-        """How many notifications were given up: the service did not take them in time, or too many waited."""
+        """Number of notifications that were given up: the service did not take them in time, or too many waited."""
         return self._given_up_before + (self._delivery.given_up if self._delivery else 0)
 
     def undelivered(self) -> tuple[Notification, ...]:

@@ -1,4 +1,4 @@
-"""How long to wait for an answer, and before trying again."""
+"""Time-outs, and the growing pauses between attempts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patience:
-    """How long to wait for what.
+    """The time-outs and pauses of a connection.
 
     Attributes:
         answer_s: For a broker's answer to a connection. Some brokers that do not know MQTT 5 never answer it.
@@ -31,7 +31,7 @@ class BackOff:
     SPREAD = 0.2
     """A pause is up to this share shorter, so that many nodes do not storm a broker that comes back.
 
-    It is never longer: the longest pause is what somebody waits for who mends a broker.
+    It is never longer: whoever mends a broker waits for at most the longest pause.
     """
 
     def __init__(self, patience: Patience) -> None:

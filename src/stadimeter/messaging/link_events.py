@@ -17,7 +17,7 @@ from stadimeter.messaging.mqtt_options import MqttOptions
 STABLE_S = 10.0
 """A connection that ends sooner is not taken for a sign that all is well."""
 SUSPICIOUS = 3
-"""After so many connections in a row that ended soon, two programs with one name are suspected."""
+"""After this many connections in a row that ended soon, two programs with one name are suspected."""
 
 
 class LinkEvents:

@@ -28,12 +28,12 @@ class PahoMessenger:
 
     @property
     def dropped(self) -> int:
-        """How many messages of QoS 0 were lost for want of a connection, and states of QoS 1 replaced unsent."""
+        """Number of messages of QoS 0 that were lost for want of a connection, and states of QoS 1 replaced unsent."""
         return self._dropped_before + (self._link.dropped if self._link else 0)
 
     @property
     def given_up(self) -> int:
-        """How many messages of QoS 1 were given up: too many waited, they expired, or the broker refused them."""
+        """Number of messages of QoS 1 that were given up: too many waited, they expired, or the broker refused them."""
         return self._given_up_before + (self._link.given_up if self._link else 0)
 
     def undelivered(self) -> tuple[Message, ...]:

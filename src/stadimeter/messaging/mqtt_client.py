@@ -51,7 +51,7 @@ class _Client(Client):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Secrets:
-    """What is read from files when a messenger opens.
+    """The password and certificates that are read when a messenger opens.
 
     Attributes:
         password: The password, or None for none.

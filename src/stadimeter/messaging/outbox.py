@@ -11,7 +11,7 @@ from stadimeter.core.message import Message
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """A message, and when nobody wants it any more."""
+    """A message, and when it expires."""
 
     message: Message
     deadline_s: float
@@ -68,7 +68,7 @@ class MemoryOutbox:
         """Return the next message that may be sent now; it must then be reported to `sent`.
 
         Returns:
-            The oldest message that somebody still wants, with what is left of its life; None if there is none, or
+            The oldest message that has not expired, with what is left of its life; None if there is none, or
             enough are on the wire.
         """
         while self._waiting and len(self._unacknowledged) < self._window:

@@ -9,11 +9,11 @@ from stadimeter.core.notification import Notification
 
 
 class Messenger(Protocol):
-    """Tells other programs. It never keeps the loop waiting, whatever the network does."""
+    """Sends messages to other programs. It never keeps the loop waiting, whatever the network does."""
 
     @property
     def given_up(self) -> int:
-        """How many messages of QoS 1 were given up so far: too many waited, they expired, or they were refused."""
+        """Number of messages of QoS 1 given up so far: too many waited, they expired, or they were refused."""
         ...
 
     def open(self) -> None:
@@ -50,11 +50,11 @@ class Messenger(Protocol):
 
 
 class Notifier(Protocol):
-    """Tells people. It never keeps the loop waiting, whatever the service behind it does."""
+    """Sends notifications to people. It never keeps the loop waiting, whatever the service behind it does."""
 
     @property
     def given_up(self) -> int:
-        """How many notifications were given up so far: they were not taken in time, or too many waited."""
+        """Number of notifications that were given up so far: they were not taken in time, or too many waited."""
         ...
 
     def open(self) -> None:

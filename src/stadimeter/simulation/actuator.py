@@ -13,7 +13,7 @@ from stadimeter.errors import DeviceClosedError
 
 
 class SimulatedActuatorOptions(Options):
-    """What the table of a simulated actuator may hold.
+    """The table of a simulated actuator in the configuration.
 
     Attributes:
         steps: How many levels above off the device can do; None for any. 1 makes it a switch.

@@ -22,7 +22,7 @@ def _check_speed(speed_mps: float) -> float:
 
 
 class SimulatedBaseOptions(Options):
-    """What the table of a simulated base may hold.
+    """The table of a simulated base in the configuration.
 
     Attributes:
         max_wheel_speed: No wheel runs faster.

@@ -17,7 +17,7 @@ from stadimeter.simulation.renderer import Renderer
 from stadimeter.simulation.world import World, shared_world
 
 TIMEOUT_S = 0.1
-"""How long a reader of a blocked camera waits."""
+"""The time that a reader of a blocked camera waits."""
 
 
 def _check_rate(rate_hz: float) -> float:
@@ -27,7 +27,7 @@ def _check_rate(rate_hz: float) -> float:
 
 
 class SimulatedCameraOptions(Options):
-    """What the table of a simulated camera may hold.
+    """The table of a simulated camera in the configuration.
 
     Attributes:
         rate: Frames in a second.
@@ -43,7 +43,7 @@ class SimulatedCameraOptions(Options):
 class SimulatedCamera:
     """A camera on the simulated robot, level and looking straight ahead.
 
-    Its frames are at whole multiples of the frame time from when it was first opened; those that nobody read in time
+    Its frames are at whole multiples of the frame time from when it was first opened; those that were not read in time
     are passed over. It honours the knobs ``camera_frozen`` and ``camera_blocked``. Frozen, it delivers the same old
     frame again and again, with its old number and time, as a stuck driver does.
 

@@ -14,7 +14,7 @@ from stadimeter.simulation.world import shared_world
 
 
 class SimulatedMessengerOptions(Options):
-    """What the table of a simulated messenger may hold.
+    """The table of a simulated messenger in the configuration.
 
     Attributes:
         history: How many delivered messages are kept to look at.

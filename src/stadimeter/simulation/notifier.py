@@ -13,7 +13,7 @@ from stadimeter.errors import DeviceClosedError
 
 
 class SimulatedNotifierOptions(Options):
-    """What the table of a simulated notifier may hold.
+    """The table of a simulated notifier in the configuration.
 
     Attributes:
         history: How many delivered notifications are kept to look at.
@@ -40,7 +40,7 @@ class SimulatedNotifier:
     """A notifier that needs no service, and no world either. What waits is delivered when it is next used.
 
     Attributes:
-        is_gone: The knob: nobody answers where the service was.
+        is_gone: The knob: the service is away.
         given_up: How many notifications were pushed out of the queue.
     """
 

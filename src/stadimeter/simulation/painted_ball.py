@@ -18,7 +18,7 @@ Plane = NDArray[np.float32]
 BALL_BGR = (52, 232, 190)
 """The yellowish green of a tennis ball. Shading scales all three alike, so hue and saturation hold on the dark side."""
 LIGHT = (-0.37, -0.83, -0.42)
-"""Where the light comes from, in the camera frame: from above, from the left and from behind the camera."""
+"""The direction of the light, in the camera frame: from above, from the left and from behind the camera."""
 DARKEST = 0.42
 FINE_PX = 96
 """A ball of fewer samples across is sampled more finely."""

@@ -40,7 +40,7 @@ THINGS_BGR = (
 
 
 class Room:
-    """A room around a camera that stands in the middle of it and turns.
+    """A room around a camera that stands in its centre and turns.
 
     Args:
         camera_height_m: Height of the camera above the floor.

@@ -12,7 +12,7 @@ from stadimeter.core.clock import Clock
 from stadimeter.errors import CommandRangeError, DriverError
 
 MEMORY = 1000
-"""How many changes of speed a robot remembers: 20 s of one every 20 ms."""
+"""Changes of speed that a robot remembers: 20 s of one every 20 ms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +50,7 @@ class _Leg:
 
 
 class DifferentialRobot:
-    """A robot on two driven wheels that hold the speed that they are told, without slip.
+    """A robot on two driven wheels that hold the commanded speed, without slip.
 
     It takes no steps: with steady wheels a robot runs along an arc of a circle, so the pose at any time follows exactly
     from the last change of speed. May be used from several threads.
@@ -96,18 +96,18 @@ class DifferentialRobot:
 
     @property
     def pose(self) -> Pose:
-        """Where the robot is now."""
+        """The present pose of the robot."""
         return self.pose_at(self._clock.now_s())
 
     @property
     def wheels_mps(self) -> tuple[float, float]:
-        """How fast the left and the right wheel turn now."""
+        """The present speeds of the left and the right wheel."""
         leg, now_s = self._legs[-1], self._clock.now_s()
         return leg.wheels_mps if now_s - leg.begin_s < leg.moving_s else (0.0, 0.0)
 
     @property
     def ticks(self) -> tuple[int, int]:
-        """What the encoders of the left and the right wheel have counted since the start."""
+        """The encoder counts of the left and the right wheel since the start."""
         left_m, right_m = _travel_on(self._legs[-1], self._clock.now_s())
         return (math.floor(left_m * self.ticks_per_metre), math.floor(right_m * self.ticks_per_metre))
 

@@ -30,7 +30,7 @@ _LEADING_INTEGER = re.compile(rb"\s*([+-]?\d+)")
 
 
 class CommandLine:
-    """How the sketch collects a command: one letter, two arguments after spaces, ended by a carriage return only.
+    """The sketch's command parser: one letter, two arguments after spaces, ended by a carriage return only.
 
     Attributes:
         overrun: Whether an argument was written past its 16 bytes. What a real board does then is undefined.

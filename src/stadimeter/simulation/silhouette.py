@@ -1,4 +1,4 @@
-"""What a ball looks like through a pinhole, exactly.
+"""The exact outline of a ball through a pinhole.
 
 The rays that touch a ball form a cone, and the picture plane cuts the cone in an ellipse. With the ball's centre at
 ``c`` and its radius ``r``, a ray ``d`` hits the ball if ``(d·c)² >= |d|² (|c|² - r²)``; the dual of that conic is
