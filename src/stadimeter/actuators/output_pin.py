@@ -54,10 +54,7 @@ def shared_pin_factory(context: DriverContext) -> PiFactory:
 
 
 def open_pin_factory() -> PiFactory:
-    """Open the pin factory that the environment asks for: lgpio, if it asks for nothing.
-
-    Returns:
-        The factory. Close it when done.
+    """Open the pin factory that the environment asks for: lgpio, if it asks for nothing. Close it when done.
 
     Raises:
         DriverUnavailableError: lgpio is not installed.
@@ -199,7 +196,7 @@ class OutputPin:
         return self._device is not None
 
     def check_open(self) -> None:
-        """Raise unless the pin is open."""
+        """Raise `DeviceClosedError` unless the pin is open."""
         self._opened()
 
     def open(self) -> None:
@@ -227,12 +224,16 @@ class OutputPin:
 
         Args:
             percent: 0 for off to 100 for on; a pin without a frequency is on from 1.
+
+        Raises:
+            DeviceClosedError: It is not open.
+            DriverError: The pin failed.
         """
         if percent != self._written_percent or self._device is None:
             self._write_at_once(percent)
 
     def off(self) -> None:
-        """Switch off, whatever was written before. Does nothing when closed."""
+        """Switch off, whatever was written before; raises `DriverError` if the pin fails. Does nothing when closed."""
         if self._device is not None:
             self._write_at_once(0)
 
