@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 from gpiozero.pins.mock import MockFactory, MockPWMPin
 
-from stadimeter.actuators.pin_factory import SHARED_KEY
+from stadimeter.actuators.output_pin import SHARED_KEY
 from stadimeter.config.plugins import DriverContext
 from stadimeter.testing.manual_clock import ManualClock
 

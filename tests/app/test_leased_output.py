@@ -261,9 +261,9 @@ class Flaky(RecordingActuator):
         super().__init__(clock, "motor")
         self.failed_at_s, self.moved = [], []
 
-    def _fail_if_told(self, action):
+    def _fail_if_asked(self, action):
         try:
-            super()._fail_if_told(action)
+            super()._fail_if_asked(action)
         except LinkLostError:
             self.failed_at_s.append(self._clock.now_s())
             raise

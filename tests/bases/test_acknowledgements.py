@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from stadimeter.bases.acknowledgements import LOOK_S, Acknowledgements
+from stadimeter.bases.ros_arduino_base import LOOK_S, Acknowledgements
 
 
 def test_a_stop_is_overdue_a_tenth_of_a_second_after_it_was_sent() -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from stadimeter.bases.ros_arduino_handshake import Handshake
+from stadimeter.bases.ros_arduino_base import Handshake
 from stadimeter.bases.serial_link import SerialLink
 from stadimeter.errors import DeviceOpenError, ProtocolError
 from stadimeter.simulation.emulated_port import EmulatedPort

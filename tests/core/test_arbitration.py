@@ -87,3 +87,12 @@ def test_without_a_combination_the_first_in_the_configuration_wins():
 
 def test_outputs_that_are_not_asked_for_are_left_out():
     assert dict(arbitrate([], RESTRICTIVE)) == {}
+
+
+def test_lower_equals_below_a_single_winner_are_not_combined():
+    requests = [twist("high", 0.4), twist("b", 0.3, priority=1), twist("c", -0.3, priority=1)]
+    assert [each.rule for each in arbitrate(requests, RESTRICTIVE)["base"]] == ["high", "b", "c"]
+
+
+def test_a_combined_request_is_for_the_same_output():
+    assert arbitrate([twist("a", 0.4), twist("b", 0.2)], RESTRICTIVE)["base"][0].output == "base"

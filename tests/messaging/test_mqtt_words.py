@@ -5,7 +5,7 @@ import ssl
 
 import pytest
 
-from stadimeter.messaging import mqtt_words as words
+from stadimeter.messaging import link_events as words
 from stadimeter.messaging.mqtt_options import MqttOptions
 
 OPTIONS = MqttOptions(host="broker.local", node="garage")

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.simulation.ball import Ball
 from stadimeter.simulation.options import WayPoint
+from stadimeter.simulation.world import Ball
 
 metres = st.floats(-10, 10).map(lambda value: round(value, 3))
 

@@ -4,8 +4,8 @@ from dataclasses import fields
 
 import pytest
 
-from stadimeter.simulation.faults import KNOBS, Faults, FaultSchedule
 from stadimeter.simulation.options import FaultKind, ScheduledFault
+from stadimeter.simulation.world import KNOBS, Faults, FaultSchedule
 
 
 def fault(kind: str, at: str, lasts: str | None = None) -> ScheduledFault:

@@ -25,10 +25,8 @@ class BrokerAccess:
 
     Attributes:
         username: The only user; None lets everybody in.
-        password: The user's password.
         acl: Lines of a mosquitto access list; empty for none. Only mosquitto heeds it.
         certificate: The broker's certificate, for TLS; None for none. Only mosquitto heeds it.
-        key: The certificate's key.
     """
 
     username: str | None = None
@@ -69,11 +67,7 @@ def make_broker(folder: Path, access: BrokerAccess | None = None) -> LoopbackBro
     """Make the best broker that this machine has; it is not started yet.
 
     Args:
-        folder: Where it may write its configuration.
         access: Who may do what; everybody everything if not given.
-
-    Returns:
-        The broker.
     """
     access = access or BrokerAccess()
     return MosquittoBroker(folder, access) if mosquitto_program() else AmqttBroker(folder, access)
@@ -93,15 +87,7 @@ def _wait_for(port: int) -> None:
 
 
 class MosquittoBroker:
-    """A mosquitto of our own.
-
-    Args:
-        folder: Where its configuration is written.
-        access: Who may do what.
-
-    Attributes:
-        port: Where it listens.
-    """
+    """A mosquitto of our own."""
 
     def __init__(self, folder: Path, access: BrokerAccess) -> None:
         self.port = free_port()
@@ -151,11 +137,7 @@ class AmqttBroker:
     """An amqtt broker in a thread.
 
     Args:
-        folder: Where its password file is written.
         access: Who may do what; without access list and TLS.
-
-    Attributes:
-        port: Where it listens.
     """
 
     def __init__(self, folder: Path, access: BrokerAccess) -> None:

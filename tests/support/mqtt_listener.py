@@ -20,8 +20,6 @@ class Heard:
     """A message as a subscriber gets it.
 
     Attributes:
-        topic: The whole topic.
-        payload: The text.
         qos: The quality of service that it came with.
         is_retained: Whether the broker had kept it from before the subscription.
         expires_s: What is left of its life; None for ever, or where MQTT 5 is not spoken.
@@ -77,25 +75,14 @@ class MqttListener:
             return list(self._heard)
 
     def payloads(self, topic: str) -> list[str]:
-        """Return what came on one topic, in order.
-
-        Args:
-            topic: The whole topic.
-
-        Returns:
-            The payloads.
-        """
+        """Return what came on one topic, in order."""
         return [heard.payload for heard in self.heard if heard.topic == topic]
 
     def wait_for(self, topic: str, payload: str | None = None) -> Heard:
         """Wait for a message, which may have come already.
 
         Args:
-            topic: The whole topic.
             payload: The payload; None for any.
-
-        Returns:
-            The first such message.
 
         Raises:
             AssertionError: None came in time.
@@ -109,10 +96,6 @@ class MqttListener:
 
     def wait_for_payloads(self, topic: str, payloads: list[str]) -> None:
         """Wait until exactly these payloads have come on a topic, in this order.
-
-        Args:
-            topic: The whole topic.
-            payloads: The payloads.
 
         Raises:
             AssertionError: They did not come in time.

@@ -50,15 +50,8 @@ def write_noisy_journal(
     """Write the journal of a run without rules.
 
     Args:
-        path: The file.
         where_m: How far away the target truly is at a time in seconds.
-        noise: The noise.
-        seconds: How long the run is.
         frames_per_s: How many frames a second there are.
-        target: The target's name.
-
-    Returns:
-        The file.
     """
     random = np.random.default_rng(1)
     state = initial_state(Plan(targets=(target,)))

@@ -18,14 +18,8 @@ def measured(
     """Return a measurement of a target straight ahead, or at a bearing.
 
     Args:
-        target: Its name.
-        at_s: Capture time.
-        distance_m: Its distance.
         sigma_m: The standard deviation, all of it noise.
-        bearing_rad: Its bearing, positive to the right.
-
-    Returns:
-        The measurement.
+        bearing_rad: Positive to the right.
     """
     return Measurement(
         target=target,
@@ -41,16 +35,7 @@ def measured(
 
 
 def missed(target: str, at_s: float, reason: str = "no blob") -> Measurement:
-    """Return the measurement of a target that is not in the picture.
-
-    Args:
-        target: Its name.
-        at_s: Capture time.
-        reason: Why not.
-
-    Returns:
-        The measurement.
-    """
+    """Return the measurement of a target that is not in the picture."""
     return Measurement(target=target, status=MeasurementStatus.NOT_FOUND, captured_at_s=at_s, reason=reason)
 
 
@@ -58,13 +43,10 @@ class Rehearsal:
     """Runs a plan on distances that a test gives, a frame at a time.
 
     Args:
-        plan: What the configuration would declare.
         frame_s: Time from frame to frame.
 
     Attributes:
-        state: What the core remembers.
         decisions: Every decision so far, with its time.
-        now_s: The run's clock.
     """
 
     def __init__(self, plan: Plan, frame_s: float = 0.1) -> None:
@@ -75,16 +57,7 @@ class Rehearsal:
         self._frames = 0
 
     def see(self, *distances_m: float | None, sigma_m: float = 0.01, bearing_rad: float = 0.0) -> Decision:
-        """Give one frame for each distance; None is a frame without the target.
-
-        Args:
-            distances_m: The distances.
-            sigma_m: Their standard deviation.
-            bearing_rad: Their bearing.
-
-        Returns:
-            The last decision.
-        """
+        """Give one frame for each distance; None is a frame without the target."""
         for distance_m in distances_m:
             at_s = self.now_s = round(self.now_s + self._frame_s, 9)
             (target,) = self.state.plan.targets
@@ -100,15 +73,7 @@ class Rehearsal:
         return self.decisions[-1][1]
 
     def wait(self, seconds: float, camera_fault: str = "no frame in time") -> Decision:
-        """Let time pass without a new frame, a cycle every tenth of a second.
-
-        Args:
-            seconds: How long.
-            camera_fault: What the camera says.
-
-        Returns:
-            The last decision.
-        """
+        """Let time pass without a new frame, a cycle every tenth of a second."""
         until_s = self.now_s + seconds
         while self.now_s < until_s - 1e-9:
             self.now_s = round(self.now_s + 0.1, 9)
@@ -118,19 +83,7 @@ class Rehearsal:
     def tell(
         self, action: str, rule: str = "", by: str = "Ada", why: str = "", *, for_s: float | None = None, **how: bool
     ) -> Answer:
-        """Tell a rule something, in a cycle of its own without a new frame.
-
-        Args:
-            action: Such as ``acknowledge``.
-            rule: The rule; empty for all.
-            by: Who says so.
-            why: Why.
-            for_s: How long to shelve.
-            how: ``one_shot``.
-
-        Returns:
-            The answer.
-        """
+        """Tell a rule something, in a cycle of its own without a new frame."""
         self.now_s = round(self.now_s + 0.001, 9)
         command = OperatorCommand(
             id=str(len(self.decisions)), action=OperatorAction(action), rule=rule, by=by, why=why, for_s=for_s, **how
@@ -139,14 +92,7 @@ class Rehearsal:
         return answer
 
     def cycle(self, observation: Observation) -> Decision:
-        """Give any observation.
-
-        Args:
-            observation: The observation.
-
-        Returns:
-            The decision.
-        """
+        """Give any observation."""
         self.state, decision = decide(self.state, observation)
         self.decisions.append((observation.now_s, decision))
         return decision
@@ -156,9 +102,6 @@ class Rehearsal:
 
         Args:
             source: Only those of this rule, target or output.
-
-        Returns:
-            Such as ``["raised", "cleared"]``.
         """
         happened: Iterable[Decision] = (decision for _, decision in self.decisions)
         return [

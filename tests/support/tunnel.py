@@ -11,14 +11,7 @@ from support.broker import HOST, free_port
 
 
 class Tunnel:
-    """Carries connections to a server's port until it is cut.
-
-    Args:
-        target_port: The server's port.
-
-    Attributes:
-        port: Where clients connect to.
-    """
+    """Carries connections to a server's port until it is cut."""
 
     def __init__(self, target_port: int) -> None:
         self.port = free_port()

@@ -15,7 +15,6 @@ class WebhookListener:
 
     Attributes:
         posted: The bodies of all requests, read as JSON, in the order in which they were answered with success.
-        status: What is answered.
         is_free: Cleared, requests are left without an answer until it is set.
         asked: Set as soon as a request has come.
     """

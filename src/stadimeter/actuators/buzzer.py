@@ -7,15 +7,66 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.actuators.beep_pattern import BeepPattern
 from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Duration, Pin
 from stadimeter.core.command import LevelCommand
 
 
+class BeepPattern:
+    """Beeps of one length whose rate follows a level, as in a parking sensor.
+
+    The period goes from the slowest to the fastest in equal ratios: a step of level sounds like the same step
+    everywhere. A change of level moves the next beep, never the one that sounds.
+
+    Args:
+        slowest_s: The period, from one beep's start to the next one's, at the lowest level above 0.
+        fastest_s: The period just below level 1, at most `slowest_s`.
+        beep_s: How long a beep is, less than `fastest_s`.
+    """
+
+    def __init__(self, *, slowest_s: float, fastest_s: float, beep_s: float) -> None:
+        self._slowest_s = slowest_s
+        self._ratio = fastest_s / slowest_s
+        self._beep_s = beep_s
+        self._started_s: float | None = None
+
+    def period_s(self, level: float) -> float:
+        """Return the time from one beep's start to the next one's.
+
+        Args:
+            level: 0 to 1.
+
+        Returns:
+            ``slowest_s * (fastest_s / slowest_s) ** level``.
+        """
+        return float(self._slowest_s * self._ratio**level)
+
+    def sounds(self, level: float, now_s: float) -> bool:
+        """Move on to a time and return whether it sounds then. Asking twice for one time gives the same answer.
+
+        Args:
+            level: 0 is silent, and the first level above it beeps at once; 1 sounds without a break.
+        """
+        if level <= 0.0:
+            self._started_s = None
+            return False
+        self._started_s = self._newest_start_s(self.period_s(level), now_s)
+        return level >= 1.0 or now_s - self._started_s < self._beep_s
+
+    def _newest_start_s(self, period_s: float, now_s: float) -> float:
+        if self._started_s is None:
+            return now_s
+        due_s = self._started_s + period_s
+        if now_s < due_s:
+            return self._started_s
+        # Counted from when it was due, so that late ticks do not slow the beeping down, but never so far back that
+        # the beep would be over before it was heard.
+        return due_s if now_s - due_s < self._beep_s / 2 else now_s
+
+
 class BuzzerOptions(Options):
-    """What a buzzer's table in the configuration holds."""
+    """The table of a buzzer in the configuration."""
 
     pin: Pin
     """The BCM number of the pin."""
@@ -41,12 +92,7 @@ class BuzzerOptions(Options):
 
 
 class GpiozeroBuzzer:
-    """A buzzer. Level 0 is silent, a rising level beeps faster, and 1 sounds without a break.
-
-    Args:
-        options: Its options.
-        context: The run that it is part of.
-    """
+    """A buzzer. Level 0 is silent, a rising level beeps faster, and 1 sounds without a break."""
 
     def __init__(self, options: BuzzerOptions, context: DriverContext) -> None:
         self._pin = OutputPin(context, options.pin, active_high=options.active_high)
@@ -62,15 +108,8 @@ class GpiozeroBuzzer:
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Beep as fast as commanded. A beep that sounds is not begun anew.
 
-        Args:
-            command: The level.
-
         Returns:
             The command; a steady buzzer knows the levels 0 and 1 only.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
         """
         self._pin.check_open()
         self._level = float(command.level > 0.0) if self._steady else command.level
@@ -78,20 +117,12 @@ class GpiozeroBuzzer:
         return replace(command, level=self._level)
 
     def tick(self, now_s: float) -> None:
-        """Begin and end beeps.
-
-        Args:
-            now_s: The run's monotonic clock.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
-        """
+        """Begin and end beeps."""
         self._pin.check_open()
         self._drive(now_s)
 
     def stop(self) -> None:
-        """Be silent at once, in the middle of a beep too. Does nothing when closed."""
+        """Be silent at once, also during a beep. Does nothing when closed."""
         self._be_silent()
         self._pin.off()
 

@@ -1,14 +1,169 @@
-"""One GPIO pin that something hangs on: what every driver of this folder is made of."""
+"""GPIO pins: one pin factory for a run, chosen on purpose, and the output pin that every driver here is made of.
+
+gpiozero by itself tries one library after another, with a page of warnings, and may end at one that cannot drive this
+Pi. Here it is lgpio, the only one that drives every Pi from the first to the fifth, or an error that says what to do.
+
+Two variables of the environment, gpiozero's own, choose something else:
+
+- ``GPIOZERO_PIN_FACTORY=mock`` drives pins that exist in memory only, to try a configuration without hardware;
+  ``lgpio``, or nothing, drives the real ones.
+- ``GPIOZERO_MOCK_PIN_CLASS`` is the kind of pin in memory; ``mockpwmpin``, which can be dimmed, unless it is set.
+"""
 
 from __future__ import annotations
 
 import math
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
-from gpiozero import DigitalOutputDevice, GPIODevice, PWMOutputDevice
+from gpiozero import DigitalOutputDevice, GPIODevice, GPIOPinInUse, GPIOZeroError, PinUnknownPi, PWMOutputDevice
+from gpiozero.pins.mock import MockFactory
+from gpiozero.pins.pi import PiFactory
 
-from stadimeter.actuators.pin_factory import plain_words, shared_pin_factory
 from stadimeter.config.plugins import DriverContext
-from stadimeter.errors import DeviceClosedError, DeviceOpenError
+from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, DriverUnavailableError
+
+SHARED_KEY = "pin factory"
+"""Under this name the drivers of a run share the factory; tests put a factory of their own there."""
+
+_TRY_WITHOUT = "to try without hardware, set GPIOZERO_PIN_FACTORY=mock"
+
+
+def shared_pin_factory(context: DriverContext) -> PiFactory:
+    """Return the run's pin factory; open it if this is the first driver to ask. It is closed at the end of the run.
+
+    Returns:
+        The factory. Whoever makes a gpiozero device hands it over; gpiozero's global one is never touched.
+
+    Raises:
+        DriverUnavailableError: lgpio is not installed.
+        DeviceOpenError: This computer has no pins that we may use.
+    """
+
+    def make() -> PiFactory:
+        factory = open_pin_factory()
+        context.at_end(factory.close)
+        return factory
+
+    return context.share(SHARED_KEY, make)
+
+
+def open_pin_factory() -> PiFactory:
+    """Open the pin factory that the environment asks for: lgpio, if it asks for nothing. Close it when done.
+
+    Raises:
+        DriverUnavailableError: lgpio is not installed.
+        DeviceOpenError: This computer has no pins that we may use, or the environment asks for another library.
+    """
+    name = os.environ.get("GPIOZERO_PIN_FACTORY", "").lower() or "lgpio"
+    if name == "lgpio":
+        return _open_lgpio()
+    if name == "mock":
+        return _make_mock()
+    raise DeviceOpenError(
+        f"GPIOZERO_PIN_FACTORY={name}: pins are driven through lgpio only; unset the variable, or set it to mock"
+    )
+
+
+def _open_lgpio() -> PiFactory:
+    try:
+        with _notification_pipe_elsewhere():
+            from gpiozero.pins.lgpio import LGPIOFactory  # noqa: PLC0415 - absent where there are no pins
+    except ImportError as error:
+        raise DriverUnavailableError(
+            "pins are driven through lgpio, which is not installed: run pip install 'stadimeter[pi]'; " + _TRY_WITHOUT
+        ) from error
+    except vendor_errors() as error:
+        raise DeviceOpenError(f"lgpio does not start: {error}") from error
+    try:
+        return LGPIOFactory()
+    except PinUnknownPi as error:
+        raise DeviceOpenError(f"this computer is not a Raspberry Pi, it has no GPIO pins; {_TRY_WITHOUT}") from error
+    except vendor_errors() as error:
+        raise DeviceOpenError(
+            f"the GPIO pins cannot be opened ({_text(error)}): there must be a /dev/gpiochip0, and the user must be in "
+            f"the group gpio (sudo usermod -aG gpio $USER, then log in again); {_TRY_WITHOUT}"
+        ) from error
+
+
+@contextmanager
+def _notification_pipe_elsewhere() -> Iterator[None]:
+    """Import lgpio in here, so that it leaves nothing behind and changes nothing.
+
+    On import lgpio makes a named pipe in the working directory, and fails where it may not write. Told of another
+    directory by ``LG_WD``, it makes that one the working directory of the whole program, which would break every
+    relative path. Once lgpio has opened the pipe at both ends, its name is no longer needed.
+    """
+    here, asked = Path.cwd(), os.environ.get("LG_WD")
+    with tempfile.TemporaryDirectory(prefix="stadimeter-lgpio-") as folder:
+        os.environ["LG_WD"] = folder
+        try:
+            yield
+        finally:
+            os.chdir(here)
+            if asked is None:
+                del os.environ["LG_WD"]
+            else:
+                os.environ["LG_WD"] = asked
+
+
+def _make_mock() -> PiFactory:
+    pin_class = os.environ.get("GPIOZERO_MOCK_PIN_CLASS") or "mockpwmpin"
+    try:
+        return MockFactory(pin_class=pin_class)
+    except KeyError as error:
+        raise DeviceOpenError(
+            f"GPIOZERO_MOCK_PIN_CLASS={pin_class}: gpiozero has no such kind of pin; unset the variable"
+        ) from error
+
+
+def vendor_errors() -> tuple[type[Exception], ...]:
+    """Return what gpiozero and the library below it raise, for an ``except`` clause.
+
+    Returns:
+        The classes. lgpio's own error is a plain `Exception` of its own, and is there only while lgpio is.
+    """
+    lgpio = sys.modules.get("lgpio")
+    return (GPIOZeroError, OSError) if lgpio is None else (GPIOZeroError, OSError, lgpio.error)
+
+
+@contextmanager
+def plain_words(name: str, pin: int, doing: str, raises: type[DriverError] = DriverError) -> Iterator[None]:
+    """Turn the vendors' errors into ours.
+
+    Args:
+        doing: What is being tried, such as ``open``.
+
+    Raises:
+        DriverError: gpiozero or lgpio failed; of the class ``raises``.
+    """
+    try:
+        yield
+    except vendor_errors() as error:
+        # A half-made gpiozero device keeps its pin reserved for as long as something refers to it, and the error does.
+        traceback.clear_frames(error.__traceback__)
+        raise raises(f"{name}: cannot {doing} GPIO{pin}: {_text(error)}{_hint(error)}") from error
+
+
+def _text(error: Exception) -> str:
+    return " ".join(str(error).strip("'\"").split()) or type(error).__name__
+
+
+def _hint(error: Exception) -> str:
+    if isinstance(error, GPIOPinInUse):
+        return "; give each part of the configuration a pin of its own"
+    if "busy" in str(error).lower():
+        return (
+            "; another program holds it (gpioinfo shows which), or the system does, for SPI, I2C, serial or 1-Wire: "
+            "choose another pin, or switch that off in raspi-config"
+        )
+    return ""
+
 
 FULL_PERCENT = 100
 
@@ -22,9 +177,6 @@ class OutputPin:
     have a resistor of its own to its off side: to ground if it is active high, to 3.3 V if it is active low.
 
     Args:
-        context: The run that it is part of.
-        pin: The BCM number.
-        active_high: Whether a high pin means on.
         frequency_hz: Of the pulses, 0.1 to 10 000; None for a pin that is only ever off or on.
     """
 
@@ -44,11 +196,7 @@ class OutputPin:
         return self._device is not None
 
     def check_open(self) -> None:
-        """Raise unless the pin is open.
-
-        Raises:
-            DeviceClosedError: It is not.
-        """
+        """Raise `DeviceClosedError` unless the pin is open."""
         self._opened()
 
     def open(self) -> None:
@@ -85,11 +233,7 @@ class OutputPin:
             self._write_at_once(percent)
 
     def off(self) -> None:
-        """Switch off, whatever was written before. Does nothing when closed.
-
-        Raises:
-            DriverError: The pin failed.
-        """
+        """Switch off, whatever was written before; raises `DriverError` if the pin fails. Does nothing when closed."""
         if self._device is not None:
             self._write_at_once(0)
 

@@ -1,4 +1,4 @@
-"""What an actuator is to the rest of the program."""
+"""The interface of an actuator."""
 
 from __future__ import annotations
 
@@ -26,14 +26,10 @@ class Actuator(Protocol):
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Act as commanded. The same command may come any number of times; it then changes nothing.
 
-        Args:
-            command: The level to act with.
-
         Returns:
             What was really applied: the level may have been rounded to what the device can do.
 
         Raises:
-            DeviceClosedError: The actuator is not open.
             DriverError: The device failed.
         """
         ...
@@ -41,11 +37,7 @@ class Actuator(Protocol):
     def tick(self, now_s: float) -> None:
         """Move patterns on: a beep's next edge, the end of a motor's kick. Called about every 20 ms.
 
-        Args:
-            now_s: The run's monotonic clock.
-
         Raises:
-            DeviceClosedError: The actuator is not open.
             DriverError: The device failed.
         """
         ...

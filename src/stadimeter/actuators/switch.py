@@ -16,7 +16,7 @@ from stadimeter.core.command import LevelCommand
 
 
 class LedOptions(Options):
-    """What a lamp's table in the configuration holds."""
+    """The table of a lamp in the configuration."""
 
     pin: Pin
     """The BCM number of the pin."""
@@ -38,7 +38,7 @@ class LedOptions(Options):
 
 
 class RelayOptions(Options):
-    """What a relay's table in the configuration holds."""
+    """The table of a relay in the configuration."""
 
     pin: Pin
     """The BCM number of the pin."""
@@ -55,7 +55,6 @@ class GpiozeroSwitch:
     It has no deadband of its own: rules that switch have theirs, and delays too.
 
     Args:
-        pin: Its pin.
         percent_of: What the pin gets at a level.
     """
 
@@ -70,29 +69,15 @@ class GpiozeroSwitch:
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Switch, or dim.
 
-        Args:
-            command: The level.
-
         Returns:
             The command with the level that it really has: 0 or 1, or a whole percent if it is dimmed.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
         """
         percent = self._percent_of(command.level)
         self._pin.write(percent)
         return replace(command, level=percent / FULL_PERCENT)
 
     def tick(self, now_s: float) -> None:  # noqa: ARG002 - part of the interface; a switch has no pattern
-        """Do nothing: there is no pattern to move on.
-
-        Args:
-            now_s: The run's monotonic clock.
-
-        Raises:
-            DeviceClosedError: It is not open.
-        """
+        """Do nothing: there is no pattern to move on."""
         self._pin.check_open()
 
     def stop(self) -> None:
@@ -105,15 +90,7 @@ class GpiozeroSwitch:
 
 
 def build_led(options: LedOptions, context: DriverContext) -> GpiozeroSwitch:
-    """Make a lamp.
-
-    Args:
-        options: Its options.
-        context: The run that it is part of.
-
-    Returns:
-        The lamp.
-    """
+    """Make a lamp."""
     pin = OutputPin(
         context,
         options.pin,
@@ -124,15 +101,7 @@ def build_led(options: LedOptions, context: DriverContext) -> GpiozeroSwitch:
 
 
 def build_relay(options: RelayOptions, context: DriverContext) -> GpiozeroSwitch:
-    """Make a relay.
-
-    Args:
-        options: Its options.
-        context: The run that it is part of.
-
-    Returns:
-        The relay.
-    """
+    """Make a relay."""
     return GpiozeroSwitch(OutputPin(context, options.pin, active_high=options.active_high), _on_from(options.on_at))
 
 

@@ -14,7 +14,7 @@ from stadimeter.core.command import LevelCommand
 
 
 class VibrationMotorOptions(Options):
-    """What a vibration motor's table in the configuration holds."""
+    """The table of a vibration motor in the configuration."""
 
     pin: Pin
     """The BCM number of the pin."""
@@ -59,9 +59,6 @@ class DutySteps:
     def level(self, percent: int) -> float:
         """Return the level that a duty stands for.
 
-        Args:
-            percent: What `percent` returned.
-
         Returns:
             0 to 1.
         """
@@ -69,12 +66,7 @@ class DutySteps:
 
 
 class GpiozeroVibrationMotor:
-    """A vibration motor.
-
-    Args:
-        options: Its options.
-        context: The run that it is part of.
-    """
+    """A vibration motor."""
 
     def __init__(self, options: VibrationMotorOptions, context: DriverContext) -> None:
         self._pin = OutputPin(context, options.pin, active_high=options.active_high, frequency_hz=options.frequency)
@@ -91,15 +83,8 @@ class GpiozeroVibrationMotor:
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Turn as strongly as commanded; from standstill at full power first, until the kick is over.
 
-        Args:
-            command: The level.
-
         Returns:
             The command with the level of the duty that the motor has after the kick.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
         """
         self._pin.check_open()
         now_s = self._clock.now_s()
@@ -111,20 +96,12 @@ class GpiozeroVibrationMotor:
         return replace(command, level=self._steps.level(percent))
 
     def tick(self, now_s: float) -> None:
-        """End the kick when its time has come.
-
-        Args:
-            now_s: The run's monotonic clock.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
-        """
+        """End the kick when its time has come."""
         self._pin.check_open()
         self._drive(now_s)
 
     def stop(self) -> None:
-        """Stand still at once, in the middle of a kick too. Does nothing when closed."""
+        """Stand still at once, also during a kick. Does nothing when closed."""
         self._percent = 0
         self._pin.off()
 

@@ -18,8 +18,7 @@ from stadimeter.core.clock import Clock
 from stadimeter.core.outputs import safe_command
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, Problem
-from stadimeter.messaging.notifier_protocol import Notifier
-from stadimeter.messaging.protocol import Messenger
+from stadimeter.messaging.protocol import Messenger, Notifier
 
 
 @dataclass(slots=True, kw_only=True)

@@ -14,8 +14,7 @@ from stadimeter.errors import StadimeterError
 
 if TYPE_CHECKING:
     from stadimeter.app.bootstrap import Parts
-    from stadimeter.messaging.notifier_protocol import Notifier
-    from stadimeter.messaging.protocol import Messenger
+    from stadimeter.messaging.protocol import Messenger, Notifier
 
 MESSENGER = ""
 """Stands for the messenger where else the name of a notifier stands."""

@@ -22,7 +22,6 @@ class Guard:
     """Checks the outputs of a run again and again.
 
     Args:
-        outputs: The outputs.
         clock: The run's clock; a real one calls from a thread of its own.
 
     Attributes:
@@ -55,9 +54,6 @@ class Guard:
 
 def retire_all(outputs: Sequence[LeasedOutput]) -> list[str]:
     """Stop every output for good, each one whatever becomes of the others, and those that are busy last.
-
-    Args:
-        outputs: The outputs.
 
     Returns:
         What went wrong, in words.

@@ -39,7 +39,7 @@ RESTING = f"it answers again, and stays at its safe value for {REST_S:g} s befor
 
 
 class OutputDriver(Protocol):
-    """What an actuator and a base have in common. `apply` takes and returns the kind of command that it understands."""
+    """The common part of an actuator and a base. `apply` takes and returns the kind of command that it understands."""
 
     def open(self) -> None:
         """Acquire the device, switched off or standing."""
@@ -66,10 +66,7 @@ class LeasedOutput:
     """One actuator or base of a run. Its methods may be called from any thread.
 
     Args:
-        driver: The actuator or base.
-        safe: The command for its safe value.
         lease_s: How old the frame behind a command may grow.
-        clock: The run's clock.
         stays_off: Whether a driver that failed stays off for the rest of the run.
 
     Attributes:
@@ -122,9 +119,6 @@ class LeasedOutput:
     def apply(self, command: Command) -> Command | None:
         """Act as commanded, unless the frame behind the command is too old already: then the safe value is applied.
 
-        Args:
-            command: What to do.
-
         Returns:
             What was really applied; None if nothing was, because the driver is out of order or the output is retired.
         """
@@ -143,9 +137,6 @@ class LeasedOutput:
         """End the newest command if its lease has run out, and let the driver move its patterns on.
 
         Does nothing while the driver is busy with a call of another thread: it must not be called twice at once.
-
-        Args:
-            now_s: The run's clock.
         """
         if not self._lock.acquire(blocking=False):
             return
@@ -155,7 +146,7 @@ class LeasedOutput:
             self._lock.release()
 
     def make_safe(self) -> None:
-        """Put it at its safe value, whatever it was told last. Does nothing while the driver is busy."""
+        """Put it at its safe value, whatever was commanded last. Does nothing while the driver is busy."""
         if not self._lock.acquire(blocking=False):
             return
         try:
@@ -233,7 +224,7 @@ class LeasedOutput:
         return self._retired
 
     def _repeat_stop(self, now_s: float) -> None:
-        """Let the driver repeat a stop that nobody has acknowledged. Its fault is known already."""
+        """Let the driver repeat a stop that was not acknowledged. Its fault is known already."""
         if self._end_opening is not None:
             return
         with suppress(DriverError):
@@ -248,7 +239,7 @@ class LeasedOutput:
             self._end_opening = self._clock.run_beside(self._open_again)
 
     def _open_again(self) -> None:
-        """Close the driver and open it anew. Meanwhile nobody else calls it, and the lock is free."""
+        """Close the driver and open it anew. Meanwhile no other thread calls it, and the lock is free."""
         is_open = False
         try:
             with suppress(DriverError):

@@ -21,9 +21,7 @@ class StallWatch:
     """Puts outputs at their safe values while a stepped clock stands still.
 
     Args:
-        outputs: The outputs.
         clock: The run's clock, which the loop steps.
-        real_clock: The computer's clock.
     """
 
     def __init__(self, outputs: Sequence[LeasedOutput], clock: Clock, real_clock: Clock | None = None) -> None:
@@ -39,11 +37,7 @@ class StallWatch:
         self._cancel = self._real_clock.call_every(PERIOD_S, self.step)
 
     def step(self, real_s: float) -> None:
-        """Look once.
-
-        Args:
-            real_s: The computer's clock.
-        """
+        """Look once."""
         now_s = self._clock.now_s()
         if now_s != self._seen_s:
             self._seen_s, self._moved_at_s = now_s, real_s

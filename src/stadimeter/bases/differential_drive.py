@@ -13,12 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """How the robot moves.
-
-    Attributes:
-        linear_mps: Speed forwards.
-        angular_radps: Rate of turn, positive to the left.
-    """
+    """The robot's speed forwards, and its rate of turn, positive to the left."""
 
     linear_mps: float
     angular_radps: float
@@ -26,7 +21,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WheelTicks:
-    """What the encoders of both wheels shall count in one frame of the base's speed control.
+    """Encoder counts that both wheels shall make in one frame of the base's speed control.
 
     Attributes:
         left: Whole ticks of the left wheel, positive forwards.
@@ -69,12 +64,6 @@ class DifferentialDrive:
 
         If a wheel would be too fast, both are slowed in the same proportion, so the robot keeps to its curve and
         drives along it more slowly.
-
-        Args:
-            motion: How to move.
-
-        Returns:
-            Whole ticks per frame.
         """
         offset_mps = motion.angular_radps * self.track_width_m / 2
         left = (motion.linear_mps - offset_mps) / self.tick_mps
@@ -88,9 +77,6 @@ class DifferentialDrive:
 
         Args:
             ticks: Whole ticks per frame.
-
-        Returns:
-            The motion.
         """
         left_mps, right_mps = ticks.left * self.tick_mps, ticks.right * self.tick_mps
         return Motion(

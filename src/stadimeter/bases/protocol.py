@@ -1,4 +1,4 @@
-"""What a robot base is to the rest of the program."""
+"""The interface of a robot base."""
 
 from __future__ import annotations
 
@@ -29,14 +29,10 @@ class MobileBase(Protocol):
     def apply(self, command: TwistCommand) -> TwistCommand:
         """Move as commanded. Sent on each time, even if nothing changed: the base's own timeout wants feeding.
 
-        Args:
-            command: How to move.
-
         Returns:
             What was really sent: speeds may have been limited or rounded to what the base can do.
 
         Raises:
-            DeviceClosedError: The base is not open.
             LinkLostError: The base no longer answers.
             ProtocolError: The base refused the command.
         """
@@ -45,11 +41,7 @@ class MobileBase(Protocol):
     def tick(self, now_s: float) -> None:
         """Read what the base has sent, and repeat a stop that was not acknowledged. Called about every 20 ms.
 
-        Args:
-            now_s: The run's monotonic clock.
-
         Raises:
-            DeviceClosedError: The base is not open.
             LinkLostError: The base no longer answers.
             ProtocolError: The base refused a command.
         """

@@ -9,27 +9,182 @@ suit that driver turns the wrong way here: set ``swap_sides``.
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 from pydantic import PositiveInt, model_validator
 
 from stadimeter.bases import ros_arduino_codec as codec
-from stadimeter.bases.acknowledgements import Acknowledgements
 from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelTicks
-from stadimeter.bases.ros_arduino_handshake import BASE_IS_OFF, Handshake
 from stadimeter.bases.serial_link import SerialLink
 from stadimeter.config.plugins import PORTS, DriverContext, Options, Plugin, driver_names
 from stadimeter.config.units import Duration, Length, SerialPort, Speed
+from stadimeter.core.clock import Clock
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError
+
+_ASKED_EVERY_S = 0.2
+_READ_EVERY_S = 0.02
+_ANSWER_WITHIN_S = 0.5
+
+BASE_IS_OFF = (
+    "its sketch was built without the base controller: enable '#define USE_BASE' in ROSArduinoBridge.ino, choose the "
+    "motor driver and load it again"
+)
+
+
+@dataclass(slots=True, kw_only=True)
+class Handshake:
+    """The first words with a base, over a link that is already open.
+
+    Attributes:
+        link: The port, just opened. The base may still be booting.
+        boot_wait_s: How long the base may take until it answers.
+    """
+
+    link: SerialLink
+    clock: Clock
+    boot_wait_s: float
+    _parser: codec.ReplyParser = field(default_factory=codec.ReplyParser)
+
+    def run(self) -> None:
+        """Wait until the base answers, stop it, and set its encoders to zero.
+
+        Each try begins with an end of line and a stop. A base that drove when an earlier program died shall not drive
+        on while we ask, and half a command of that program shall not swallow our stop.
+
+        Raises:
+            DeviceOpenError: Nothing answers, or not as this firmware does.
+            ProtocolError: It answers, but will not drive.
+            LinkLostError: The port is gone.
+        """
+        tries = self._identify()
+        if tries > 1:
+            self._let_late_answers_pass()
+        self._confirm(codec.RESET_ENCODERS)
+        self._confirm(codec.STOP)
+
+    def _identify(self) -> int:
+        """Ask until the base tells its baud rate, and return how often it was asked."""
+        deadline_s = self.clock.now_s() + self.boot_wait_s
+        for tries in itertools.count(1):
+            self.link.write(codec.END + codec.STOP)
+            self.link.write(codec.ASK_BAUD_RATE)
+            if any(isinstance(reply, codec.BaudRate) for reply in self._replies_for(_ASKED_EVERY_S)):
+                return tries
+            if self.clock.now_s() >= deadline_s:
+                break
+        raise DeviceOpenError(self._no_answer_error())
+
+    def _let_late_answers_pass(self) -> None:
+        """Several tries may have been answered at once, after the boot. None of them shall pass for a later answer."""
+        end_s = self.clock.now_s() + self.boot_wait_s  # something that is no base may talk for ever
+        while self.clock.now_s() < end_s and any(True for _ in self._replies_for(_ANSWER_WITHIN_S)):
+            pass
+
+    def _confirm(self, frame: bytes) -> None:
+        self.link.write(frame)
+        for reply in self._replies_for(_ANSWER_WITHIN_S):
+            if isinstance(reply, codec.Acknowledged):
+                return
+            if isinstance(reply, codec.Refused):
+                raise ProtocolError(f"the base at {self.link.path} refuses to drive; {BASE_IS_OFF}")
+        raise DeviceOpenError(
+            f"the base at {self.link.path} has answered with its baud rate, but does not acknowledge {frame!r}; "
+            "is its sketch the one of ros_arduino_bridge?"
+        )
+
+    def _replies_for(self, seconds: float) -> Iterator[codec.Reply]:
+        end_s = self.clock.now_s() + seconds
+        while self.clock.now_s() < end_s:
+            self.clock.sleep_until_s(min(end_s, self.clock.now_s() + _READ_EVERY_S))
+            yield from self._parser.feed(self.link.read())
+
+    def _no_answer_error(self) -> str:
+        heard = self._parser.dropped_bytes
+        what = f"only {heard} bytes without meaning came" if heard else "nothing answers"
+        return (
+            f"no ros_arduino_bridge at {self.link.path}: {what} in {self.boot_wait_s:g} s; check that its sketch is "
+            "loaded, that the baud rate is the sketch's, and that this is the right port"
+        )
+
+
+STOP_REPEATED_AFTER_S = 0.1
+
+LOOK_S = 0.05
+"""The time between two looks at the line counts as silence up to this."""
+
+
+class Acknowledgements:
+    """Counts commands and their answers on a line where each command gets one, in order.
+
+    A lost answer must not count as a lost link for ever. Therefore silence is counted from the first command that was
+    sent after the last answer, not from the oldest one that was never answered.
+
+    Silence is time in which the line was read. When this process waits for a processor, the clock goes on and nothing
+    is read; and a command may leave the computer long after its time was noted. So silence adds up from look to look,
+    and a gap between two looks counts for `LOOK_S` at most: ten looks in a row must have found nothing.
+    """
+
+    def __init__(self) -> None:
+        self._unanswered = 0
+        self._silent_s: float | None = None
+        self._looked_s = 0.0
+        self._stop_sent_s: float | None = None
+
+    def sent(self, now_s: float, *, stop: bool) -> None:
+        """Note that a command was sent.
+
+        Args:
+            stop: Whether it was a stop. Any other command takes an earlier stop back.
+        """
+        self._unanswered += 1
+        self._stop_sent_s = now_s if stop else None
+        if self._silent_s is None:
+            self._silent_s, self._looked_s = 0.0, now_s
+
+    def looked(self, now_s: float) -> None:
+        """Note that everything which had arrived at that time was read."""
+        if self._silent_s is not None:
+            self._silent_s += min(max(0.0, now_s - self._looked_s), LOOK_S)
+            self._looked_s = now_s
+
+    def repeating(self) -> None:
+        """Note that a command is about to be repeated, so the answers that are still missing will not come."""
+        self._unanswered = 0
+
+    def acknowledged(self) -> None:
+        """Note that a command was done. With the last one that is waited for, a stop is known to have arrived."""
+        self._answered()
+        if not self._unanswered:
+            self._stop_sent_s = None
+
+    def refused(self) -> None:
+        """Note that a command was answered, but not done: a stop must be repeated."""
+        self._answered()
+
+    def stop_is_overdue(self, now_s: float) -> bool:
+        """Return whether a stop was sent at least `STOP_REPEATED_AFTER_S` ago and is not acknowledged."""
+        return self._stop_sent_s is not None and now_s - self._stop_sent_s >= STOP_REPEATED_AFTER_S
+
+    @property
+    def silent_s(self) -> float:
+        """For how long commands have been sent and the line was read without any answer; 0 if none is waited for."""
+        return self._silent_s or 0.0
+
+    def _answered(self) -> None:
+        self._unanswered = max(0, self._unanswered - 1)
+        self._silent_s = None
+
 
 LOST_AFTER_S = 0.5
 
 
 class RosArduinoOptions(Options):
-    """What the table of such a base may hold."""
+    """The table of such a base in the configuration."""
 
     port: SerialPort
     """The serial port, best as ``/dev/serial/by-id/…``; or ``emulated-ros-arduino-bridge``."""
@@ -53,7 +208,7 @@ class RosArduinoOptions(Options):
     """How long the Arduino, which opening the port resets, may take until it answers."""
 
     @model_validator(mode="after")
-    def _speeds_can_be_told(self) -> Self:
+    def _check_speeds_fit_the_firmware(self) -> Self:
         drive = self.drive()
         if not 1 <= drive.max_ticks <= codec.MAX_TICKS_PER_FRAME:
             raise ValueError(
@@ -77,10 +232,6 @@ class RosArduinoBase:
     """A `MobileBase` over the serial protocol of ros_arduino_bridge.
 
     Every command is one write, and nothing waits in a queue of ours: a port that does not take a frame is an error.
-
-    Args:
-        options: The base's table in the configuration.
-        context: The run that it is part of.
     """
 
     def __init__(self, options: RosArduinoOptions, context: DriverContext) -> None:
@@ -118,14 +269,10 @@ class RosArduinoBase:
     def apply(self, command: TwistCommand) -> TwistCommand:
         """Move as commanded.
 
-        Args:
-            command: How to move.
-
         Returns:
             What was sent: limited to the fastest wheel speed along the same curve, and rounded to whole encoder ticks.
 
         Raises:
-            DeviceClosedError: The base is not open.
             LinkLostError: The port is gone, takes no bytes, or nothing was answered for `LOST_AFTER_S`.
             ProtocolError: The base refused a command.
         """
@@ -141,11 +288,7 @@ class RosArduinoBase:
     def tick(self, now_s: float) -> None:
         """Read answers, and repeat a stop that was not acknowledged, also while the link counts as lost.
 
-        Args:
-            now_s: The run's monotonic clock.
-
         Raises:
-            DeviceClosedError: The base is not open.
             LinkLostError: The port is gone, takes no bytes, or nothing was answered for `LOST_AFTER_S`.
             ProtocolError: The base refused a command.
         """

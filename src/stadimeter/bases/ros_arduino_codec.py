@@ -86,7 +86,6 @@ def encode_drive(left_ticks: int, right_ticks: int) -> bytes:
 
     Args:
         left_ticks: Encoder ticks per frame (`FRAME_S`) of the left wheel, which comes first.
-        right_ticks: The same of the right wheel.
 
     Returns:
         The bytes to send, in one write.
@@ -114,14 +113,11 @@ class ReplyParser:
 
     @property
     def dropped_bytes(self) -> int:
-        """How many bytes were dropped as garbage so far."""
+        """Number of bytes that were dropped as garbage so far."""
         return self._dropped_bytes
 
     def feed(self, data: bytes) -> list[Reply]:
         """Take in what has arrived.
-
-        Args:
-            data: Any number of bytes.
 
         Returns:
             The replies that are complete now, oldest first. Garbage comes before the reply that it stood in front of.

@@ -64,11 +64,7 @@ class SerialLink:
     def write(self, frame: bytes) -> None:
         """Hand a frame to the port: at once as a rule, else as the other end makes room.
 
-        Args:
-            frame: The bytes.
-
         Raises:
-            DeviceClosedError: The port is not open.
             LinkLostError: The port is gone, or bytes of the frame remain after `UNTAKEN_AFTER_S`. Part of the frame
                 may have been sent. What waited in the port is thrown away: the next frame, mostly a stop, shall neither
                 find it full nor come after commands from before.
@@ -91,7 +87,6 @@ class SerialLink:
         """Return what has arrived, which may be nothing. Never waits.
 
         Raises:
-            DeviceClosedError: The port is not open.
             LinkLostError: The port is gone.
         """
         port = self._opened()
@@ -104,7 +99,6 @@ class SerialLink:
         """Wait until everything written has left the computer, for at most `DRAIN_TIMEOUT_S`.
 
         Raises:
-            DeviceClosedError: The port is not open.
             LinkLostError: The port is gone, or the bytes have not left in time.
         """
         deadline_s = time.monotonic() + DRAIN_TIMEOUT_S

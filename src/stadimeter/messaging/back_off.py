@@ -1,4 +1,4 @@
-"""How long to wait for an answer, and before trying again."""
+"""Time-outs, and the growing pauses between attempts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patience:
-    """How long to wait for what.
+    """The time-outs and pauses of a connection.
 
     Attributes:
         answer_s: For a broker's answer to a connection. Some brokers that do not know MQTT 5 never answer it.
@@ -26,16 +26,12 @@ class Patience:
 
 
 class BackOff:
-    """Pauses that double from the first to the longest.
-
-    Args:
-        patience: Names both.
-    """
+    """Pauses that double from the first to the longest."""
 
     SPREAD = 0.2
     """A pause is up to this share shorter, so that many nodes do not storm a broker that comes back.
 
-    It is never longer: the longest pause is what somebody waits for who mends a broker.
+    It is never longer: whoever mends a broker waits for at most the longest pause.
     """
 
     def __init__(self, patience: Patience) -> None:
@@ -54,9 +50,6 @@ class BackOff:
 
         Args:
             pause_s: The pause in seconds.
-
-        Returns:
-            Seconds.
         """
         return pause_s * random.uniform(1 - self.SPREAD, 1)  # noqa: S311 - nothing secret depends on it
 

@@ -25,19 +25,14 @@ LOOK_EVERY_S = 0.5
 V5, V311 = MQTTProtocolVersion.MQTTv5, MQTTProtocolVersion.MQTTv311
 
 _OURS = (ONLINE, OFFLINE)
-"""What the link says by itself is nothing that anybody sends again."""
+"""Messages of the link's own are never sent again."""
 
 
 class BrokerLink:
     """Connects, connects again, and says what is wrong meanwhile. It serves from `start` to `stop`, once.
 
     paho's own thread is not used: it sleeps through a stop, and can neither tell why it could not connect nor change
-    the version of MQTT. So this thread calls paho's loop, and nobody else does.
-
-    Args:
-        options: The configuration.
-        secrets: The password and the trusted certificates.
-        patience: How long to wait for what.
+    the version of MQTT. So this thread calls paho's loop, and no other thread does.
     """
 
     def __init__(self, options: MqttOptions, secrets: Secrets, patience: Patience) -> None:
@@ -60,13 +55,13 @@ class BrokerLink:
 
     @property
     def dropped(self) -> int:
-        """How many messages were dropped that may be."""
+        """Number of messages of QoS 0 that were dropped."""
         with self._lock:
             return self._outbox.dropped
 
     @property
     def given_up(self) -> int:
-        """How many messages of QoS 1 were given up."""
+        """Number of messages of QoS 1 that were given up."""
         with self._lock:
             return self._outbox.given_up
 
@@ -80,11 +75,7 @@ class BrokerLink:
         self._thread.start()
 
     def send(self, message: Message) -> None:
-        """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once.
-
-        Args:
-            message: The message.
-        """
+        """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once."""
         with self._lock:
             if message.qos:
                 self._outbox.add(message, time.monotonic())

@@ -1,7 +1,9 @@
-"""What paho tells of the connection to a broker."""
+"""The events of a connection to a broker, as paho reports them, and their messages for people."""
 
 from __future__ import annotations
 
+import socket
+import ssl
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -10,23 +12,19 @@ from typing import Any
 from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags
 from paho.mqtt.reasoncodes import ReasonCode
 
-from stadimeter.messaging import mqtt_words as words
 from stadimeter.messaging.mqtt_options import MqttOptions
 
 STABLE_S = 10.0
 """A connection that ends sooner is not taken for a sign that all is well."""
 SUSPICIOUS = 3
-"""After so many connections in a row that ended soon, two programs with one name are suspected."""
+"""After this many connections in a row that ended soon, two programs with one name are suspected."""
 
 
 class LinkEvents:
-    """Collects what paho's callbacks tell, without a lock.
+    """Collects the events of paho's callbacks, without a lock.
 
     All callbacks come in the link's thread, within paho's loop, and so does every call here, save that `take_done`
     and `refusal` may be used by any thread.
-
-    Args:
-        options: The configuration.
 
     Attributes:
         ending: Why the newest attempt to connect failed, or the connection ended, in words.
@@ -62,26 +60,18 @@ class LinkEvents:
         return self._stood_s > STABLE_S
 
     def listen_to(self, client: Client) -> None:
-        """Have a client tell us.
-
-        Args:
-            client: The client.
-        """
+        """Have a client tell us."""
         client.on_connect = self._on_connect
         client.on_disconnect = self._on_disconnect
         client.on_publish = self._on_publish
 
     def could_not_connect(self, error: OSError) -> None:
-        """Note that there is no connection at all.
-
-        Args:
-            error: What the operating system said.
-        """
-        self.ending = words.unreachable(self._options, error)
+        """Note that there is no connection at all."""
+        self.ending = unreachable(self._options, error)
 
     def no_answer_came(self) -> None:
         """Note that the broker took the connection and then said nothing."""
-        self.ending = words.silent(self._options, had_answered=False)
+        self.ending = silent(self._options, had_answered=False)
         self.suspects_version = not self._was_ever_accepted
 
     def bomb_came(self) -> None:
@@ -89,11 +79,11 @@ class LinkEvents:
         if not self.is_accepted:
             self.nonsense_came()
         else:
-            self.ending = words.too_much(self._options)
+            self.ending = too_much(self._options)
 
     def nonsense_came(self) -> None:
         """Note that the other side sent what is not MQTT."""
-        self.ending = words.no_broker(self._options)
+        self.ending = no_broker(self._options)
         self.suspects_version = not self._was_ever_accepted
 
     def take_done(self) -> Iterator[tuple[int, bool]]:
@@ -103,8 +93,8 @@ class LinkEvents:
 
     def _on_connect(self, _client: Client, _data: Any, _flags: ConnectFlags, reason: ReasonCode, _more: Any) -> None:
         if reason.is_failure:
-            self.ending = words.refused(self._options, reason)
-            self.suspects_version = reason.value == words.UNSUPPORTED_VERSION
+            self.ending = refused(self._options, reason)
+            self.suspects_version = reason.value == UNSUPPORTED_VERSION
             return
         self._accepted_at_s = time.monotonic()
         self._was_ever_accepted = True
@@ -118,15 +108,121 @@ class LinkEvents:
             self._short_lives = 0 if self.was_stable else self._short_lives + 1
         if self.ending:
             return
-        guess = words.shared_name(self._options) if self._short_lives >= SUSPICIOUS else ""
+        guess = shared_name(self._options) if self._short_lives >= SUSPICIOUS else ""
         if flags.is_disconnect_packet_from_server:
-            self.was_taken_over = reason.value == words.TAKEN_OVER
-            self.ending = words.sent_away(self._options, reason) + ("" if self.was_taken_over else guess)
+            self.was_taken_over = reason.value == TAKEN_OVER
+            self.ending = sent_away(self._options, reason) + ("" if self.was_taken_over else guess)
             return
         self.suspects_version = not self._was_ever_accepted
-        self.ending = words.broke_off(self._options, reason, had_answered=self.is_accepted) + guess
+        self.ending = broke_off(self._options, reason, had_answered=self.is_accepted) + guess
 
     def _on_publish(self, _client: Client, _data: Any, number: int, reason: ReasonCode, _more: Any) -> None:
         if reason.is_failure:
-            self.refusal = words.would_not_take(self._options, reason)
+            self.refusal = would_not_take(self._options, reason)
         self._done.append((number, reason.is_failure))
+
+
+UNSUPPORTED_VERSION = 0x84
+BAD_LOGIN = 0x86
+NOT_AUTHORISED = 0x87
+NO_MQTT = 0x82
+KEEPALIVE = 0x8D
+TAKEN_OVER = 0x8E
+
+
+def unreachable(options: MqttOptions, error: OSError) -> str:
+    """Say why there is no connection at all.
+
+    Returns:
+        One line, without what happens next.
+    """
+    place = options.place
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"the certificate of {place} is not trusted: {error.verify_message}; name its authority in ca_file"
+    if isinstance(error, socket.gaierror):
+        return f"no address is known for the host '{options.host}' ({error.strerror})"
+    if isinstance(error, ConnectionRefusedError):
+        return f"{place} refused the connection (is a broker running there?)"
+    return f"{place} {_trouble(error)}" + (" (is this its port for TLS?)" if options.tls else "")
+
+
+def _trouble(error: OSError) -> str:
+    if isinstance(error, TimeoutError):
+        return "does not answer"
+    if isinstance(error, ConnectionResetError):
+        return "hung up without an answer"
+    if isinstance(error, ssl.SSLError):
+        return f"does not speak TLS as expected: {error.strerror or error}"
+    return f"cannot be reached: {error.strerror or error}"
+
+
+def refused(options: MqttOptions, reason: ReasonCode) -> str:
+    """Say why the broker would not have us.
+
+    Returns:
+        One line, without what happens next.
+    """
+    if reason.value in {NOT_AUTHORISED, BAD_LOGIN}:
+        who = f"the login of '{options.username}'" if options.username else "a connection without a login"
+        return f"{options.place} refused {who} ({reason}); check username and password_file"
+    if reason.value == UNSUPPORTED_VERSION:
+        return f"{options.place} does not speak MQTT {options.protocol}; set protocol to 'auto'"
+    return f"{options.place} refused the client '{options.client_id}' ({reason})"
+
+
+def sent_away(options: MqttOptions, reason: ReasonCode) -> str:
+    """Say why the broker ended the connection.
+
+    Returns:
+        One line, without what happens next.
+    """
+    if reason.value == TAKEN_OVER:
+        return f"another program uses the client id '{options.client_id}' at {options.place}; give each its own node"
+    return f"{options.place} ended the connection ({reason})"
+
+
+def broke_off(options: MqttOptions, reason: ReasonCode, *, had_answered: bool) -> str:
+    """Say how a connection ended without a word from the broker.
+
+    Returns:
+        One line, without what happens next.
+    """
+    if reason.value == KEEPALIVE:
+        return silent(options, had_answered=had_answered)
+    if reason.value == NO_MQTT:
+        return no_broker(options)
+    if not had_answered:
+        return f"{options.place} hung up without an answer (is it an MQTT broker, with TLS as configured?)"
+    return f"the connection to {options.place} was lost"
+
+
+def no_broker(options: MqttOptions) -> str:
+    """Say, in one line, that what was received is not MQTT."""
+    return f"{options.place} does not answer as an MQTT broker does"
+
+
+def too_much(options: MqttOptions) -> str:
+    """Say, in one line, that a message came that is far larger than any answer to us."""
+    return f"{options.place} sent a message that is too large for any answer, though nothing was asked of it"
+
+
+def shared_name(options: MqttOptions) -> str:
+    """Guess, for the end of a line, at two programs that take the connection from each other.
+
+    Few brokers say so, and with MQTT 3.1.1 none can.
+    """
+    return f" (does another program use the client id '{options.client_id}'?)"
+
+
+def silent(options: MqttOptions, *, had_answered: bool) -> str:
+    """Say that the broker says nothing.
+
+    Returns:
+        One line, without what happens next.
+    """
+    return f"{options.place} has stopped answering" if had_answered else f"{options.place} does not answer"
+
+
+def would_not_take(options: MqttOptions, reason: ReasonCode) -> str:
+    """Say that the broker took us but not a message."""
+    return f"{options.place} refused a message below '{options.base}' ({reason}); check the broker's access list"

@@ -16,10 +16,6 @@ class PahoMessenger:
 
     A thread of its own does all that can wait for the network. Messages of QoS 1 wait in memory while there is no
     connection. What is left when it is closed is sent when it is opened again.
-
-    Args:
-        options: The configuration.
-        patience: How long to wait for what.
     """
 
     def __init__(self, options: MqttOptions, patience: Patience = Patience()) -> None:  # noqa: B008 - it is frozen
@@ -32,12 +28,12 @@ class PahoMessenger:
 
     @property
     def dropped(self) -> int:
-        """How many messages of QoS 0 were lost for want of a connection, and states of QoS 1 replaced unsent."""
+        """Number of messages of QoS 0 that were lost for want of a connection, and states of QoS 1 replaced unsent."""
         return self._dropped_before + (self._link.dropped if self._link else 0)
 
     @property
     def given_up(self) -> int:
-        """How many messages of QoS 1 were given up: too many waited, they expired, or the broker refused them."""
+        """Number of messages of QoS 1 that were given up: too many waited, they expired, or the broker refused them."""
         return self._given_up_before + (self._link.given_up if self._link else 0)
 
     def undelivered(self) -> tuple[Message, ...]:
@@ -62,12 +58,8 @@ class PahoMessenger:
     def publish(self, message: Message) -> None:
         """Hand a message over and return at once.
 
-        Args:
-            message: What to send.
-
         Raises:
             ConfigError: Its topic cannot be one.
-            DeviceClosedError: The messenger is not open.
         """
         if not message.topic or any(character in message.topic for character in "+#\0"):
             raise ConfigError(f"{message.topic!r} is not a topic to publish to; rename what it is made from")

@@ -51,7 +51,7 @@ class _Client(Client):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Secrets:
-    """What is read from files when a messenger opens.
+    """The password and certificates that are read when a messenger opens.
 
     Attributes:
         password: The password, or None for none.
@@ -65,12 +65,6 @@ class Secrets:
 def read_secrets(options: MqttOptions) -> Secrets:
     """Read the files that the configuration names.
 
-    Args:
-        options: The configuration.
-
-    Returns:
-        What they hold.
-
     Raises:
         DeviceOpenError: One cannot be read or holds nothing of use.
     """
@@ -82,12 +76,6 @@ def read_secrets(options: MqttOptions) -> Secrets:
 
 def make_client(options: MqttOptions, secrets: Secrets, version: MQTTProtocolVersion, answer_s: float) -> Client:
     """Make a client that is ready to connect.
-
-    Args:
-        options: The configuration.
-        secrets: The password and the trusted certificates.
-        version: The version of MQTT to speak.
-        answer_s: How long connecting may take.
 
     Returns:
         The client. It has no thread, and tries nothing by itself.
@@ -112,9 +100,6 @@ def make_client(options: MqttOptions, secrets: Secrets, version: MQTTProtocolVer
 
 def publish_properties(message: Message) -> Properties | None:
     """Return the properties of MQTT 5 that a message needs.
-
-    Args:
-        message: The message.
 
     Returns:
         The properties, or None for none.

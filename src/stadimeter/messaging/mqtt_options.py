@@ -1,4 +1,4 @@
-"""What the configuration may say about MQTT."""
+"""The options of an MQTT messenger."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class MqttOptions(Options):
 
     @property
     def base(self) -> str:
-        """What every topic begins with."""
+        """The prefix of every topic."""
         return self.base_topic or f"stadimeter/{self.node}"
 
     @property

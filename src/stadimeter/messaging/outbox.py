@@ -11,7 +11,7 @@ from stadimeter.core.message import Message
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """A message, and when nobody wants it any more."""
+    """A message, and when it expires."""
 
     message: Message
     deadline_s: float
@@ -57,7 +57,6 @@ class MemoryOutbox:
         """Let a message of QoS 1 wait for its turn.
 
         Args:
-            message: The message.
             now_s: The time on any monotonic clock, the same for every call.
         """
         if len(self._waiting) >= self._capacity:
@@ -68,11 +67,8 @@ class MemoryOutbox:
     def take(self, now_s: float) -> Message | None:
         """Return the next message that may be sent now; it must then be reported to `sent`.
 
-        Args:
-            now_s: The time.
-
         Returns:
-            The oldest message that somebody still wants, with what is left of its life; None if there is none, or
+            The oldest message that has not expired, with what is left of its life; None if there is none, or
             enough are on the wire.
         """
         while self._waiting and len(self._unacknowledged) < self._window:
@@ -86,13 +82,7 @@ class MemoryOutbox:
         return None
 
     def sent(self, number: int, message: Message, now_s: float) -> None:
-        """Note that a message is on the wire.
-
-        Args:
-            number: Its number there.
-            message: The message.
-            now_s: The time.
-        """
+        """Note that a message is on the wire."""
         if message.qos == 0:
             self._unwritten.add(number)
         else:
@@ -103,7 +93,6 @@ class MemoryOutbox:
         """Note that a message was written (QoS 0) or answered (QoS 1). Unknown numbers are passed over.
 
         Args:
-            number: Its number on the wire.
             is_refused: Whether the answer was that it is not taken. It would not be another time either.
         """
         self._unwritten.discard(number)

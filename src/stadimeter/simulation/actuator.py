@@ -13,7 +13,7 @@ from stadimeter.errors import DeviceClosedError
 
 
 class SimulatedActuatorOptions(Options):
-    """What the table of a simulated actuator may hold."""
+    """The table of a simulated actuator in the configuration."""
 
     steps: int | None = Field(default=None, ge=1)
     """How many levels above off the device can do; None for any. 1 makes it a switch."""
@@ -36,10 +36,6 @@ class LevelChange:
 
 class SimulatedActuator:
     """An actuator that remembers what it did.
-
-    Args:
-        options: The actuator's table in the configuration.
-        context: The run that it is part of.
 
     Attributes:
         level: The level that it acts with.
@@ -66,14 +62,8 @@ class SimulatedActuator:
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Act as commanded.
 
-        Args:
-            command: The level to act with.
-
         Returns:
             The command with the level rounded to the nearest of the device's steps.
-
-        Raises:
-            DeviceClosedError: The actuator is not open.
         """
         self._check_open()
         level = round(command.level * self._steps) / self._steps if self._steps else command.level
@@ -81,14 +71,7 @@ class SimulatedActuator:
         return command if level == command.level else replace(command, level=level)
 
     def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; this device has no patterns
-        """Do nothing: it has no patterns.
-
-        Args:
-            now_s: The run's monotonic clock.
-
-        Raises:
-            DeviceClosedError: The actuator is not open.
-        """
+        """Do nothing: it has no patterns."""
         self._check_open()
 
     def stop(self) -> None:

@@ -22,7 +22,7 @@ def _check_speed(speed_mps: float) -> float:
 
 
 class SimulatedBaseOptions(Options):
-    """What the table of a simulated base may hold."""
+    """The table of a simulated base in the configuration."""
 
     max_wheel_speed: Annotated[Speed, AfterValidator(_check_speed)] = 0.5
     """No wheel runs faster."""
@@ -35,10 +35,6 @@ class SimulatedBase:
 
     **It stops by itself** ``auto_stop`` after the last command. It honours the knob ``base_unplugged``: the link is
     then lost until the base is opened again, and the wheels run on until they stop by themselves.
-
-    Args:
-        options: The base's table in the configuration.
-        context: The run that it is part of.
 
     Raises:
         ConfigError: The run has no world.
@@ -69,14 +65,10 @@ class SimulatedBase:
     def apply(self, command: TwistCommand) -> TwistCommand:
         """Move as commanded.
 
-        Args:
-            command: How to move.
-
         Returns:
             The motion, slowed down along the same curve if a wheel would run too fast.
 
         Raises:
-            DeviceClosedError: The base is not open.
             LinkLostError: The base was unplugged.
         """
         self._check_link()
@@ -90,11 +82,7 @@ class SimulatedBase:
     def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; the world's clock is the same
         """Notice that the base was unplugged.
 
-        Args:
-            now_s: The run's monotonic clock.
-
         Raises:
-            DeviceClosedError: The base is not open.
             LinkLostError: The base was unplugged.
         """
         self._check_link()

@@ -17,7 +17,7 @@ from stadimeter.simulation.renderer import Renderer
 from stadimeter.simulation.world import World, shared_world
 
 TIMEOUT_S = 0.1
-"""How long a reader of a blocked camera waits."""
+"""The time that a reader of a blocked camera waits."""
 
 
 def _check_rate(rate_hz: float) -> float:
@@ -27,7 +27,7 @@ def _check_rate(rate_hz: float) -> float:
 
 
 class SimulatedCameraOptions(Options):
-    """What the table of a simulated camera may hold."""
+    """The table of a simulated camera in the configuration."""
 
     rate: Annotated[Frequency, AfterValidator(_check_rate)] = 30.0
     """Frames in a second."""
@@ -40,13 +40,9 @@ class SimulatedCameraOptions(Options):
 class SimulatedCamera:
     """A camera on the simulated robot, level and looking straight ahead.
 
-    Its frames are at whole multiples of the frame time from when it was first opened; those that nobody read in time
+    Its frames are at whole multiples of the frame time from when it was first opened; those that were not read in time
     are passed over. It honours the knobs ``camera_frozen`` and ``camera_blocked``. Frozen, it delivers the same old
     frame again and again, with its old number and time, as a stuck driver does.
-
-    Args:
-        options: The camera's table in the configuration.
-        context: The run that it is part of.
 
     Raises:
         ConfigError: The run has no camera model or no world.
@@ -100,7 +96,6 @@ class SimulatedCamera:
 
         Raises:
             CaptureTimeoutError: The camera is blocked; `TIMEOUT_S` have passed.
-            DeviceClosedError: The camera is not open.
         """
         if not self._is_open or self._start_s is None:
             raise DeviceClosedError(f"the simulated camera '{self._name}' is not open")
@@ -133,12 +128,6 @@ class SimulatedCamera:
 
 def lens(context: DriverContext) -> CameraModel:
     """Return the camera model of a run.
-
-    Args:
-        context: The run that a simulated driver is part of.
-
-    Returns:
-        The model.
 
     Raises:
         ConfigError: The run has none.

@@ -42,7 +42,6 @@ class EmulatedPort:
 
     Args:
         firmware: The program behind the port. Its board has its own power and lives on without the cable.
-        clock: The run's clock.
         is_plugged: Asked at each service whether the cable is in.
         after_step: Called after each service; moves what the firmware drives.
 
@@ -77,11 +76,7 @@ class EmulatedPort:
         return str(self._link)
 
     def serve(self, now_s: float) -> None:
-        """Let the firmware live until now, carry bytes both ways, and move what it drives.
-
-        Args:
-            now_s: The run's clock.
-        """
+        """Let the firmware live until now, carry bytes both ways, and move what it drives."""
         with self._lock:
             self._firmware.step(now_s)
             self._follow_the_cable()

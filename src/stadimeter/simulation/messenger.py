@@ -14,7 +14,7 @@ from stadimeter.simulation.world import shared_world
 
 
 class SimulatedMessengerOptions(Options):
-    """What the table of a simulated messenger may hold."""
+    """The table of a simulated messenger in the configuration."""
 
     history: int = Field(default=1000, ge=1)
     """How many delivered messages are kept to look at."""
@@ -28,7 +28,6 @@ class SentMessage:
 
     Attributes:
         at_s: When it was delivered, on the run's clock.
-        message: The message.
     """
 
     at_s: float
@@ -52,10 +51,6 @@ class SimulatedMessenger:
 
     It honours the knob ``broker_gone``. What waits is delivered when the messenger is next used after the broker came
     back: a cycle later in a run.
-
-    Args:
-        options: The messenger's table in the configuration.
-        context: The run that it is part of.
 
     Attributes:
         dropped: How many messages of QoS 0 were lost for want of a broker.
@@ -86,14 +81,7 @@ class SimulatedMessenger:
         self._is_open = True
 
     def publish(self, message: Message) -> None:
-        """Deliver a message, or keep it until the broker is back.
-
-        Args:
-            message: What to send.
-
-        Raises:
-            DeviceClosedError: The messenger is not open.
-        """
+        """Deliver a message, or keep it until the broker is back."""
         if not self._is_open:
             raise DeviceClosedError(f"the simulated messenger '{self._name}' is not open")
         if message.qos == 0 and self._world.faults.broker_gone:

@@ -34,9 +34,6 @@ def gaussian_pair(*keys: int) -> tuple[float, float]:
 
     Args:
         keys: Whole numbers, such as a seed and a frame's sequence number.
-
-    Returns:
-        The two numbers.
     """
     bits = scramble(*keys)
     radius = math.sqrt(-2.0 * math.log(((bits >> 32) + 1) / 2**32))

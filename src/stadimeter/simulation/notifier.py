@@ -13,7 +13,7 @@ from stadimeter.errors import DeviceClosedError
 
 
 class SimulatedNotifierOptions(Options):
-    """What the table of a simulated notifier may hold."""
+    """The table of a simulated notifier in the configuration."""
 
     history: int = Field(default=1000, ge=1)
     """How many delivered notifications are kept to look at."""
@@ -27,7 +27,6 @@ class SentNotification:
 
     Attributes:
         at_s: When it was delivered, on the run's clock.
-        notification: The notification.
     """
 
     at_s: float
@@ -37,12 +36,8 @@ class SentNotification:
 class SimulatedNotifier:
     """A notifier that needs no service, and no world either. What waits is delivered when it is next used.
 
-    Args:
-        options: The notifier's table in the configuration.
-        context: The run that it is part of.
-
     Attributes:
-        is_gone: The knob: nobody answers where the service was.
+        is_gone: The knob: the service is away.
         given_up: How many notifications were pushed out of the queue.
     """
 
@@ -67,14 +62,7 @@ class SimulatedNotifier:
         self._is_open = True
 
     def notify(self, notification: Notification) -> None:
-        """Deliver a notification, or keep it until the service is back.
-
-        Args:
-            notification: What people are told.
-
-        Raises:
-            DeviceClosedError: The notifier is not open.
-        """
+        """Deliver a notification, or keep it until the service is back."""
         if not self._is_open:
             raise DeviceClosedError(f"the simulated notifier '{self._name}' is not open")
         if len(self._waiting) >= self._queue:

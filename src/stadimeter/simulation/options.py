@@ -1,4 +1,4 @@
-"""What the table ``[world]`` of a configuration may hold."""
+"""The options of the simulated world: the table ``[world]`` of a configuration."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Coordinate = Annotated[float, BeforeValidator(parse_coordinate), as_written(LENG
 
 
 class WayPoint(Options):
-    """Where the ball is at some time."""
+    """The position of the ball at some time."""
 
     at: Duration
     """When, in seconds from the start of the run."""
@@ -32,7 +32,7 @@ class WayPoint(Options):
 
 
 class FaultKind(StrEnum):
-    """What can go wrong in the world."""
+    """The faults of the simulated world."""
 
     HIDE_TARGET = "hide-target"
     FREEZE_CAMERA = "freeze-camera"

@@ -18,7 +18,7 @@ Plane = NDArray[np.float32]
 BALL_BGR = (52, 232, 190)
 """The yellowish green of a tennis ball. Shading scales all three alike, so hue and saturation hold on the dark side."""
 LIGHT = (-0.37, -0.83, -0.42)
-"""Where the light comes from, in the camera frame: from above, from the left and from behind the camera."""
+"""The direction of the light, in the camera frame: from above, from the left and from behind the camera."""
 DARKEST = 0.42
 FINE_PX = 96
 """A ball of fewer samples across is sampled more finely."""
@@ -54,10 +54,8 @@ def paint_ball(image: Image, model: CameraModel, centre_m: Vector, radius_m: flo
     """Paint a ball into a picture.
 
     Args:
-        image: The picture, which is changed.
         model: The camera; its resolution is the picture's.
         centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-        radius_m: The ball's radius.
     """
     if centre_m[2] <= -radius_m:
         return
@@ -123,10 +121,8 @@ def paint_shadow(image: Image, model: CameraModel, centre_m: Vector, radius_m: f
     """Darken the floor under a ball.
 
     Args:
-        image: The picture, which is changed.
         model: The camera; its resolution is the picture's.
         centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-        radius_m: The ball's radius.
         camera_height_m: Height of the camera above the floor.
     """
     x, y, z = centre_m

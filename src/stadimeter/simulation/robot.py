@@ -12,16 +12,14 @@ from stadimeter.core.clock import Clock
 from stadimeter.errors import CommandRangeError, DriverError
 
 MEMORY = 1000
-"""How many changes of speed a robot remembers: 20 s of one every 20 ms."""
+"""Changes of speed that a robot remembers: 20 s of one every 20 ms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """Where something is on the floor and where it faces, as in ROS REP 103.
+    """Position on the floor, x to the east and y to the north, and heading, as in ROS REP 103.
 
     Attributes:
-        x_m: To the east.
-        y_m: To the north.
         heading_rad: Counter-clockwise from east, not wrapped: a full turn to the left adds 2π.
     """
 
@@ -35,10 +33,8 @@ class _Leg:
     """A stretch of time with the same wheel speeds: an arc of a circle, then standing still.
 
     Attributes:
-        begin_s: When it began.
         moving_s: For how long the wheels turn, at most.
         wheels_mps: Speeds of the left and the right wheel.
-        pose: Where it began.
         travel_m: What each wheel had covered when it began.
     """
 
@@ -54,16 +50,13 @@ class _Leg:
 
 
 class DifferentialRobot:
-    """A robot on two driven wheels that hold the speed that they are told, without slip.
+    """A robot on two driven wheels that hold the commanded speed, without slip.
 
     It takes no steps: with steady wheels a robot runs along an arc of a circle, so the pose at any time follows exactly
     from the last change of speed. May be used from several threads.
 
     Args:
-        track_width_m: Distance between the wheels.
         ticks_per_metre: Ticks that a wheel's encoder counts on a metre.
-        start: Where it starts, standing.
-        clock: The run's clock.
     """
 
     def __init__(self, *, track_width_m: float, ticks_per_metre: float, start: Pose, clock: Clock) -> None:
@@ -79,7 +72,6 @@ class DifferentialRobot:
 
         Args:
             left_mps: Speed of the left wheel over the floor, forwards positive.
-            right_mps: Speed of the right wheel.
             until_s: When the wheels stop by themselves, on the run's clock.
 
         Raises:
@@ -104,29 +96,23 @@ class DifferentialRobot:
 
     @property
     def pose(self) -> Pose:
-        """Where the robot is now."""
+        """The present pose of the robot."""
         return self.pose_at(self._clock.now_s())
 
     @property
     def wheels_mps(self) -> tuple[float, float]:
-        """How fast the left and the right wheel turn now."""
+        """The present speeds of the left and the right wheel."""
         leg, now_s = self._legs[-1], self._clock.now_s()
         return leg.wheels_mps if now_s - leg.begin_s < leg.moving_s else (0.0, 0.0)
 
     @property
     def ticks(self) -> tuple[int, int]:
-        """What the encoders of the left and the right wheel have counted since the start."""
+        """The encoder counts of the left and the right wheel since the start."""
         left_m, right_m = _travel_on(self._legs[-1], self._clock.now_s())
         return (math.floor(left_m * self.ticks_per_metre), math.floor(right_m * self.ticks_per_metre))
 
     def pose_at(self, time_s: float) -> Pose:
         """Return where the robot was at a time, or will be if the wheels go on like this.
-
-        Args:
-            time_s: A time on the run's clock.
-
-        Returns:
-            The pose.
 
         Raises:
             DriverError: That is longer ago than the robot remembers.

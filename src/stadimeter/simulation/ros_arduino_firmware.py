@@ -30,7 +30,7 @@ _LEADING_INTEGER = re.compile(rb"\s*([+-]?\d+)")
 
 
 class CommandLine:
-    """How the sketch collects a command: one letter, two arguments after spaces, ended by a carriage return only.
+    """The sketch's command parser: one letter, two arguments after spaces, ended by a carriage return only.
 
     Attributes:
         overrun: Whether an argument was written past its 16 bytes. What a real board does then is undefined.
@@ -44,9 +44,6 @@ class CommandLine:
 
     def take(self, byte: int) -> tuple[bytes, int, int] | None:
         """Take one byte.
-
-        Args:
-            byte: From the line.
 
         Returns:
             The letter and both arguments if the byte completes a command. Arguments that are no numbers are 0, as
@@ -109,11 +106,6 @@ class RosArduinoFirmware:
     Attributes:
         silent: Fault: bytes from the host are lost, and nothing is answered. Motors and the automatic stop work on.
         use_base_off: Fault: the sketch was built without ``USE_BASE`` and knows no motor commands.
-        left: The left wheel.
-        right: The right wheel.
-
-    Args:
-        started_s: When the board was switched on.
     """
 
     def __init__(self, started_s: float = 0.0) -> None:
@@ -142,15 +134,7 @@ class RosArduinoFirmware:
         return self._line.overrun
 
     def receive(self, data: bytes, now_s: float) -> bytes:
-        """Take bytes from the host.
-
-        Args:
-            data: The bytes.
-            now_s: When they came.
-
-        Returns:
-            What the board answers.
-        """
+        """Take bytes from the host."""
         self.step(now_s)
         answer = b""
         for byte in data:
@@ -227,10 +211,6 @@ class EmulatedRosArduino:
         firmware: The board, with its own knobs for faults. The cable's is ``world.faults.base_unplugged``.
         port: Where a driver finds it.
 
-    Args:
-        world: The world with the robot.
-        clock: The run's clock.
-
     Raises:
         DeviceOpenError: The system has no pseudo-terminal left.
     """
@@ -256,9 +236,6 @@ def emulated_ros_arduino(context: DriverContext) -> EmulatedRosArduino:
 
     Args:
         context: The run. It closes the port at its end.
-
-    Returns:
-        The board.
 
     Raises:
         ConfigError: The run has no world.

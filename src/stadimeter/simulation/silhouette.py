@@ -1,4 +1,4 @@
-"""What a ball looks like through a pinhole, exactly.
+"""The exact outline of a ball through a pinhole.
 
 The rays that touch a ball form a cone, and the picture plane cuts the cone in an ellipse. With the ball's centre at
 ``c`` and its radius ``r``, a ray ``d`` hits the ball if ``(d·c)² >= |d|² (|c|² - r²)``; the dual of that conic is
@@ -62,9 +62,7 @@ def silhouette(model: CameraModel, centre_m: Vector, radius_m: float) -> Silhoue
     """Return the ellipse that a ball fills in a picture.
 
     Args:
-        model: The camera.
         centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-        radius_m: The ball's radius.
 
     Returns:
         The ellipse, which may lie outside the picture; None if some of the ball is not in front of the camera.
@@ -105,7 +103,6 @@ def hits(direction: tuple[float, float], centre_m: Vector, radius_m: float) -> b
     Args:
         direction: The ray as x and y per unit of depth.
         centre_m: The ball's centre in the camera frame.
-        radius_m: The ball's radius.
 
     Returns:
         True if it does, the limb included.

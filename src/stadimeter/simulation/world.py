@@ -2,16 +2,144 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.clock import Clock
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.ball import Ball
-from stadimeter.simulation.faults import Faults, FaultSchedule
-from stadimeter.simulation.options import WorldOptions
+from stadimeter.simulation.options import FaultKind, ScheduledFault, WayPoint, WorldOptions
 from stadimeter.simulation.robot import DifferentialRobot, Pose
+
+
+class Ball:
+    """A ball that moves along way points.
+
+    Between two way points each coordinate is a monotone cubic (F. N. Fritsch and J. Butland, "A method for constructing
+    local monotone piecewise cubic interpolants", 1984): the speed never jumps, the ball never goes beyond its way
+    points, and it stands still between two that are equal.
+
+    Args:
+        height_m: Height of its centre above the floor.
+        path: Where it is when; times count from ``start_s``.
+        loop: Whether it begins again at the end of its path, or stays there.
+        start_s: The time on the run's clock at which the path begins.
+    """
+
+    def __init__(
+        self, *, diameter_m: float, height_m: float, path: Sequence[WayPoint], loop: bool, start_s: float = 0.0
+    ) -> None:
+        self.diameter_m = diameter_m
+        self.height_m = height_m
+        self._start_s = start_s
+        self._times_s = [point.at for point in path]
+        self._period_s = self._times_s[-1] if loop and len(path) > 1 else None
+        self._x = _Coordinate(self._times_s, [point.x for point in path], loop)
+        self._y = _Coordinate(self._times_s, [point.y for point in path], loop)
+
+    def position_m(self, time_s: float) -> tuple[float, float, float]:
+        """Return where the ball's centre is: x to the east, y to the north, z up from the floor."""
+        into_s = max(0.0, time_s - self._start_s)
+        if self._period_s is not None:
+            into_s %= self._period_s
+        if into_s >= self._times_s[-1]:
+            return (self._x.values[-1], self._y.values[-1], self.height_m)
+        index = bisect.bisect_right(self._times_s, into_s) - 1
+        return (self._x.between(index, into_s), self._y.between(index, into_s), self.height_m)
+
+
+class _Coordinate:
+    """One coordinate of the path: values at times, and the speed at each of them."""
+
+    def __init__(self, times_s: list[float], values: list[float], loop: bool) -> None:
+        self.values = values
+        self._times_s = times_s
+        self._speeds = _speeds(times_s, values, loop)
+
+    def between(self, index: int, time_s: float) -> float:
+        """Return the value at a time between way points ``index`` and the next, by a cubic Hermite curve."""
+        span_s = self._times_s[index + 1] - self._times_s[index]
+        share = (time_s - self._times_s[index]) / span_s
+        rest = 1 - share
+        return rest * rest * (
+            (1 + 2 * share) * self.values[index] + share * span_s * self._speeds[index]
+        ) + share * share * ((1 + 2 * rest) * self.values[index + 1] - rest * span_s * self._speeds[index + 1])
+
+
+def _speeds(times_s: list[float], values: list[float], loop: bool) -> list[float]:
+    """Return the speed at each way point. The path begins and ends at rest, unless it is a loop."""
+    spans = [(end - begin) for begin, end in pairwise(times_s)]
+    slopes = [(end - begin) / span for (begin, end), span in zip(pairwise(values), spans, strict=True)]
+    inner = [_speed_between(*both) for both in zip(pairwise(spans), pairwise(slopes), strict=True)]
+    ends = _speed_between((spans[-1], spans[0]), (slopes[-1], slopes[0])) if loop and spans else 0.0
+    return [ends, *inner, ends] if spans else [0.0]
+
+
+def _speed_between(spans: tuple[float, float], slopes: tuple[float, float]) -> float:
+    """Return the weighted harmonic mean of two slopes, or 0 where the direction turns."""
+    if slopes[0] * slopes[1] <= 0:
+        return 0.0
+    weights = (spans[0] + 2 * spans[1], 2 * spans[0] + spans[1])
+    return sum(weights) / (weights[0] / slopes[0] + weights[1] / slopes[1])
+
+
+@dataclass(slots=True)
+class Faults:
+    """The knobs. Tests and people turn them by hand; the schedule of the configuration turns them too.
+
+    Attributes:
+        target_hidden: Nobody can see the ball.
+        camera_frozen: The camera keeps delivering the same old frame, as a stuck driver does.
+        camera_blocked: No frame comes from the camera.
+        base_unplugged: The cable to the robot base is out.
+        broker_gone: Nobody answers where the message broker was.
+    """
+
+    target_hidden: bool = False
+    camera_frozen: bool = False
+    camera_blocked: bool = False
+    base_unplugged: bool = False
+    broker_gone: bool = False
+
+
+KNOBS = {
+    FaultKind.HIDE_TARGET: "target_hidden",
+    FaultKind.FREEZE_CAMERA: "camera_frozen",
+    FaultKind.BLOCK_CAMERA: "camera_blocked",
+    FaultKind.UNPLUG_BASE: "base_unplugged",
+    FaultKind.BROKER_GONE: "broker_gone",
+}
+
+
+class FaultSchedule:
+    """Turns knobs at set times. A knob that was turned by hand stays so until its next time comes.
+
+    Args:
+        planned: What goes wrong when. Faults of one kind may overlap.
+        start_s: The time that the plan counts from.
+    """
+
+    def __init__(self, planned: Sequence[ScheduledFault], start_s: float) -> None:
+        self._spans = [(fault.kind, start_s + fault.at, start_s + _end_s(fault)) for fault in planned]
+        self._left = sorted(
+            {(time_s, kind) for kind, begin_s, end_s in self._spans for time_s in (begin_s, end_s)}, reverse=True
+        )
+
+    def turn(self, faults: Faults, now_s: float) -> None:
+        """Turn every knob whose time has come since the last call."""
+        while self._left and self._left[-1][0] <= now_s:
+            time_s, kind = self._left.pop()
+            active = any(kind is other and begin_s <= time_s < end_s for other, begin_s, end_s in self._spans)
+            setattr(faults, KNOBS[kind], active)
+
+
+def _end_s(fault: ScheduledFault) -> float:
+    return float("inf") if fault.duration is None else fault.at + fault.duration
+
 
 SHARED_NAME = "world"
 """Under this name the drivers of a run share the world."""
@@ -25,7 +153,6 @@ class World:
     so a question is answered for the moment that it is about. May be used from several threads.
 
     Args:
-        options: What is in it.
         clock: The run's clock. The times in the options count from what it shows now.
     """
 
@@ -88,9 +215,6 @@ class World:
         Args:
             time_s: A time on the run's clock; None for now.
 
-        Returns:
-            The distance in metres.
-
         Raises:
             DriverError: That is longer ago than the robot remembers.
         """
@@ -102,9 +226,6 @@ def shared_world(context: DriverContext) -> World:
 
     Args:
         context: The run that a driver is part of.
-
-    Returns:
-        The world.
 
     Raises:
         ConfigError: The run has none.

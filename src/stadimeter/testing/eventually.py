@@ -14,10 +14,6 @@ def eventually(condition: Callable[[], ResultT], within_s: float = 20.0) -> Resu
 
     Args:
         condition: Returns something true when it holds. It is asked again and again.
-        within_s: For how long.
-
-    Returns:
-        What the condition returned.
 
     Raises:
         AssertionError: It did not hold in time.

@@ -9,9 +9,5 @@ class ManualClock(SteppedClock):
     """A clock that a test moves."""
 
     def advance_s(self, seconds: float) -> None:
-        """Move the clock on, calling on the way whatever is due.
-
-        Args:
-            seconds: By how much.
-        """
+        """Move the clock on, calling on the way whatever is due."""
         self.sleep_until_s(self.now_s() + seconds)

@@ -10,7 +10,7 @@ import pytest
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError
-from stadimeter.messaging.notifier_protocol import Notifier
+from stadimeter.messaging.protocol import Notifier
 from stadimeter.testing.rig import Rig, threads_left
 
 GONE, SILENT = "gone", "silent"

@@ -1,4 +1,4 @@
-"""What actuators and bases have in common: taking and releasing the device, coming to rest, failing."""
+"""The contract that actuators and bases share: taking and releasing the device, coming to rest, failing."""
 
 from __future__ import annotations
 

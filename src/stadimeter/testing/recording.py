@@ -1,4 +1,4 @@
-"""Recording doubles: outputs and a messenger that act on nothing, and remember everything they were told."""
+"""Recording doubles: outputs and a messenger that act on nothing, and remember every call."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ class Call:
 
     Attributes:
         at_s: When, on the double's clock.
-        device: The double's name.
-        action: Which of its methods.
         command: What `apply` was given; None for every other action.
     """
 
@@ -33,13 +31,11 @@ class Call:
 
 
 class RecordingOutput(Generic[CommandT]):
-    """What the recording actuator and the recording base share.
+    """The common part of the recording actuator and the recording base.
 
     A call that fails is recorded as well. Ticks are not recorded: there are too many of them.
 
     Args:
-        clock: Tells the times that are recorded.
-        name: Its name in the records.
         calls: Where to record; hand the same list to several doubles to see the order between them.
 
     Attributes:
@@ -47,7 +43,6 @@ class RecordingOutput(Generic[CommandT]):
         commands: The commands that `apply` was given, in order.
         command_times_s: When each of them came.
         stop_times_s: When `stop` was called while it was open. Closing stops too, and counts.
-        is_open: Whether it is open.
         fail_with: If set, the actions in `fail_on` raise this.
         fail_on: Which actions fail while `fail_with` is set.
     """
@@ -66,7 +61,7 @@ class RecordingOutput(Generic[CommandT]):
 
     @property
     def current(self) -> CommandT | None:
-        """What it acts on now; None when it was opened, stopped or closed after the newest command."""
+        """The command in effect; None when it was opened, stopped or closed after the newest command."""
         return self._command
 
     def open(self) -> None:
@@ -87,7 +82,7 @@ class RecordingOutput(Generic[CommandT]):
     def tick(self, now_s: float) -> None:  # noqa: ARG002 - part of the interface; nothing moves on here
         """Do nothing but check that it is open."""
         self._check_open()
-        self._fail_if_told("tick")
+        self._fail_if_asked("tick")
 
     def stop(self) -> None:
         """Rest; nothing is recorded when closed."""
@@ -97,7 +92,7 @@ class RecordingOutput(Generic[CommandT]):
             self._command = None
 
     def close(self) -> None:
-        """Stop, then close; nothing is recorded when it is closed already. It is closed even if it is told to fail."""
+        """Stop, then close; nothing is recorded when it is closed already. It is closed even if it is set to fail."""
         if not self.is_open:
             return
         try:
@@ -113,9 +108,9 @@ class RecordingOutput(Generic[CommandT]):
 
     def _record(self, action: Action, command: CommandT | None = None) -> None:
         self.calls.append(Call(at_s=self._clock.now_s(), device=self._name, action=action, command=command))
-        self._fail_if_told(action)
+        self._fail_if_asked(action)
 
-    def _fail_if_told(self, action: Action) -> None:
+    def _fail_if_asked(self, action: Action) -> None:
         if self.fail_with is not None and action in self.fail_on:
             raise self.fail_with
 
@@ -150,8 +145,6 @@ class RecordingMessenger:
         messages: What was published, in order.
         given_up: How many messages it says that it gave up.
         left: What it says that it has not delivered.
-        is_open: Whether it is open.
-        trouble_text: What `trouble` returns.
         fail_with: If set, `publish` raises this.
     """
 
@@ -176,11 +169,11 @@ class RecordingMessenger:
         self.messages.append(message)
 
     def undelivered(self) -> tuple[Message, ...]:
-        """Return what it was told to have left."""
+        """Return what `left` says."""
         return self.left
 
     def trouble(self) -> str:
-        """Return the trouble that it was told to have."""
+        """Return what `trouble_text` says."""
         return self.trouble_text
 
     def close(self) -> None:
@@ -188,12 +181,5 @@ class RecordingMessenger:
         self.is_open = False
 
     def payloads(self, topic: str) -> list[str]:
-        """Return what was published to a topic, in order.
-
-        Args:
-            topic: The topic, such as ``target/ball/state``.
-
-        Returns:
-            The payloads.
-        """
+        """Return what was published to a topic, in order."""
         return [message.payload for message in self.messages if message.topic == topic]

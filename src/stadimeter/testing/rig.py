@@ -86,7 +86,7 @@ class Stopwatch:
 
 @contextmanager
 def _alarm(message: Callable[[], str]) -> Iterator[None]:
-    """Fail the test if the block does not end; only where signals arrive and nobody else uses this one."""
+    """Fail the test if the block does not end; only where signals arrive and this one is free."""
     is_free = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGALRM) in {
         signal.SIG_DFL,
         signal.SIG_IGN,
@@ -170,7 +170,7 @@ class OutputRig(Rig[DeviceT]):
     clock: ManualClock
     is_held: Callable[[], bool]
     settles_s: ClassVar[float]
-    """How long the device may take to come to rest after a stop."""
+    """Time that the device may take to come to rest after a stop."""
 
     @abstractmethod
     def rests(self) -> bool:

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 from gpiozero.pins.mock import MockFactory, MockPWMPin
 
-from stadimeter.actuators.pin_factory import SHARED_KEY
+from stadimeter.actuators.output_pin import SHARED_KEY
 from stadimeter.config.plugins import DriverContext
 from stadimeter.simulation.emulated_port import EmulatedPort
 
