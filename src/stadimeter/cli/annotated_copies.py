@@ -30,11 +30,7 @@ def copy_paths(images: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
     No copy has the name of its picture, so that the folder may be the pictures' own.
 
     Args:
-        images: The pictures.
         folder: Where to; it is made if it is not there. None for no copies.
-
-    Returns:
-        The copy of each picture.
 
     Raises:
         ConfigError: The folder cannot be made.
@@ -58,15 +54,11 @@ def copy_paths(images: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
 
 
 def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) -> tuple[Mark, ...]:
-    """Say what to draw into the copy of a picture.
+    """Return what to draw into the copy of a picture.
 
     Args:
-        result: What was found in it.
         unit: The unit of the headlines.
         explain: Whether to draw what was looked at and rejected as well.
-
-    Returns:
-        One mark for each target.
     """
     marks = (_mark(each, unit) for each in result.targets)
     if not explain:

@@ -16,11 +16,7 @@ from stadimeter.workbench.bench import DetectorSpeed, Figures, Latency, measure
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command."""
     app.command("bench")(bench)
 
 
@@ -82,6 +78,6 @@ def _latency_in_words(latency: Latency) -> str:
     if latency.p50_ms is None:
         return "From frame to actuator: not measured."
     return (
-        f"From frame to actuator: {latency.p50_ms:.2f} ms in the middle, 95 in 100 below {latency.p95_ms:.2f} ms, "
-        f"99 in 100 below {latency.p99_ms:.2f} ms, over {latency.frames} frames of the demonstration."
+        f"From frame to actuator: median {latency.p50_ms:.2f} ms, p95 {latency.p95_ms:.2f} ms, "
+        f"p99 {latency.p99_ms:.2f} ms, over {latency.frames} frames of the demonstration."
     )

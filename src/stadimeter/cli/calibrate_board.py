@@ -43,11 +43,11 @@ def board(
     square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square, such as 25mm.")],
     chessboard: Annotated[
         str | None,
-        typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard with so many inner corners, such as 9x6."),
+        typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard with this many inner corners, such as 9x6."),
     ] = None,
     charuco: Annotated[
         str | None,
-        typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board of so many squares, such as 5x7."),
+        typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board of this many squares, such as 5x7."),
     ] = None,
     marker: Annotated[
         str | None, typer.Option("--marker", metavar="LENGTH", help="Side of a marker of the ChArUco board.")
@@ -74,9 +74,9 @@ def board(
     A low reprojection error alone says little. What counts is the standard deviation of the focal length, which is
     written to the camera file and into every distance.
 
-    With --live nobody needs to take pictures: move the board about before the camera, and hold it still for a moment
-    each time. Each view that is taken is told with its error, and with what is still missing. It ends when the views
-    are enough, or with Ctrl-C, and calibrates from what it has.
+    With --live pictures are taken by themselves: move the board about before the camera, and hold it still for a moment
+    each time. Each view that is taken is reported with its error, and with what is still missing. It ends when the
+    views are enough, or with Ctrl-C, and calibrates from what it has.
 
     **Examples**
 

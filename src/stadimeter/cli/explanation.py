@@ -24,9 +24,6 @@ _NO_SHARE = 5e-6
 def explanation(result: TargetResult) -> list[str]:
     """Explain what became of a target in a picture.
 
-    Args:
-        result: What became of it.
-
     Returns:
         Lines of text, to stand below the one with the result; none for a picture that could not be read.
     """
@@ -34,15 +31,12 @@ def explanation(result: TargetResult) -> list[str]:
     if found is None:
         return []
     is_there = found.status is not DetectionStatus.NOT_FOUND
-    told = _found(found, result.measurement, result.parts) if is_there else []
-    return [f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}" for label, words in (*told, *_rejected(result, found))]
+    seen = _found(found, result.measurement, result.parts) if is_there else []
+    return [f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}" for label, words in (*seen, *_rejected(result, found))]
 
 
 def explanation_record(result: TargetResult) -> dict[str, object]:
     """Return the same as `explanation` as further fields of the object that ``--json`` prints.
-
-    Args:
-        result: What became of the target.
 
     Returns:
         Lengths in metres and in pixels; null where the target was not found.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 MANY_PICTURES = 5
-"""More pictures than this have a progress bar, where somebody is looking."""
+"""More pictures than this have a progress bar, on a terminal."""
 
 EXIT_CODES = {
     MeasurementStatus.MEASURED: DONE,
@@ -40,11 +40,7 @@ EXIT_CODES = {
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the command line.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command to the command line."""
     app.command()(measure)
 
 
@@ -211,7 +207,7 @@ def _in_words(result: TargetResult, unit: LengthUnit) -> str:
 
 
 def _counted(images: Sequence[Path]) -> Iterator[Path]:
-    """Yield the pictures, with a progress bar if there are many and somebody is looking."""
+    """Yield the pictures, with a progress bar if there are many and standard error is a terminal."""
     if len(images) <= MANY_PICTURES or not sys.stderr.isatty():
         yield from images
         return

@@ -10,7 +10,7 @@ With λ₁ ≥ λ₂ > 0 > λ₃ the eigenvalues of Q, and x and z along the eig
 ``Q⁻¹ n`` times ``-r sqrt(-λ₁ λ₃)``: the centre of the ellipse is not the picture of the circle's centre. Being mirrored
 about the cone's axis, both poses have the same distance and are turned away from their line of sight by the same angle.
 Written with the tangents a ≥ b of the cone's half angles, the distance is ``r sqrt(1 + (1 - b²) / a²)``: from far away
-the larger one alone tells it.
+the larger one alone determines it.
 """
 
 from __future__ import annotations
@@ -105,10 +105,6 @@ def cone_through(directions: Points) -> Matrix | None:
 
 def circle_poses(cone: Matrix, diameter_m: float) -> CirclePoses | None:
     """Return the two poses of a circle in front of the camera that is seen on a cone.
-
-    Args:
-        cone: As `cone_through` returns it.
-        diameter_m: The circle's diameter.
 
     Returns:
         The poses; None if the cone is not elliptical.
