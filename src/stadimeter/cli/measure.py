@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
-from stadimeter.cli.annotated_copies import copy_paths, marks_of
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, told_plainly
-from stadimeter.cli.explanation import explanation, explanation_record
+from stadimeter.cli.explanation import copy_paths, explanation, explanation_record, marks_of
 from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_distance, format_tilt
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
