@@ -212,6 +212,7 @@ def _per_bias(known: KnownDistance, plain: CameraModel, focal_px: float) -> floa
 def _focal_px(known: KnownDistance, plain: CameraModel) -> float:
     """Return the focal length with which the known depth is measured: a larger one always gives a larger depth."""
     low_px = high_px = plain.fx_px
+    # First enclose it between two focal lengths of which the larger measures too far, the smaller too near.
     for _ in range(_DOUBLINGS):
         if measured_depth_m(known, _with_focal_length(plain, high_px)) >= known.depth_m:
             break
@@ -220,6 +221,7 @@ def _focal_px(known: KnownDistance, plain: CameraModel) -> float:
         if measured_depth_m(known, _with_focal_length(plain, low_px)) <= known.depth_m:
             break
         low_px, high_px = low_px / 2, low_px
+    # The geometric mean, since a focal length is a scale: the relative error halves with each step.
     for _ in range(_HALVINGS):
         middle_px = math.sqrt(low_px * high_px)
         if measured_depth_m(known, _with_focal_length(plain, middle_px)) < known.depth_m:

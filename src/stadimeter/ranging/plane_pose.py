@@ -106,6 +106,7 @@ def _middle(half_width_m: float, half_height_m: float, seen: Seen) -> _Middle | 
     if not determinant:
         return None
     g, h = (x_sum * y32 - x32 * y_sum) / determinant, (x12 * y_sum - x_sum * y12) / determinant
+    # The denominator of the homography at the centre, where u = v = 1/2; it is 0 on the horizon of the plane.
     depth = 1 + (g + h) / 2
     if not depth > 0:
         return None
@@ -132,6 +133,8 @@ def _turns(middle: _Middle) -> list[tuple[Vector, Vector]]:
     if not largest > 0:
         return []
     m00, m01, m10, m11 = m00 / largest, m01 / largest, m10 / largest, m11 / largest
+    # The columns of a rotation have length 1, so the third components follow but for a common sign: the two poses.
+    # Their relative sign follows from the columns being at right angles.
     right_z = math.sqrt(max(0.0, 1 - m00 * m00 - m10 * m10))
     up_z = math.copysign(math.sqrt(max(0.0, 1 - m01 * m01 - m11 * m11)), -(m00 * m01 + m10 * m11))
     turns = []
@@ -160,6 +163,8 @@ def _placed(right: Vector, up: Vector, half_width_m: float, half_height_m: float
         first += off_x
         second += off_y
         third += x * off_x + y * off_y
+    # Each corner gives X - x Z = off_x and Y - y Z = off_y in the position (X, Y, Z). X and Y are eliminated from the
+    # normal equations, which leaves one for Z; its coefficient is the scatter of the seen corners about their mean.
     spread = squares - (sum_x * sum_x + sum_y * sum_y) / 4
     if not spread > 0:
         return None
