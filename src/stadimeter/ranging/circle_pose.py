@@ -86,7 +86,7 @@ def cone_through(directions: Points) -> Matrix | None:
     """
     if len(directions) < LEAST_POINTS or not np.isfinite(directions).all():
         return None
-    # Centred and of unit size, so that the five unknowns are of one magnitude and the normal equations well conditioned.
+    # Centred and of unit size: the five unknowns are of one magnitude, and the normal equations well conditioned.
     middle = directions.mean(axis=0)
     size = math.sqrt(float(np.mean((directions - middle) ** 2)))
     if not size > 0:
