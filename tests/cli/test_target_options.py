@@ -107,3 +107,47 @@ def test_a_tolerance_that_is_no_length_is_told_by_its_option(wrong: str) -> None
 def test_with_a_configuration_the_tolerance_stands_in_the_table(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="--tolerance"):
         _wanted(tolerance="1 mm", config=tmp_path / "any.toml")
+
+
+def test_any_kind_is_described_by_the_keys_of_its_table() -> None:
+    wanted = _wanted(target="disc diameter=12cm shade=dark min_diameter_px=20")
+    (choice,) = wanted.choices
+    assert (choice.name, choice.options.diameter, choice.options.shade) == ("disc", pytest.approx(0.12), "dark")
+    assert wanted.unit is CENTIMETRE
+    (by_flags,) = _wanted(tag="8cm", family="36h11", tag_id=4).choices
+    (by_keys,) = _wanted(target="tag side=8cm family=36h11 id=4").choices
+    assert by_keys.options == by_flags.options
+
+
+def test_a_tolerance_may_stand_in_the_target_or_beside_it() -> None:
+    (inside,) = _wanted(target="ball diameter='6.4 cm' hsv=29,86,6:64,255,255 tolerance=1mm").choices
+    (beside,) = _wanted(target="ball diameter=6.4cm hsv=29,86,6:64,255,255", tolerance="1 mm").choices
+    assert inside.options == beside.options
+
+
+@pytest.mark.parametrize(
+    ("target", "said"),
+    [
+        ("disk diameter=12cm", "no detector driver is called 'disk'; did you mean 'disc'?"),
+        ("disc diametre=12cm", "unknown key 'diametre' (did you mean 'diameter'?)"),
+        ("disc", "'diameter' is missing"),
+        ("disc diameter=12", "diameter: 12 has no unit"),
+        ("disc diameter=12cm shade=drak", "shade: 'drak' is not one of: bright, dark, any (did you mean 'dark'?)"),
+        ("disc 12cm", "'12cm' is not KEY=VALUE"),
+        ("disc =12cm", "'=12cm' is not KEY=VALUE"),
+        ("disc diameter=1cm diameter=2cm", "diameter is given twice"),
+        ("", "'' is not a kind with keys"),
+        ("disc 'diameter=1cm", "is not a kind with keys"),
+    ],
+)
+def test_what_is_wrong_with_a_target_is_said_with_its_option(target: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(said)) as caught:
+        _wanted(target=target)
+    assert str(caught.value).startswith("--target: ")
+
+
+def test_a_target_and_a_short_option_exclude_each_other() -> None:
+    with pytest.raises(ConfigError, match="--disc and --target exclude each other"):
+        _wanted(disc="12 cm", target="disc diameter=12cm")
+    with pytest.raises(ConfigError, match="give --ball DIAMETER with it"):
+        _wanted(target="disc diameter=12cm", hsv=HSV)

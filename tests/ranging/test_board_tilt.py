@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.ranging.board_calibration import BoardView
-from stadimeter.ranging.board_tilt import EDGES, edges_away
+from stadimeter.ranging.board_calibration import EDGES, BoardView, edges_away
 
 pytestmark = pytest.mark.vision
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.ranging.infinitesimal_pose import misfit, rectangle_poses
+from stadimeter.ranging.plane_pose import misfit, rectangle_poses
 
 pytestmark = pytest.mark.vision
 

@@ -6,8 +6,7 @@ import platform
 import cv2
 import pytest
 
-from stadimeter.workbench.bench import exercises, measure, this_computer
-from stadimeter.workbench.bench_pictures import lens_for, room_frames, with_patch
+from stadimeter.workbench.bench import exercises, lens_for, measure, room_frames, this_computer, with_patch
 
 
 @pytest.fixture(scope="module")

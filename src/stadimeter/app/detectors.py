@@ -13,12 +13,7 @@ from stadimeter.detectors.protocol import Detector
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedDetector:
-    """A target that is looked for.
-
-    Attributes:
-        name: The target's name.
-        detector: What finds it.
-    """
+    """A target that is looked for."""
 
     name: str
     detector: Detector

@@ -16,11 +16,7 @@ from stadimeter.workbench.bench import DetectorSpeed, Figures, Latency, measure
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command."""
     app.command("bench")(bench)
 
 

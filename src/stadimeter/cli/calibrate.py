@@ -14,11 +14,7 @@ _calibrate_app = typer.Typer(
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands to the command line.
-
-    Args:
-        app: The command line.
-    """
+    """Add the commands to the command line."""
     app.add_typer(_calibrate_app)
 
 

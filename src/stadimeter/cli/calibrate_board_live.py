@@ -1,4 +1,4 @@
-"""``calibrate board --live``: views of the board are taken from a camera, while somebody moves the board about."""
+"""``calibrate board --live``: views of the board are taken from a camera, while a person moves the board about."""
 
 from __future__ import annotations
 
@@ -25,11 +25,10 @@ SAY_EVERY_S = 2.0
 
 
 def views_from_camera(live: str, board: Board) -> BoardSession:
-    """Take views until they are enough, the camera's frames end, or somebody presses Ctrl-C.
+    """Take views until they are enough, the camera's frames end, or Ctrl-C is pressed.
 
     Args:
         live: ``--live``: a configuration, whose camera is taken, or a camera driver such as ``opencv,device=0``.
-        board: What to look for.
 
     Returns:
         The views that were taken, perhaps none.
@@ -72,7 +71,7 @@ class _Teller:
     """Tells of each view that was taken at once, and now and then why none is.
 
     Args:
-        is_live: Whether frames come all the time; of a recording, each one is told of.
+        is_live: Whether frames come all the time; of a recording, each one is reported.
     """
 
     def __init__(self, *, is_live: bool) -> None:

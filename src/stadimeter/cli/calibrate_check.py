@@ -32,7 +32,7 @@ def check(
     camera: Annotated[Path, typer.Option("--camera", metavar="FILE", help="The camera file to check.")],
     distance_error: DistanceErrorOption = 1.0,
 ) -> None:
-    """Say how wrong a camera file is, from new pictures of a target at known distances.
+    """Show how wrong a camera file is, from new pictures of a target at known distances.
 
     Take the pictures as for `calibrate distance`, but not the same ones. Each error is given in per cent, and in
     standard deviations of what the camera file, the picture and the tape together allow.

@@ -1,14 +1,19 @@
-"""What ``measure --explain`` says below each line: what was seen, how sure that is, and what else was looked at."""
+"""Words of ``measure`` beside its lines: those of ``--explain`` below each of them, and those in annotated copies."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
-from stadimeter.cli.formatting import format_place, format_tilt
+from stadimeter.cli.formatting import METRE, LengthUnit, format_distance, format_place, format_tilt
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
-from stadimeter.core.measurement import Measurement
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.errors import ConfigError, Problem
 from stadimeter.ranging.measure import SigmaParts
-from stadimeter.workbench.measuring import TargetResult
+from stadimeter.workbench.annotation import Mark
+from stadimeter.workbench.measuring import PictureResult, TargetResult
 
 INDENT = 4
 LABEL_WIDTH = 11
@@ -23,9 +28,6 @@ _NO_SHARE = 5e-6
 def explanation(result: TargetResult) -> list[str]:
     """Explain what became of a target in a picture.
 
-    Args:
-        result: What became of it.
-
     Returns:
         Lines of text, to stand below the one with the result; none for a picture that could not be read.
     """
@@ -33,15 +35,12 @@ def explanation(result: TargetResult) -> list[str]:
     if found is None:
         return []
     is_there = found.status is not DetectionStatus.NOT_FOUND
-    told = _found(found, result.measurement, result.parts) if is_there else []
-    return [f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}" for label, words in (*told, *_rejected(result, found))]
+    seen = _found(found, result.measurement, result.parts) if is_there else []
+    return [f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}" for label, words in (*seen, *_rejected(result, found))]
 
 
 def explanation_record(result: TargetResult) -> dict[str, object]:
     """Return the same as `explanation` as further fields of the object that ``--json`` prints.
-
-    Args:
-        result: What became of the target.
 
     Returns:
         Lengths in metres and in pixels; null where the target was not found.
@@ -127,3 +126,92 @@ def _rejected(result: TargetResult, found: Detection) -> list[tuple[str, str]]:
         ("" if index else "rejected", f"{number:>{number_width}}  {place:<{place_width}}  {candidate.reason}")
         for index, ((number, candidate), place) in enumerate(zip(result.rejected, places, strict=True))
     ]
+
+
+KEPT_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+"""A copy is of the same kind as the picture where that is one of these, else a PNG."""
+
+_WORDS = {
+    MeasurementStatus.NOT_FOUND: "not found",
+    MeasurementStatus.TRUNCATED: "cut off by the border",
+    MeasurementStatus.ERROR: "no measurement",
+}
+
+
+def copy_paths(images: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
+    """Choose a file for the copy of each picture; two pictures of the same name get two.
+
+    No copy has the name of its picture, so that the folder may be the pictures' own.
+
+    Args:
+        folder: Where to; it is made if it is not there. None for no copies.
+
+    Raises:
+        ConfigError: The folder cannot be made.
+    """
+    if folder is None:
+        return {}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ConfigError([Problem(f"the folder {folder} cannot be made: {reason}", key="--annotate")]) from error
+    paths: dict[Path, Path] = {}
+    for image in dict.fromkeys(images):
+        suffix = image.suffix if image.suffix.lower() in KEPT_SUFFIXES else ".png"
+        taken = set(paths.values()) | set(images)
+        names = (
+            f"{image.stem}-measured{number}{suffix}" for number in ("", *(f"-{n}" for n in range(2, len(images) + 3)))
+        )
+        paths[image] = next(folder / name for name in names if folder / name not in taken)
+    return paths
+
+
+def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) -> tuple[Mark, ...]:
+    """Return what to draw into the copy of a picture.
+
+    Args:
+        unit: The unit of the headlines.
+        explain: Whether to draw what was looked at and rejected as well.
+    """
+    marks = (_mark(each, unit) for each in result.targets)
+    if not explain:
+        return tuple(marks)
+    return tuple(replace(mark, rejected=each.rejected) for mark, each in zip(marks, result.targets, strict=True))
+
+
+def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
+    measured = result.measurement
+    detection = result.detection or Detection(target=measured.target, status=DetectionStatus.NOT_FOUND)
+    if measured.status is not MeasurementStatus.MEASURED:
+        words = _WORDS[measured.status]
+        return Mark(
+            detection=detection,
+            has_corners=result.has_corners,
+            headline=words,
+            lines=(f"{measured.target}: {words}", measured.reason),
+        )
+    return Mark(
+        detection=detection,
+        has_corners=result.has_corners,
+        headline=format_distance(measured.distance_m, measured.sigma_m, unit),
+        lines=_legend(measured, detection, unit),
+    )
+
+
+def _legend(measured: Measurement, detection: Detection, unit: LengthUnit) -> tuple[str, ...]:
+    distance = format_distance(measured.distance_m, measured.sigma_m, unit)
+    in_metres = "" if unit is METRE else f"  =  {format_distance(measured.distance_m, measured.sigma_m, METRE)}"
+    depth = format_distance(measured.depth_m, measured.sigma_m, unit)
+    direction = f"{_angle(measured.bearing_rad, 'right', 'left')}, {_angle(measured.elevation_rad, 'up', 'down')}"
+    tilt = "" if measured.tilt_rad is None else f", {format_tilt(measured.tilt_rad).replace('°', ' deg')}"
+    return (
+        f"{measured.target}: {distance}{in_metres}",
+        f"depth {depth}, {direction}{tilt}",
+        f"{detection.width_px:.1f} x {detection.height_px:.1f} px ± {detection.size_sigma_px:.2f}",
+    )
+
+
+def _angle(angle_rad: float | None, positive: str, negative: str) -> str:
+    degrees = math.degrees(angle_rad or 0.0)
+    return f"{abs(degrees):.1f} deg {positive if degrees >= 0 else negative}"

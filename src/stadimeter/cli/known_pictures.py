@@ -44,7 +44,7 @@ ToneCurveOption = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownPictures:
-    """What was found in the pictures.
+    """Pictures in which the target was looked for.
 
     Attributes:
         usable: Those in which the target was found whole.
@@ -60,11 +60,7 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
 
     Args:
         pictures: Each as ``PATH@DISTANCE``.
-        wanted: One target.
         camera_model: The lens; None where it is not known yet.
-
-    Returns:
-        What was found.
 
     Raises:
         StadimeterError: A distance or a picture is wrong, or the pictures were taken with different zoom.

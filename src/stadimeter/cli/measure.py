@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
-from stadimeter.cli.annotated_copies import copy_paths, marks_of
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, told_plainly
-from stadimeter.cli.explanation import explanation, explanation_record
+from stadimeter.cli.explanation import copy_paths, explanation, explanation_record, marks_of
 from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_distance, format_tilt
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 MANY_PICTURES = 5
-"""More pictures than this have a progress bar, where somebody is looking."""
+"""More pictures than this have a progress bar, on a terminal."""
 
 EXIT_CODES = {
     MeasurementStatus.MEASURED: DONE,
@@ -40,11 +39,7 @@ EXIT_CODES = {
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the command line.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command to the command line."""
     app.command()(measure)
 
 
@@ -211,7 +206,7 @@ def _in_words(result: TargetResult, unit: LengthUnit) -> str:
 
 
 def _counted(images: Sequence[Path]) -> Iterator[Path]:
-    """Yield the pictures, with a progress bar if there are many and somebody is looking."""
+    """Yield the pictures, with a progress bar if there are many and standard error is a terminal."""
     if len(images) <= MANY_PICTURES or not sys.stderr.isatty():
         yield from images
         return

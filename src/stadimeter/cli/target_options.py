@@ -176,7 +176,7 @@ GivenTarget = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedTargets:
-    """What to look for.
+    """Targets to look for.
 
     Attributes:
         choices: The detector of each target with its checked options.
@@ -339,7 +339,6 @@ def parse_known_length(text: str, option: str) -> float:
     """Read a length above zero of the command line, in metres.
 
     Args:
-        text: The length as written.
         option: The option or argument, for the message.
 
     Raises:

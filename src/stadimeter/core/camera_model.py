@@ -50,8 +50,6 @@ class CameraModel:
     Attributes:
         width_px: Width of the pictures that it is for.
         height_px: Height of the pictures that it is for.
-        fx_px: Focal length in pixels, horizontally.
-        fy_px: Focal length in pixels, vertically.
         cx_px: Where the optical axis meets the picture, horizontally.
         cy_px: Where the optical axis meets the picture, vertically.
         distortion: How the lens bends lines: k1, k2, p1, p2 and perhaps k3 as OpenCV has them, or empty for not at all.
@@ -60,7 +58,6 @@ class CameraModel:
             the tone curve is undone: the target appears larger by twice this. A darker target appears smaller by as
             much. It comes from what the tone curve leaves: sharpening, glare, a different curve.
         focal_relative_sigma: Standard deviation of the focal length, as a share of it.
-        provenance: How it was made.
     """
 
     width_px: int
@@ -121,14 +118,6 @@ class CameraModel:
     def with_focal_length(cls, focal_px: float, width_px: int, height_px: int) -> CameraModel:
         """Make a model with square pixels and the optical axis through the middle of the picture.
 
-        Args:
-            focal_px: Focal length in pixels.
-            width_px: Width of the pictures.
-            height_px: Height of the pictures.
-
-        Returns:
-            The model.
-
         Raises:
             CalibrationError: A value is not a positive number.
         """
@@ -143,13 +132,6 @@ class CameraModel:
         A focal length in pixels grows with the number of pixels across the same view. Another aspect means that the
         view was cropped, and how is not known. Distortion belongs to directions and stays. The edge bias is made by the
         optics and by what the camera does to its own pixels, and shrinks with the picture.
-
-        Args:
-            width_px: Width of the other pictures.
-            height_px: Height of the other pictures.
-
-        Returns:
-            The model for that resolution.
 
         Raises:
             CalibrationError: The aspect differs.
@@ -175,10 +157,6 @@ class CameraModel:
 
     def direction(self, x_px: float, y_px: float) -> tuple[float, float]:
         """Return where a pixel looks to.
-
-        Args:
-            x_px: Horizontal pixel coordinate.
-            y_px: Vertical pixel coordinate.
 
         Returns:
             The direction as x and y per unit of depth, x to the right and y down; NaN as with `directions`.

@@ -18,7 +18,7 @@ def _no_points() -> Points:
 
 
 class DetectionStatus(StrEnum):
-    """What became of looking for a target."""
+    """Result of looking for a target."""
 
     FOUND = "found"
     TRUNCATED = "truncated"
@@ -46,8 +46,6 @@ class Detection:
     """Where one target is in one picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
 
     Attributes:
-        target: The name of the target.
-        status: Whether it was found.
         reason: Why it was not found or is not whole, in words with figures. With a target that was found it is mostly
             empty; there it is a remark, such as that of several tags in view the largest was taken.
         outline_px: Its outline, shape ``(n, 2)``, x and y in pixels: the four corners of a sheet in order around it,
@@ -81,7 +79,6 @@ class Prediction:
     """Where a target is expected to be in the next picture.
 
     Attributes:
-        centre_px: Its centre as x, y.
         size_px: Its apparent size: of a ball the diameter, of a flat target its longer side.
         sigma_px: Standard deviation of the centre and of the size.
     """

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class MeasurementStatus(StrEnum):
-    """What became of measuring a target in one frame."""
+    """Result of measuring a target in one frame."""
 
     MEASURED = "measured"
     NOT_FOUND = "not_found"
@@ -23,8 +23,6 @@ class Measurement:
     Distances and angles are None unless the status is ``measured``.
 
     Attributes:
-        target: The name of the target.
-        status: Whether a distance was measured.
         captured_at_s: When the frame was taken, on the run's monotonic clock.
         distance_m: Length of the straight line from the camera to the target's centre.
         depth_m: The part of that line along the optical axis.

@@ -46,7 +46,6 @@ class Looking:
         """Look for every target.
 
         Args:
-            frame: The frame.
             tracks: What is known of the targets so far, by name; none in a picture that stands alone.
 
         Returns:
@@ -85,7 +84,6 @@ class Expectations:
 
         Args:
             track: What is known of the target; None for nothing.
-            shape: Its size and form.
             camera: The camera model at the frame's resolution.
             at_s: When the frame was taken, on the run's monotonic clock.
 

@@ -56,10 +56,7 @@ class Motion:
 
     Attributes:
         at_s: The capture time of its last sighting.
-        bearing_rad: Its bearing then.
-        elevation_rad: Its elevation then.
         bearing_radps: How fast the bearing changed since the sighting before.
-        elevation_radps: The same for the elevation.
         innovation_rad: How far from where it was expected it appeared of late.
         step_s: The time since the sighting before; 0 if there was none, so that nothing is known of the motion.
     """
@@ -78,7 +75,6 @@ def follow(motion: Motion | None, track: Track) -> Motion | None:
 
     Args:
         motion: The motion before that; None for not known.
-        track: The target's track.
     """
     at_s, bearing_rad, elevation_rad = track.measured_at_s, track.bearing_rad, track.elevation_rad
     if not track.is_valid or at_s is None or bearing_rad is None or elevation_rad is None:
@@ -111,8 +107,6 @@ def predict(
     """Return where and how large a target will appear.
 
     Args:
-        track: The target's track.
-        shape: Its size and form.
         camera: The camera model at the picture's resolution.
         at_s: When the picture was taken, on the run's monotonic clock.
         motion: How its direction changes, with this track taken in; None for not known.
@@ -153,11 +147,8 @@ class _Known:
     """The figures of a track, brought to the time of the picture.
 
     Attributes:
-        distance_m: The distance.
         sigma_m: Its standard deviation.
         bearing_rad: The bearing of the last sighting.
-        elevation_rad: Its elevation.
-        unseen_s: The time since then.
     """
 
     distance_m: float

@@ -45,7 +45,6 @@ class BoardView:
     """The corners of a board in one picture.
 
     Attributes:
-        picture: The picture's name.
         board_m: Where the corners are on the board, shape (n, 2).
         corners_px: Where they are in the picture, shape (n, 2), in the same order.
     """
@@ -60,8 +59,6 @@ class ViewError:
     """How well one picture fits the camera model.
 
     Attributes:
-        picture: The picture's name.
-        corners: How many corners were found.
         rms_px: Root of the mean squared distance between where they are and where the model has them; NaN for a
             picture that was left out before the fit.
         why_left_out: Why it was left out; empty if it was not.
@@ -83,7 +80,6 @@ class BoardCalibration:
     """A camera model and how far to trust it.
 
     Attributes:
-        camera_model: The model.
         views: One for each picture, in their order.
         rms_px: The reprojection error over all pictures that were used.
         coverage: The share of the picture's area, in cells of a grid, that has a corner in some picture.
@@ -115,8 +111,6 @@ def calibrate_board(views: Sequence[BoardView], width_px: int, height_px: int, *
 
     Args:
         views: Three at least, all of one resolution.
-        width_px: The pictures' width.
-        height_px: The pictures' height.
         date: ISO 8601 date of the calibration.
 
     Returns:
@@ -168,7 +162,6 @@ def apart_px(view: BoardView, other: BoardView) -> float:
     """Return how far two views are apart.
 
     Args:
-        view: A view.
         other: Another view of the same board.
 
     Returns:
@@ -184,7 +177,6 @@ def in_common(view: BoardView, other: BoardView) -> tuple[NDArray[np.float64], N
     """Return where two views have the corners that both of them show.
 
     Args:
-        view: A view.
         other: Another view of the same board.
 
     Returns:
@@ -203,8 +195,6 @@ def coverage(views: Sequence[BoardView], width_px: int, height_px: int) -> tuple
 
     Args:
         views: One at least.
-        width_px: The pictures' width.
-        height_px: The pictures' height.
 
     Returns:
         The share of the picture's area, in cells of a grid, that has a corner; and the ninths of the picture without
@@ -352,3 +342,39 @@ _PLACES = (
     ("left", "middle", "right"),
     ("lower left", "lower middle", "lower right"),
 )
+
+
+TILTED_RAD = math.radians(20)
+"""From this angle on a board counts as tilted."""
+
+EDGES = ("left", "right", "upper", "lower")
+"""The edges of a board that can be turned away from the camera, as the picture shows them."""
+
+
+def edges_away(view: BoardView, width_px: int, height_px: int) -> frozenset[str]:
+    """Return which edges of a board are turned away from the camera.
+
+    Returns:
+        One or two of `EDGES`; none of a board that faces the camera, or whose pose is not known.
+    """
+    rough_px = float(max(width_px, height_px))
+    camera = np.array([[rough_px, 0, (width_px - 1) / 2], [0, rough_px, (height_px - 1) / 2], [0, 0, 1]])
+    board = np.column_stack((view.board_m, np.zeros(len(view.board_m))))
+    try:
+        found, turn, shift = cv2.solvePnP(board, view.corners_px.reshape(-1, 1, 2), camera, None)
+    except cv2.error:
+        return frozenset()
+    normal = np.asarray(cv2.Rodrigues(turn)[0], np.float64)[:, 2]
+    if not found or not np.isfinite(normal).all():
+        return frozenset()
+    # Seen from the camera the depth grows to where the normal that points at the camera leans.
+    towards = -normal if float(normal @ np.asarray(shift).ravel()) > 0 else normal
+    return frozenset(_leaning(float(towards[0]), -float(towards[2]), "left", "right")) | frozenset(
+        _leaning(float(towards[1]), -float(towards[2]), "upper", "lower")
+    )
+
+
+def _leaning(across: float, towards_camera: float, less: str, more: str) -> tuple[str, ...]:
+    if abs(math.atan2(across, towards_camera)) < TILTED_RAD:
+        return ()
+    return (more,) if across > 0 else (less,)

@@ -36,7 +36,7 @@ FOCAL_SIGMA_MAX = 0.3
 
 _DOUBLINGS = 30
 _HALVINGS = 44
-"""The focal length is found by bisection; so many halvings of a factor of two leave a relative error of 1e-13."""
+"""The focal length is found by bisection; this many halvings of a factor of two leave a relative error of 1e-13."""
 
 BIAS_STEP_PX = 0.25
 """The edge bias with which detectors are asked what an edge bias changes."""
@@ -57,10 +57,7 @@ class KnownDistance:
 
     Attributes:
         picture: The picture's name, for messages and notes.
-        width_px: Width of the picture.
-        height_px: Height of the picture.
         detection: Where the target is in it.
-        size: The target's size.
         depth_m: How far the target's centre is from the camera, along the optical axis.
         less_bias: Where the target is found with a camera model that has an edge bias of `BIAS_STEP_PX`. What that
             changes depends on the target, bright or dark, so the detector says it; None if it was not asked.
@@ -80,10 +77,6 @@ class FocalLength:
     """The focal length that one picture gives, and how well the camera model made from all fits it.
 
     Attributes:
-        picture: The picture's name.
-        width_px: How wide the target appears.
-        height_px: How high the target appears.
-        depth_m: How far away it is.
         focal_px: The focal length, with the edge bias of the model undone.
         relative_sigma: The standard deviation of the focal length, as a share of it.
         off_axis_rad: How far from the middle of the picture the target is.
@@ -112,12 +105,10 @@ class Calibration:
     """A camera model and what it came from.
 
     Attributes:
-        camera_model: The model.
         pictures: The focal length that each picture gives, in the order of the pictures.
-        fit: How they were combined.
         one_distance: Whether all pictures are at one distance, where an edge bias looks like another focal length.
-        more_at_m: The nearest depth at which one more picture would tell the edge bias; None if it is told already or
-            if no further picture of the same quality would tell it.
+        more_at_m: The nearest depth at which one more picture would determine the edge bias; None if it is known
+            or if no further picture of the same quality would determine it.
     """
 
     camera_model: CameraModel
@@ -221,6 +212,7 @@ def _per_bias(known: KnownDistance, plain: CameraModel, focal_px: float) -> floa
 def _focal_px(known: KnownDistance, plain: CameraModel) -> float:
     """Return the focal length with which the known depth is measured: a larger one always gives a larger depth."""
     low_px = high_px = plain.fx_px
+    # First enclose it between two focal lengths of which the larger measures too far, the smaller too near.
     for _ in range(_DOUBLINGS):
         if measured_depth_m(known, _with_focal_length(plain, high_px)) >= known.depth_m:
             break
@@ -229,6 +221,7 @@ def _focal_px(known: KnownDistance, plain: CameraModel) -> float:
         if measured_depth_m(known, _with_focal_length(plain, low_px)) <= known.depth_m:
             break
         low_px, high_px = low_px / 2, low_px
+    # The geometric mean, since a focal length is a scale: the relative error halves with each step.
     for _ in range(_HALVINGS):
         middle_px = math.sqrt(low_px * high_px)
         if measured_depth_m(known, _with_focal_length(plain, middle_px)) < known.depth_m:

@@ -22,9 +22,6 @@ class DistanceError:
     """How wrong the distance of one picture is.
 
     Attributes:
-        picture: The picture's name.
-        depth_m: The known depth.
-        measured_m: The measured depth.
         error_share: What was measured, less what is known, as a share of the latter.
         sigma_share: The standard deviation that measurement and tape allow, as a share of the known depth.
     """
@@ -78,11 +75,7 @@ def check_calibration(
 
     Args:
         known: One picture at least, in which the target was found whole; of any resolution of the model's aspect.
-        model: The camera model.
         distance_relative_sigma: Standard deviation of the known distances, as a share of each.
-
-    Returns:
-        The errors.
 
     Raises:
         CalibrationError: There is no picture, or one has another aspect than the camera model.

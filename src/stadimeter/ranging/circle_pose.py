@@ -10,7 +10,7 @@ With λ₁ ≥ λ₂ > 0 > λ₃ the eigenvalues of Q, and x and z along the eig
 ``Q⁻¹ n`` times ``-r sqrt(-λ₁ λ₃)``: the centre of the ellipse is not the picture of the circle's centre. Being mirrored
 about the cone's axis, both poses have the same distance and are turned away from their line of sight by the same angle.
 Written with the tangents a ≥ b of the cone's half angles, the distance is ``r sqrt(1 + (1 - b²) / a²)``: from far away
-the larger one alone tells it.
+the larger one alone determines it.
 """
 
 from __future__ import annotations
@@ -86,6 +86,7 @@ def cone_through(directions: Points) -> Matrix | None:
     """
     if len(directions) < LEAST_POINTS or not np.isfinite(directions).all():
         return None
+    # Centred and of unit size: the five unknowns are of one magnitude, and the normal equations well conditioned.
     middle = directions.mean(axis=0)
     size = math.sqrt(float(np.mean((directions - middle) ** 2)))
     if not size > 0:
@@ -96,8 +97,10 @@ def cone_through(directions: Points) -> Matrix | None:
         a, b, c, d, e = np.linalg.solve(rows.T @ rows, rows.sum(axis=0))
     except np.linalg.LinAlgError:
         return None
+    # The constant term is fixed at -1, so the centre is inside; of all conics only an ellipse has b² < 4 a c.
     if not (a > 0 and 4 * a * c > b * b):
         return None
+    # Back from the centred coordinates: with d = T d₀ the cone d₀' Q d₀ = 0 becomes d' (T' Q T) d = 0.
     conic = np.array(((a, b / 2, d / 2), (b / 2, c, e / 2), (d / 2, e / 2, -1.0)))
     to_unit = np.array(((1 / size, 0.0, -middle[0] / size), (0.0, 1 / size, -middle[1] / size), (0.0, 0.0, 1.0)))
     return np.asarray(to_unit.T @ conic @ to_unit)
@@ -106,13 +109,10 @@ def cone_through(directions: Points) -> Matrix | None:
 def circle_poses(cone: Matrix, diameter_m: float) -> CirclePoses | None:
     """Return the two poses of a circle in front of the camera that is seen on a cone.
 
-    Args:
-        cone: As `cone_through` returns it.
-        diameter_m: The circle's diameter.
-
     Returns:
         The poses; None if the cone is not elliptical.
     """
+    # Eigenvalues come in rising order, λ₃ < λ₂ ≤ λ₁. The axis of the cone belongs to λ₃, the only one below zero.
     (third, second, first), axes = np.linalg.eigh(cone)
     if not third < 0 < second:
         return None
@@ -120,6 +120,7 @@ def circle_poses(cone: Matrix, diameter_m: float) -> CirclePoses | None:
     sideways = axes[:, 2]
     along, across = math.sqrt((second - third) / (first - third)), math.sqrt((first - second) / (first - third))
     radius_m, steep = diameter_m / 2, math.sqrt(-first / third)
+    # Mirrored about the axis: the part along it is the same, the part along λ₁'s eigenvector changes its sign.
     poses = (
         CirclePose(
             position_m=radius_m * (steep * along * forward + sign / steep * across * sideways),

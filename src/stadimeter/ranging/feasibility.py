@@ -21,10 +21,9 @@ _LEAST_M2 = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expectation:
-    """What to expect at a distance.
+    """Expected appearance and uncertainty at a distance.
 
     Attributes:
-        distance_m: The distance.
         size_px: How large the target will appear: a ball's diameter, a flat target's shorter side as it faces the
             camera.
         sigma_m: The standard deviation of one measurement of the distance.
@@ -46,9 +45,7 @@ def expect(shape: TargetShape, camera: CameraModel, distance_m: float) -> Expect
     """Return what to expect of a target at a distance, in the middle of the picture.
 
     Args:
-        shape: The target's size and form.
         camera: The camera model at the resolution that will be used.
-        distance_m: The distance of its centre.
 
     Raises:
         ValueError: The distance is not a finite number above zero.

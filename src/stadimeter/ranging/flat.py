@@ -151,7 +151,7 @@ class SheetSize(_Flat):
         return _of_pose(tuple(pose for pose, _ in poses), corner_sigma, noise_share)
 
     def _one_side(self, width: float, height: float) -> tuple[float, float]:
-        """Return the side that tells the distance, in metres and as it appears per unit of depth.
+        """Return the side that the distance is computed from, in metres and as it appears per unit of depth.
 
         With ``auto`` that is the one that gives the nearer distance: turning a sheet away from the camera can only
         shorten a side. The longer side in the picture is taken for the longer side of the sheet, however it hangs. Once
@@ -172,7 +172,6 @@ def sheet_poses(directions: Points, size: SheetSize) -> tuple[tuple[PlanePose, P
     Args:
         directions: Where its corners appear, x and y per unit of depth with the lens's distortion undone, clockwise in
             the picture, shape ``(4, 2)``.
-        size: Its size.
 
     Returns:
         Poses, and the corners in the sheet's frame that belong to them, shape ``(4, 3)``; the pose that explains the
@@ -244,7 +243,6 @@ def tag_poses(directions: Points, size: TagSize) -> tuple[PlanePose, ...]:
     Args:
         directions: Where its corners appear, x and y per unit of depth with the lens's distortion undone, clockwise in
             the picture from its own top left one, shape ``(4, 2)``.
-        size: Its size.
 
     Returns:
         Two poses; fewer where the corners are not those of a square in front of the camera.

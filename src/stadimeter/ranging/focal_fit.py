@@ -44,7 +44,6 @@ class FocalFit:
     """What all pictures give together.
 
     Attributes:
-        focal_px: The focal length.
         focal_sigma_px: Its standard deviation: what follows from that of the pictures, or more if they disagree.
         edge_bias_px: The edge bias; 0 where the pictures do not tell it.
         edge_bias_sigma_px: Its standard deviation from these pictures, whether or not it was used; infinite where all
@@ -95,9 +94,6 @@ def fit_focal_length(estimates: Sequence[FocalEstimate]) -> FocalFit:
 
 def edge_bias_sigma_px(estimates: Sequence[FocalEstimate]) -> float:
     """Return how well pictures tell the edge bias, before it is known whether they agree.
-
-    Args:
-        estimates: One for each picture.
 
     Returns:
         The standard deviation in pixels; infinite if they do not tell it.

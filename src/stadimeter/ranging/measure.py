@@ -27,7 +27,6 @@ def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captu
 
     Args:
         detection: Where the target is in the picture, or why it is not.
-        shape: The target's size and form.
         camera: The camera model at the picture's resolution.
         captured_at_s: When the picture was taken, on the run's monotonic clock.
 

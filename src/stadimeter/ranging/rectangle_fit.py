@@ -50,9 +50,6 @@ def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
         directions: Where the corners of outlines appear, x and y per unit of depth with the lens's distortion undone,
             in order around each, shape ``(c, 4, 2)``.
         aspect: Width over height of the rectangle. Which sides of an outline are its widths is tried both ways.
-
-    Returns:
-        How well they fit.
     """
     size = np.abs(directions - directions.mean(axis=1, keepdims=True)).max(axis=(1, 2))
     step = np.maximum(STEP * size, 1e-12)

@@ -44,7 +44,6 @@ def read_by_one_length(detection: Detection, camera: CameraModel, size_m: float,
     Args:
         detection: The target; its centre gives the direction.
         camera: The camera model at the picture's resolution.
-        size_m: The length.
         apparent: How long it appears, per unit of depth.
     """
     depth_m = distance_m(1.0, size_m, apparent)

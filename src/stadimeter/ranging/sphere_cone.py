@@ -125,7 +125,6 @@ class ConeFrame:
         the root in it, which is ``1 / cos α`` near the limb.
 
         Args:
-            cone: The cone.
             scale: What the angles in radians are multiplied by, such as the pixels that a radian takes.
         """
         squared = 1 - cone.sine**2

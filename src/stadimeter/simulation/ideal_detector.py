@@ -40,7 +40,7 @@ class IdealDetectorOptions(Options):
 
 
 class IdealDetector:
-    """Finds the world's ball as exactly as it is told to, whatever the picture shows.
+    """Finds the world's ball as exactly as its options say, whatever the picture shows.
 
     The apparent diameter is that of the silhouette's minor axis, which is ``2 f r / sqrt(z² - r²)`` for a ball of
     radius ``r`` at the depth ``z``; the centre is the silhouette's. The noise follows from the world's seed, the
@@ -77,7 +77,7 @@ class IdealDetector:
         *,
         lens: CameraModel | None = None,  # noqa: ARG002 - frames are seen through the lens of the simulated camera
     ) -> Detection:
-        """Say where the world's ball is in a frame.
+        """Return where the world's ball is in a frame.
 
         Args:
             frame: The frame; only its number, its time and its resolution matter.

@@ -44,14 +44,14 @@ _COLOURS = {DetectionStatus.FOUND: GREEN, DetectionStatus.TRUNCATED: ORANGE, Det
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Mark:
-    """What to draw for one target.
+    """Drawing for one target.
 
     Attributes:
         detection: Where it is.
         has_corners: Whether its outline is corners in order, or else points on a rim that may be hidden in parts.
         headline: What stands beside it, such as ``35.0 in ± 0.4``; for a target that was not found, the legend only.
         lines: What the legend says about it.
-        rejected: What was looked at and is not the target, each with its number.
+        rejected: Rejected candidates, each with its number.
     """
 
     detection: Detection
@@ -66,7 +66,7 @@ def annotate(image: Image, marks: Sequence[Mark]) -> Image:
 
     Args:
         image: The picture; it is not changed.
-        marks: What to draw, one for each target.
+        marks: One for each target.
 
     Returns:
         The copy, enlarged by a whole factor if the picture is small.
@@ -91,7 +91,6 @@ def write_picture(path: Path, image: Image) -> None:
 
     Args:
         path: The file; its ending says the kind.
-        image: The picture.
 
     Raises:
         PictureError: It cannot be written there.

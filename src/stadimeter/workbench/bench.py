@@ -21,12 +21,21 @@ from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.health import percentile
 from stadimeter.app.loop import Loop
-from stadimeter.config.plugins import DETECTORS, DriverContext, Exercise, Plugin, driver_names, load_plugin
+from stadimeter.config.plugins import (
+    CAMERAS,
+    DETECTORS,
+    WORLDS,
+    DriverContext,
+    Exercise,
+    Plugin,
+    Shared,
+    driver_names,
+    load_plugin,
+)
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
-from stadimeter.core.frame import Frame
+from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.protocol import Detector
-from stadimeter.workbench.bench_pictures import lens_for, room_frames, with_patch
 
 SIZES_PX = ((640, 480), (1280, 720), (1920, 1080))
 SHARE_OF_RUN = 0.3
@@ -37,16 +46,11 @@ EXPECTED_WITHIN = 0.03
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Computer:
-    """What was measured on.
+    """Computer and versions that were measured.
 
     Attributes:
         board: The board, or the processor where there is no board to name.
         cores: How many processor cores this program may use.
-        opencv_threads: How many threads OpenCV uses.
-        stadimeter: The version of stadimeter.
-        python: The version of Python.
-        opencv: The version of OpenCV.
-        numpy: The version of numpy.
     """
 
     board: str
@@ -63,9 +67,6 @@ class DetectorSpeed:
     """How fast one detector is on pictures of one size.
 
     Attributes:
-        detector: Its name.
-        width_px: Width of the pictures.
-        height_px: Height of the pictures.
         search_fps: Pictures in a second when nothing is known of where the target is.
         track_fps: Pictures in a second when the target is expected where it is; None if it found none.
         found: In which share of the pictures it found its target.
@@ -81,13 +82,12 @@ class DetectorSpeed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Latency:
-    """How long from the arrival of a frame until the actuators have been told, in the demonstration's run.
+    """Latency from the arrival of a frame until every actuator has its command, in the demonstration's run.
 
     Attributes:
-        frames: Over how many frames.
-        p50_ms: Half of them took no longer.
-        p95_ms: 95 in 100 took no longer.
-        p99_ms: 99 in 100 took no longer.
+        p50_ms: Median.
+        p95_ms: 95th percentile.
+        p99_ms: 99th percentile.
     """
 
     frames: int
@@ -101,8 +101,6 @@ class Figures:
     """All figures of a computer.
 
     Attributes:
-        computer: What was measured on.
-        detectors: How fast each detector is.
         latency: How long from frame to actuator.
         peak_memory_mb: The most memory that this program had in the demonstration's run, in 10⁶ bytes.
     """
@@ -119,9 +117,6 @@ def measure(seconds: float, sizes_px: Sequence[tuple[int, int]] = SIZES_PX) -> F
     Args:
         seconds: For about how long; drawing the pictures comes on top.
         sizes_px: The sizes of pictures, width first.
-
-    Returns:
-        The figures.
 
     Raises:
         StadimeterError: A driver cannot be built.
@@ -200,7 +195,7 @@ def _rate_hz(
 
 
 def _latency(for_s: float) -> Latency:
-    """Run the demonstration without a brake, and see how old each frame was when the actuators had been told."""
+    """Run the demonstration without a brake, and note how old each frame was when the actuators had their commands."""
     loop = Loop(build(demo_configuration(), speed=None))
     until_s = perf_counter() + for_s
 
@@ -237,3 +232,60 @@ def _processor() -> str:
         lines = []
     named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(named, platform.machine())
+
+
+FIELD_OF_VIEW_FACTOR = 0.94
+"""Focal length divided by width: about 56° wide, as most cameras are."""
+PICTURES = 6
+
+_PATH_S = 5
+_PATH = [
+    {"at": "0 s", "x": "1.2 m", "y": "0.2 m"},
+    {"at": "5 s", "x": "2.5 m", "y": "-0.4 m"},
+    {"at": "10 s", "x": "1.2 m", "y": "0.2 m"},
+]
+
+
+def lens_for(width_px: int, height_px: int) -> CameraModel:
+    """Return a camera model for a size of pictures."""
+    return CameraModel.with_focal_length(FIELD_OF_VIEW_FACTOR * width_px, width_px, height_px)
+
+
+def room_frames(lens: CameraModel, count: int = PICTURES) -> list[Frame]:
+    """Draw pictures of the simulated room, in which a ball of 20 cm moves, as that camera sees it."""
+    context = DriverContext(name="bench", clock=SteppedClock(), camera_model=lens, shared=Shared())
+    world, camera = load_plugin(WORLDS, "simulated"), load_plugin(CAMERAS, "simulated")
+    options = {"ball_diameter": "20 cm", "camera_height": "12 cm", "path": _PATH}
+    world.build(world.options.model_validate(options), context)
+    built = camera.build(camera.options.model_validate({"rate": f"{count / _PATH_S} Hz"}), context)
+    built.open()
+    try:
+        return [built.read() for _ in range(count)]
+    finally:
+        built.close()
+
+
+def with_patch(frames: Sequence[Frame], patch: Image) -> list[Frame]:
+    """Put a flat target into pictures, each time somewhere else.
+
+    Args:
+        frames: The pictures, which are not changed.
+        patch: The target, as it looks in a picture 480 px high.
+    """
+    return [
+        Frame(_pasted(frame.image, patch, (number + 1) / (len(frames) + 1)), frame.captured_at_s, frame.sequence)
+        for number, frame in enumerate(frames)
+    ]
+
+
+def _pasted(image: Image, patch: Image, share: float) -> Image:
+    scale = image.shape[0] / 480
+    scaled = cv2.resize(
+        patch, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    )
+    height, width = scaled.shape[:2]
+    left, top = round(share * (image.shape[1] - width)), round(0.4 * (image.shape[0] - height))
+    changed = image.copy()
+    changed[top : top + height, left : left + width] = scaled
+    changed.flags.writeable = False
+    return changed

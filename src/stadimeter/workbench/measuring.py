@@ -22,13 +22,12 @@ from stadimeter.ranging.measure import SigmaParts, sigma_parts
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TargetResult:
-    """What became of one target in one picture.
+    """Result for one target in one picture.
 
     Attributes:
         file: The picture's path as it was given.
         measurement: The measurement, with the reason where there is no distance.
         detection: Where the target is; None if the picture could not be read.
-        has_corners: Whether its outline is corners.
         parts: What the standard deviation is made up of; None without a distance.
         rejected_from: The number of the first of the candidates that were rejected. They are counted through all
             targets of a picture, so that a number means one place in it.
@@ -43,7 +42,7 @@ class TargetResult:
 
     @property
     def rejected(self) -> tuple[tuple[int, RejectedCandidate], ...]:
-        """What was looked at and is not the target, each with its number."""
+        """Rejected candidates, each with its number."""
         candidates = self.detection.rejected if self.detection else ()
         return tuple(enumerate(candidates, start=self.rejected_from))
 
@@ -67,12 +66,11 @@ class TargetResult:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PictureResult:
-    """What was found in one picture.
+    """Results of one picture.
 
     Attributes:
         file: The picture's path as it was given.
         frame: The picture; None if it could not be read.
-        targets: One result for each target.
     """
 
     file: str
@@ -82,12 +80,6 @@ class PictureResult:
 
 def open_picture(path: Path) -> Frame:
     """Read a picture file through the ``images`` camera.
-
-    Args:
-        path: The file.
-
-    Returns:
-        The picture.
 
     Raises:
         PictureError: It is missing, a folder, empty, damaged, or not a picture.
@@ -111,8 +103,6 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
     """Measure every target in a picture file.
 
     Args:
-        path: The file.
-        targets: What to look for.
         camera_model: The lens, at any resolution of the pictures' aspect.
 
     Returns:

@@ -40,7 +40,6 @@ class Chessboard:
     Attributes:
         columns: Inner corners along one side: one less than there are squares.
         rows: Inner corners along the other side.
-        square_m: Side of a square.
     """
 
     columns: int
@@ -51,7 +50,6 @@ class Chessboard:
         """Find the inner corners.
 
         Args:
-            picture: The picture's name.
             image: The picture, shape (height, width, 3).
 
         Returns:
@@ -86,10 +84,6 @@ class CharucoBoard:
     """A chessboard with a marker in every white square, which need not be in the picture as a whole.
 
     Attributes:
-        columns: Squares along one side.
-        rows: Squares along the other side.
-        square_m: Side of a square.
-        marker_m: Side of a marker.
         dictionary: The markers' dictionary, such as ``4X4_50``.
     """
 
@@ -111,7 +105,6 @@ class CharucoBoard:
         """Find the corners between the squares.
 
         Args:
-            picture: The picture's name.
             image: The picture, shape (height, width, 3).
 
         Returns:

@@ -1,4 +1,4 @@
-"""Collecting views of a calibration board from a camera, while somebody moves the board about."""
+"""Collecting views of a calibration board from a camera, while a person moves the board about."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import (
+    EDGES,
     VIEWS_MIN,
     BoardCalibration,
     BoardView,
     apart_px,
     calibrate_board,
     coverage,
+    edges_away,
     in_common,
 )
-from stadimeter.ranging.board_tilt import EDGES, edges_away
 from stadimeter.workbench.calibration.board_corners import Board
 
 VIEWS_ENOUGH = 10
 """So many views at least; fewer may fit by chance."""
 
 TILTED_MIN = 2
-"""Before so many views show a tilted board, nothing is calibrated."""
+"""Before this many views show a tilted board, nothing is calibrated."""
 
 VIEWS_MAX = 40
-"""After so many views it ends: more add nothing, and each makes the fit slower."""
+"""After this many views it ends: more add nothing, and each makes the fit slower."""
 
 GOOD_FOCAL_SHARE = 0.01
 GOOD_COVERAGE = 0.5
@@ -53,8 +54,7 @@ class Source:
     """Where the frames come from.
 
     Attributes:
-        capture: The camera, closed.
-        is_live: Whether somebody holds a board in front of it; of a recording every frame counts for itself.
+        is_live: Whether a person holds a board in front of it; of a recording every frame counts for itself.
     """
 
     capture: Capture
@@ -63,12 +63,6 @@ class Source:
 
 def open_source(choice: DriverChoice) -> Source:
     """Build a camera without a lens and without anything else. Touches no hardware.
-
-    Args:
-        choice: The camera's driver.
-
-    Returns:
-        The camera.
 
     Raises:
         DriverError: It cannot be built.
@@ -86,14 +80,12 @@ class BoardSession:
     """Takes the views that are worth taking, and says what is still missing.
 
     Args:
-        board: What to look for.
         date: ISO 8601 date of the calibration.
         must_be_steady: Whether a view counts only if the board was in the same place in the frame before.
 
     Attributes:
         views: The views that were taken, in order.
         width_px: The pictures' width; 0 before the first.
-        height_px: The pictures' height.
         calibration: What the views give so far; None while they are too few, or do not fix the camera.
     """
 
@@ -109,9 +101,6 @@ class BoardSession:
 
     def look(self, frame: Frame) -> str:
         """Look at a frame, and take it if it is a good new view.
-
-        Args:
-            frame: The frame.
 
         Returns:
             Why it was not taken; empty if it was.
@@ -142,18 +131,18 @@ class BoardSession:
         edges = [edge for edge in EDGES if edge not in seen_away]
         more = VIEWS_ENOUGH - len(self.views)
         focal = math.inf if self.calibration is None else self.calibration.camera_model.focal_relative_sigma
-        told = (
+        needed = (
             ("the board in the " + ", ".join(uncovered), bool(uncovered)),
             (f"the board in more of the picture than {share:.0%}", not uncovered and share < GOOD_COVERAGE),
             ("a tilt with the " + ", ".join(edges) + " edge away", bool(edges)),
             (f"tilts, for a focal length better than ± {focal:.1%}", not edges and focal > GOOD_FOCAL_SHARE),
             (f"{more} more view{'s' if more > 1 else ''}", more > 0),
         )
-        return tuple(words for words, is_missing in told if is_missing)
+        return tuple(words for words, is_missing in needed if is_missing)
 
     @property
     def is_done(self) -> bool:
-        """Whether the views are enough, or so many that more add nothing."""
+        """Whether the views are enough, or their number is such that more add nothing."""
         return len(self.views) >= VIEWS_MAX or not self.missing()
 
     def _check_resolution(self, frame: Frame) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import struct
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.untrusted_file import open_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
@@ -16,7 +18,6 @@ from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance
 from stadimeter.workbench.calibration.board_corners import Board
-from stadimeter.workbench.calibration.exif import LensSettings, read_lens_settings
 from stadimeter.workbench.measuring import open_picture
 
 SAME_ZOOM = 0.005
@@ -28,13 +29,11 @@ FOCUS_FACTOR = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardPictures:
-    """What was found in the pictures of a board.
+    """Views of a board in pictures.
 
     Attributes:
         views: The corners, for each picture in which the board was found.
         missed: Picture and reason, for each in which it was not.
-        width_px: The pictures' width.
-        height_px: The pictures' height.
     """
 
     views: tuple[BoardView, ...]
@@ -49,9 +48,6 @@ def known_distance(
     """Look for the target in a picture of which the distance is known.
 
     Args:
-        path: The picture file.
-        depth_m: The known depth.
-        target: The target's detector.
         camera_model: The lens, at any resolution of the picture's aspect; None where it is not known yet.
 
     Raises:
@@ -72,11 +68,10 @@ def known_distance(
 def with_bias_undone(
     known: Sequence[KnownDistance], choices: Sequence[DriverChoice], rough: CameraModel
 ) -> tuple[KnownDistance, ...]:
-    """Look again with a camera model that has an edge bias, so that it can be told what an edge bias changes.
+    """Look again with a camera model that has an edge bias, to see what an edge bias changes.
 
     Args:
         known: Pictures in which the target was found whole, all of one resolution.
-        choices: The target's driver.
         rough: A camera model that was made from them, without an edge bias.
 
     Returns:
@@ -107,10 +102,6 @@ def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:
 
     Args:
         paths: The picture files, one at least.
-        board: What to look for.
-
-    Returns:
-        The corners.
 
     Raises:
         PictureError: A picture cannot be read.
@@ -139,9 +130,6 @@ def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:
 def check_lens_settings(paths: Sequence[Path]) -> tuple[str, ...]:
     """Check that the lens was set the same way in all pictures, as far as their EXIF data tell.
 
-    Args:
-        paths: The picture files.
-
     Returns:
         Notes on what may matter: another focus.
 
@@ -150,11 +138,11 @@ def check_lens_settings(paths: Sequence[Path]) -> tuple[str, ...]:
     """
     settings = [(path, read_lens_settings(path)) for path in paths]
     for name, unit, attribute in _ZOOM:
-        told = [(path, value) for path, each in settings if (value := getattr(each, attribute)) is not None]
-        for path, value in told[1:]:
-            if abs(value / told[0][1] - 1) > SAME_ZOOM:
+        known = [(path, value) for path, each in settings if (value := getattr(each, attribute)) is not None]
+        for path, value in known[1:]:
+            if abs(value / known[0][1] - 1) > SAME_ZOOM:
                 raise CalibrationError(
-                    f"{told[0][0]} was taken with {name} {told[0][1]:g}{unit}, {path} with {value:g}{unit}: "
+                    f"{known[0][0]} was taken with {name} {known[0][1]:g}{unit}, {path} with {value:g}{unit}: "
                     "another zoom or lens is another camera; calibrate from pictures of one"
                 )
     return _focus_notes(settings)
@@ -168,11 +156,98 @@ _ZOOM = (
 
 
 def _focus_notes(settings: Sequence[tuple[Path, LensSettings]]) -> tuple[str, ...]:
-    told = [(each.subject_distance_m, path) for path, each in settings if each.subject_distance_m is not None]
-    if len(told) < 2:
+    focused = [(each.subject_distance_m, path) for path, each in settings if each.subject_distance_m is not None]
+    if len(focused) < 2:
         return ()
-    (near_m, near), (far_m, far) = min(told), max(told)
+    (near_m, near), (far_m, far) = min(focused), max(focused)
     if far_m <= FOCUS_FACTOR * near_m:
         return ()
     note = f"{near} was focused at {near_m:g} m, {far} at {far_m:g} m: focusing changes the focal length a little"
     return (f"{note}; fix the focus if the camera lets you",)
+
+
+_EXIF_DIRECTORY = 0x8769
+_FOCAL_LENGTH = 0x920A
+_SUBJECT_DISTANCE = 0x9206
+_DIGITAL_ZOOM = 0xA404
+_FOCAL_LENGTH_35MM = 0xA405
+
+_SHORT, _LONG, _RATIONAL = 3, 4, 5
+_HEADER_MAX_BYTES = 1 << 18
+"""EXIF data stand in the first segments of a file, each of which has 64 KiB at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensSettings:
+    """How the lens was set; None where the picture does not say.
+
+    Attributes:
+        focal_length_35mm_mm: The focal length that shows as much on a 35 mm film.
+        digital_zoom: By how much the camera enlarged the picture; 1 is not at all.
+    """
+
+    focal_length_mm: float | None = None
+    focal_length_35mm_mm: float | None = None
+    digital_zoom: float | None = None
+    subject_distance_m: float | None = None
+
+
+def read_lens_settings(path: Path) -> LensSettings:
+    """Read how the lens was set.
+
+    Returns:
+        What the picture says; nothing if it is not a JPEG, has no EXIF data, or has damaged ones, since a picture is as
+        good without them.
+    """
+    try:
+        with open_untrusted(path) as file:
+            tiff = _exif_block(file.read(_HEADER_MAX_BYTES))
+        values = _lens_values(tiff) if tiff else {}
+    except (OSError, struct.error):
+        return LensSettings()
+    zoom = values.get(_DIGITAL_ZOOM)
+    return LensSettings(
+        focal_length_mm=values.get(_FOCAL_LENGTH) or None,
+        focal_length_35mm_mm=values.get(_FOCAL_LENGTH_35MM) or None,
+        digital_zoom=(zoom or 1.0) if zoom is not None else None,  # 0 stands for: digital zoom was not used
+        subject_distance_m=values.get(_SUBJECT_DISTANCE) or None,
+    )
+
+
+def _exif_block(data: bytes) -> bytes | None:
+    """Return the TIFF file in the JPEG's APP1 segment."""
+    if data[:2] != b"\xff\xd8":
+        return None
+    at = 2
+    while data[at : at + 1] == b"\xff" and data[at + 1 : at + 2] not in {b"", b"\xd9", b"\xda"}:
+        (length,) = struct.unpack_from(">H", data, at + 2)
+        if data[at + 1] == 0xE1 and data[at + 4 : at + 10] == b"Exif\0\0":
+            return data[at + 10 : at + 2 + length]
+        at += 2 + max(length, 2)
+    return None
+
+
+def _lens_values(tiff: bytes) -> dict[int, float]:
+    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
+    if order is None:
+        return {}
+    (first,) = struct.unpack_from(f"{order}L", tiff, 4)
+    settings_at = dict(_entries(tiff, first, order)).get(_EXIF_DIRECTORY)
+    return dict(_entries(tiff, int(settings_at), order)) if settings_at else {}
+
+
+def _entries(tiff: bytes, at: int, order: str) -> Iterator[tuple[int, float]]:
+    """Yield tag and value of those entries of a directory that are one plain number."""
+    (count,) = struct.unpack_from(f"{order}H", tiff, at)
+    for index in range(count):
+        entry = at + 2 + 12 * index
+        tag, kind, values = struct.unpack_from(f"{order}HHL", tiff, entry)
+        if values == 1 and kind == _SHORT:
+            yield tag, float(struct.unpack_from(f"{order}H", tiff, entry + 8)[0])
+        elif values == 1 and kind == _LONG:
+            yield tag, float(struct.unpack_from(f"{order}L", tiff, entry + 8)[0])
+        elif values == 1 and kind == _RATIONAL:
+            (offset,) = struct.unpack_from(f"{order}L", tiff, entry + 8)
+            above, below = struct.unpack_from(f"{order}LL", tiff, offset)
+            if below and above != 0xFFFFFFFF:  # that numerator stands for infinity
+                yield tag, above / below

@@ -70,7 +70,6 @@ def redetected(
     """Measure again in the pictures of a recording, and decide on that.
 
     Args:
-        recording: The recording.
         configuration: The targets, the camera model and the rules.
         take_over: What to do where another configuration was taken over; None to go on with these rules.
 
