@@ -73,6 +73,7 @@ class Draft:
     rules: dict[str, RuleTable] = field(default_factory=dict)
     tests: dict[int, RuleTestTable] = field(default_factory=dict)
     compiled: tuple[CompiledRule, ...] = ()
+    renamed: tuple[Finding, ...] = ()
 
     def names(self, section: str) -> tuple[str, ...]:
         """Return the names that a section declares, whether or not what they stand for could be read.

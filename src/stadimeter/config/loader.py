@@ -18,6 +18,7 @@ from stadimeter.config.driver_tables import CAMERA, read_driver_table
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.renamed_keys import with_current_keys
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.secrets import without_secrets
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
@@ -85,8 +86,9 @@ def load_configuration(path: Path, *, with_tests: bool = True) -> Configuration:
     Raises:
         ConfigError: It lists every problem, in the order of the file.
     """
-    source = read_toml(path, CONFIGURATION_MAX_BYTES)
+    source, renamed = with_current_keys(read_toml(path, CONFIGURATION_MAX_BYTES))
     draft = read_draft(source.table, path, with_tests=with_tests)
+    draft.renamed = renamed
     text, not_hidden = without_secrets(draft, source.text, source.spans)
     findings = [*draft.findings, *error_findings(draft), *_test_findings(draft), *not_hidden]
     found = [*problems(findings, str(path), source.spans), *draft.file_problems]

@@ -79,7 +79,7 @@ def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -
     message = f"once raised, '{alarm.name}' waits for somebody to {does} it{drives}, and nothing tells them"
     hint = (
         f"only `stadimeter {command} {alarm.name}` on this computer does; add a section [messenger], or a step with "
-        "notify to then"
+        "notify to escalation"
     )
     yield Finding(declared.at(key), message, hint, "latch-unheard")
 

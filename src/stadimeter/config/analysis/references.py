@@ -82,11 +82,11 @@ def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
 
 
 def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Finding]:
-    steps = table.get("then")
+    steps = table.get("escalation")
     for number, step in enumerate(steps if isinstance(steps, list) else ()):
         if not isinstance(step, Mapping):
             continue
-        at: KeyPath = ("rules", section, "then", number)
+        at: KeyPath = ("rules", section, "escalation", number)
         outputs = [*draft.names("actuators"), *([BASE_NAME] if BASE_NAME in draft.table else [])]
         yield from _exists(step, "actuator", outputs, at)
         yield from _exists(step, "notify", draft.names("notifiers"), at)

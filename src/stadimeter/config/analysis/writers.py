@@ -53,7 +53,7 @@ def _written(subject: Subject) -> Iterator[_Writer]:
             yield _Writer(declared=declared, output=rule.output, path=declared.at("priority"))
         for number, step in enumerate(rule.sequence if isinstance(rule, AlarmRule) else ()):
             if step.output is not None:
-                yield _Writer(declared=declared, output=step.output, path=declared.at("then", number, "actuator"))
+                yield _Writer(declared=declared, output=step.output, path=declared.at("escalation", number, "actuator"))
 
 
 def priority_errors(subject: Subject) -> Iterator[Finding]:

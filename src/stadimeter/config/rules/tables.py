@@ -115,7 +115,7 @@ class RuleTable(Section):
     """Of the alarms of one group, the first one is marked; empty for none."""
     suppress_when: WhenTable | None = None
     """While this holds, it drives nothing and notifies nobody."""
-    then: list[StepTable] = Field(default_factory=list)
+    escalation: list[StepTable] = Field(default_factory=list)
     """What else it does, and when."""
 
     def names(self, name: str) -> tuple[str, ...]:
@@ -215,7 +215,7 @@ class RuleTable(Section):
             shelve_max_s=self.shelve_max_s,
             group=self.group,
             suppress_when=suppress_when,
-            sequence=tuple(step.to_plan() for step in self.then),
+            sequence=tuple(step.to_plan() for step in self.escalation),
         )
 
 
