@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from stadimeter.config.rule_tests.tables import RuleTestTable
 
 BASE_NAME = "base"
-"""What rules call the base."""
+"""The name of the base in rules."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TAKEN: dict[str, set[str]] = {

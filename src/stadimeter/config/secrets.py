@@ -21,12 +21,12 @@ from stadimeter.config.renamed_keys import current_keys
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 
 HIDDEN = "hidden://"
-"""What stands in place of a secret in the text that is recorded."""
+"""Stands in place of a secret in the text that is recorded."""
 
 _TEXT_VALUE = re.compile(r"""(?:^|(?<==))\s*("(?:[^"\\]|\\.)*"|'[^']*')\s*$""")
 _SCHEME = re.compile(r"\s*[\w+.-]+://")
 _TELLING = re.compile(r"@|\w*(?:pass|pw|token|key|secret|auth|sig|cred)\w*=", re.IGNORECASE)
-"""What stands in an address that holds a secret most likely. Others, such as ``?action=stream``, deserve no warning."""
+"""Words in an address that most likely holds a secret. Others, such as ``?action=stream``, deserve no warning."""
 
 _TEXT_FOR_PEOPLE = frozenset({"rules", "tests"})
 """The sections in which an address is a part of a sentence."""

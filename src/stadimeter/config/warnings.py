@@ -1,4 +1,4 @@
-"""What a configuration is allowed to say and hardly means: found for `check` and for a reload, not for each run."""
+"""Warnings: what is allowed in a configuration and hardly meant. `check` and a reload ask for them, a run does not."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _alerts_heard(draft: Draft) -> Iterator[Finding]:
     for name, rule in draft.rules.items():
         does_something = rule.actuator or rule.escalation or rule.observe or name in asked_for
         if rule.when and not does_something and "messenger" not in draft.table:
-            message = f"nobody hears the alert '{name}': it drives nothing, and there is no messenger"
+            message = f"nothing reports the alert '{name}': it drives nothing, and there is no messenger"
             yield Finding(("rules", name), message, "add an actuator to it, or a section [messenger]", "unheard")
 
 

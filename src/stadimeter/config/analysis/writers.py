@@ -125,12 +125,12 @@ def _rivals(subject: Subject) -> Iterator[list[CompiledRule]]:
 
 
 def _shadowed(subject: Subject) -> Iterator[tuple[CompiledRule, Finding]]:
-    told: set[str] = set()
+    reported: set[str] = set()
     for rivals in _rivals(subject):
         for loser in rivals:
             winners = _winners_over(loser.rule, rivals, subject)
-            if winners and loser.section not in told:
-                told.add(loser.section)
+            if winners and loser.section not in reported:
+                reported.add(loser.section)
                 yield loser, _loses(loser, winners)
 
 

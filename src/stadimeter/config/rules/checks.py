@@ -1,4 +1,4 @@
-"""What one rule may not say, though each of its values by itself is fine."""
+"""Contradictions within one rule, each of whose values is fine by itself."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
 """One wrong frame raises nothing, and one missing frame delays nothing."""
 
 KINDS = ("when", "ramp", "follow")
-"""What a rule can be: exactly one of these keys is in its table."""
+"""The kinds of rules: exactly one of these keys is in the table of one."""
 
 
 class LostTable(Section):
