@@ -7,7 +7,7 @@ Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rule
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -55,8 +55,8 @@ class Configuration:
     path: Path
     text: str
     plan: Plan
-    rules: tuple[CompiledRule, ...]
-    spans: Mapping[KeyPath, SourceSpan]
+    rules: tuple[CompiledRule, ...] = field(compare=False)
+    spans: Mapping[KeyPath, SourceSpan] = field(compare=False)
     camera: DriverChoice
     camera_model: CameraModel | None
     targets: tuple[DriverChoice, ...]
@@ -66,7 +66,7 @@ class Configuration:
     world: DriverChoice | None
     leases_s: Mapping[str, float]
     stays_off: frozenset[str]
-    find_warnings: Callable[[], tuple[Problem, ...]]
+    find_warnings: Callable[[], tuple[Problem, ...]] = field(compare=False)
     tests: tuple[RuleTest, ...] = ()
     notifiers: tuple[DriverChoice, ...] = ()
 
