@@ -29,7 +29,7 @@ driver = "simulated"
 [rules.near]
 when = { below = "2 m" }
 on_delay = "0 s"
-then = [{ notify = "phone", text = "{distance_m}" }, { topic = "door", text = "{event}" }]
+escalation = [{ notify = "phone", text = "{distance_m}" }, { topic = "door", text = "{event}" }]
 
 [world]
 path = [

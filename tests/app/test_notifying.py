@@ -119,19 +119,19 @@ driver = "{driver}"
 actuator = "motor"
 severity = "alarm"
 when = {{ below = "1 m" }}
-[[rules.near.then]]
+[[rules.near.escalation]]
 notify = "phone"
 title = "{{rule}} {{event}}"
 text = "{{target}} is {{distance_ft:.1f}} ft away"
-[[rules.near.then]]
+[[rules.near.escalation]]
 after = "1 s"
 topic = "door/alert"
 json = {{ distance = "{{distance_m:.1f}}" }}
-[[rules.near.then]]
+[[rules.near.escalation]]
 after = "1 min"
 notify = "phone"
 text = "too late to be told"
-[[rules.near.then]]
+[[rules.near.escalation]]
 on = "cleared"
 notify = "phone"
 text = "gone"

@@ -171,7 +171,7 @@ def test_a_notification_that_hangs_is_given_up_and_counted(robot):
     with WebhookListener() as service:
         service.is_free.clear()
         notifier = f'[notifiers.phone]\ndriver = "apprise"\nurl = "json://{HOST}:{service.port}"\n'
-        robot.write(notifier, 'then = [{ notify = "phone" }]')
+        robot.write(notifier, 'escalation = [{ notify = "phone" }]')
         robot.start()
         assert service.asked.wait(10)
         code, said = robot.end()

@@ -274,7 +274,7 @@ def test_a_sensible_configuration_gets_no_warning(load: Load, sound: str) -> Non
         (
             QUIET + "[rules.d]\nwhen = { lost = true }\n",
             (
-                "rules.d: nobody hears the alert 'd': it drives nothing, and there is no messenger "
+                "rules.d: nothing reports the alert 'd': it drives nothing, and there is no messenger "
                 "(add an actuator to it, or a section [messenger])"
             ),
         ),

@@ -29,8 +29,8 @@ def warned(tmp_path: Path, text: str) -> list[tuple[str, str, str]]:
 def test_a_relay_that_clicks_all_the_time_is_warned_of(tmp_path: Path, where: str) -> None:
     pattern = 'actuator = "siren"\npattern = { on = "0.5 s", off = "0.5 s" }'
     rule = '[rules.near]\nwhen = { below = "1 m" }\n'
-    text = rule + (pattern if where == "rule" else f"[[rules.near.then]]\n{pattern}")
-    key = "rules.near.pattern" if where == "rule" else "rules.near.then.0.pattern"
+    text = rule + (pattern if where == "rule" else f"[[rules.near.escalation]]\n{pattern}")
+    key = "rules.near.pattern" if where == "rule" else "rules.near.escalation.0.pattern"
     message = "'siren' wears out by switching, as a relay does, and would switch every 1 s while the alarm stands"
     assert ("relay-pattern", key, message) in warned(tmp_path, text)
 
@@ -44,7 +44,7 @@ def test_a_relay_that_clicks_seldom_is_fine(tmp_path: Path, pattern: str) -> Non
 def test_a_notifier_that_no_rule_notifies_is_warned_of(tmp_path: Path) -> None:
     text = (
         '[notifiers.phone]\ndriver = "simulated"\n[notifiers.mail]\ndriver = "simulated"\n'
-        '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n[[rules.near.then]]\nnotify = "phone"\n'
+        '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n[[rules.near.escalation]]\nnotify = "phone"\n'
     )
     assert warned(tmp_path, text) == [("output-unused", "notifiers.mail", "no rule notifies 'mail'")]
 
@@ -53,7 +53,7 @@ def test_what_a_notifier_would_lack_here_is_warned_of(tmp_path: Path, monkeypatc
     monkeypatch.setattr("stadimeter.messaging.apprise_notifier.find_spec", lambda _name: None)
     text = (
         '[notifiers.phone]\ndriver = "apprise"\nurl_file = "phone.txt"\n'
-        '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n[[rules.near.then]]\nnotify = "phone"\n'
+        '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n[[rules.near.escalation]]\nnotify = "phone"\n'
     )
     lacks = "the driver 'apprise' will not work here: "
     assert warned(tmp_path, text) == [

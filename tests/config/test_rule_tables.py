@@ -127,22 +127,22 @@ def test_a_sequence_does_one_thing_after_the_other(tmp_path: Path) -> None:
     found = alarm(
         tmp_path,
         """
-[[rules.near.then]]
+[[rules.near.escalation]]
 after = "5 s"
 only_unacknowledged = true
 notify = "phone"
 title = "{rule}!"
 text = "{target} is {distance_ft:.1f} ft away"
-[[rules.near.then]]
+[[rules.near.escalation]]
 topic = "door/alert"
 json = { distance = "{distance_m}", rule = "{rule}", tags = ["a", 1] }
 retain = true
-[[rules.near.then]]
+[[rules.near.escalation]]
 after = "1 min"
 actuator = "motor"
 level = 0.5
 pattern = { on = "1 s", off = "1 s" }
-[[rules.near.then]]
+[[rules.near.escalation]]
 on = "cleared"
 actuator = "motor"
 for = "2 s"
@@ -163,7 +163,7 @@ for = "2 s"
 
 
 def test_a_notification_without_words_says_what_happened_and_why(tmp_path: Path) -> None:
-    found = alarm(tmp_path, '[[rules.near.then]]\nnotify = "phone"')
+    found = alarm(tmp_path, '[[rules.near.escalation]]\nnotify = "phone"')
     assert found.sequence[0].send == Send(template=Template(text="{reason}"), notifier="phone", title="{rule}: {event}")
 
 
@@ -198,18 +198,21 @@ def test_a_notification_without_words_says_what_happened_and_why(tmp_path: Path)
     ],
 )
 def test_what_is_wrong_with_a_step_is_said_with_its_line(tmp_path: Path, step: str, words: str) -> None:
-    found = problem(tmp_path, f"[[rules.near.then]]\n{step}")
+    found = problem(tmp_path, f"[[rules.near.escalation]]\n{step}")
     assert words in f"{found.message} {found.hint}"
     first = PARTS.count("\n") + 5
     assert first <= found.line <= first + 3
-    assert found.key.startswith("rules.near.then.0")
+    assert found.key.startswith("rules.near.escalation.0")
 
 
 def test_a_wrong_step_does_not_hide_what_is_wrong_elsewhere_in_the_rule(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as raised:
-        alarm(tmp_path, 'group = 5\n[[rules.near.then]]\ntopic = "a"\ntext = "{nope}"\n[rules.far]\ntarget = "nobody"')
+        alarm(
+            tmp_path,
+            'group = 5\n[[rules.near.escalation]]\ntopic = "a"\ntext = "{nope}"\n[rules.far]\ntarget = "nobody"',
+        )
     keys = [found.key for found in raised.value.problems]
-    assert {"rules.near.group", "rules.near.then.0.text", "rules.far.target"} <= set(keys)
+    assert {"rules.near.group", "rules.near.escalation.0.text", "rules.far.target"} <= set(keys)
 
 
 def test_several_targets_make_one_alarm_for_each(tmp_path: Path) -> None:
@@ -284,7 +287,7 @@ def test_a_table_of_points_is_described(tmp_path: Path) -> None:
 
 
 def test_a_step_that_lasts_as_long_as_the_alarm_has_no_end(tmp_path: Path) -> None:
-    found = alarm(tmp_path, '[[rules.near.then]]\nactuator = "motor"')
+    found = alarm(tmp_path, '[[rules.near.escalation]]\nactuator = "motor"')
     assert math.isinf(found.sequence[0].for_s)
 
 
@@ -300,19 +303,19 @@ ack = "required"
 realarm = "5 min"
 group = "door"
 suppress_when = { rule = "quiet" }
-[[rules.near.then]]
+[[rules.near.escalation]]
 after = "1.5 min"
 only_unacknowledged = true
 notify = "phone"
-[[rules.near.then]]
+[[rules.near.escalation]]
 topic = "door/alert"
 text = "x"
-[[rules.near.then]]
+[[rules.near.escalation]]
 on = "cleared"
 actuator = "motor"
 level = 0.5
 for = "2 s"
-[[rules.near.then]]
+[[rules.near.escalation]]
 actuator = "base"
 [rules.quiet]
 target = "cup"

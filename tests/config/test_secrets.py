@@ -131,7 +131,7 @@ def test_the_file_of_an_address_is_recorded_by_its_name_only(tmp_path: Path) -> 
 
 
 def test_an_address_in_what_a_rule_sends_is_sent_whole_and_recorded_without_its_token(tmp_path: Path) -> None:
-    then = f'[[rules.far.then]]\ntopic = "away"\ntext = "see http://dash/?token={TOKEN} now"\n'
+    then = f'[[rules.far.escalation]]\ntopic = "away"\ntext = "see http://dash/?token={TOKEN} now"\n'
     configuration = camera(tmp_path, "device = 0", f'{then}[messenger]\ndriver = "simulated"\n')
     assert TOKEN in repr(configuration.plan)
     assert 'text = "see http://dash/?… now"' in configuration.text

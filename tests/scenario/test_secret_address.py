@@ -52,7 +52,7 @@ port = {port}
 actuator = "motor"
 when = {{ lost = true }}
 
-[[rules.gone.then]]
+[[rules.gone.escalation]]
 topic = "gone"
 text = "see {link} now"
 """

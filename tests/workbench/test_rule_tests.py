@@ -287,8 +287,8 @@ def test_what_an_alarm_sends_is_counted_and_nothing_is_sent(load: Load) -> None:
         RULES.replace("[rules.far]", '[messenger]\ndriver = "simulated"\n\n[rules.far]')
         .replace(
             "[rules.follow]",
-            '[[rules.near.then]]\ntopic = "door"\ntext = "{rule}"\n'
-            '[[rules.near.then]]\nafter = "2 s"\nonly_unacknowledged = true\ntopic = "again"\ntext = "{rule}"\n\n'
+            '[[rules.near.escalation]]\ntopic = "door"\ntext = "{rule}"\n'
+            '[[rules.near.escalation]]\nafter = "2 s"\nonly_unacknowledged = true\ntopic = "again"\ntext = "{rule}"\n\n'
             "[rules.follow]",
         )
         .replace('when = { below = "50 cm" }', 'when = { below = "50 cm" }\nack = "required"')

@@ -14,11 +14,11 @@ from stadimeter.config.untrusted_file import SECRET_MAX_BYTES, read_untrusted_te
 from stadimeter.errors import DeviceOpenError, UnreadableError
 
 LEFT_OUT = "…"
-"""What stands in the place of the secret parts of an address."""
+"""Stands in place of the secret parts of an address."""
 
 _ADDRESS = re.compile(r"""://([^\s"'`<>\\]+)""")
 _PARAMETERS = re.compile(r"[?#;]|(?<=/)[^/?#;]*=")
-"""Where the parameters of an address begin. Some cameras have them in the path: ``/user=me&password=secret``."""
+"""The beginning of the parameters of an address. Some cameras have them in the path: ``/user=me&password=secret``."""
 
 
 def address_for_people(address: str) -> str:
@@ -55,7 +55,7 @@ def address_in(file: Path, example: str) -> str:
 
 
 def _for_people(rest: str) -> str:
-    """Return what follows the scheme of an address. If it cannot be told what is a password, nothing is left of it."""
+    """Return what follows the scheme of an address. Where the password cannot be recognised, nothing is left of it."""
     cut = _PARAMETERS.search(rest)
     before, after = (rest[: cut.start()], rest[cut.start() :]) if cut else (rest, "")
     if "@" in after:  # of a password with such a character, or of an address of mail

@@ -27,7 +27,7 @@ MOST_EDGE_BIAS_PX = 5.0
 
 
 HOW_TO_MAKE_ONE = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
-"""What to do if there is no camera file."""
+"""The hint where there is no camera file."""
 
 
 def _date_text(value: object) -> object:
@@ -41,7 +41,7 @@ Coefficient = Annotated[float, Field(strict=True)]
 
 
 class CameraTable(BaseModel):
-    """What a camera file, or a ``model`` table in a configuration, may hold."""
+    """A camera file, or a ``model`` table in a configuration."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 

@@ -1,4 +1,4 @@
-"""What the parts of a configuration may not say together."""
+"""Contradictions between the parts of a configuration, each of which can be read by itself."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _lens_known(draft: Draft) -> Iterator[Finding]:
 
 
 def _never_blind_for_long(draft: Draft) -> Iterator[Finding]:
-    """Whatever a configuration says, nothing acts for long on what nobody sees any more."""
+    """Whatever a configuration says, nothing acts for long on what is out of sight."""
     limits: list[tuple[KeyPath, float]] = [
         (("actuators", name, "lease"), table.lease) for name, table in draft.actuator_tables.items()
     ]

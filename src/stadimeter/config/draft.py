@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from stadimeter.config.rule_tests.tables import RuleTestTable
 
 BASE_NAME = "base"
-"""What rules call the base."""
+"""The name of the base in rules."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TAKEN: dict[str, set[str]] = {
@@ -73,6 +73,7 @@ class Draft:
     rules: dict[str, RuleTable] = field(default_factory=dict)
     tests: dict[int, RuleTestTable] = field(default_factory=dict)
     compiled: tuple[CompiledRule, ...] = ()
+    renamed: tuple[Finding, ...] = ()
 
     def names(self, section: str) -> tuple[str, ...]:
         """Return the names that a section declares, whether or not what they stand for could be read.

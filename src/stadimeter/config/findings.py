@@ -1,4 +1,4 @@
-"""What a check found, before its line is looked up."""
+"""Findings of checks, and the problems that they become once their lines are looked up."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rule
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from stadimeter.config.driver_tables import CAMERA, read_driver_table
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.renamed_keys import with_current_keys
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.secrets import without_secrets
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
@@ -54,8 +55,8 @@ class Configuration:
     path: Path
     text: str
     plan: Plan
-    rules: tuple[CompiledRule, ...]
-    spans: Mapping[KeyPath, SourceSpan]
+    rules: tuple[CompiledRule, ...] = field(compare=False)
+    spans: Mapping[KeyPath, SourceSpan] = field(compare=False)
     camera: DriverChoice
     camera_model: CameraModel | None
     targets: tuple[DriverChoice, ...]
@@ -65,7 +66,7 @@ class Configuration:
     world: DriverChoice | None
     leases_s: Mapping[str, float]
     stays_off: frozenset[str]
-    find_warnings: Callable[[], tuple[Problem, ...]]
+    find_warnings: Callable[[], tuple[Problem, ...]] = field(compare=False)
     tests: tuple[RuleTest, ...] = ()
     notifiers: tuple[DriverChoice, ...] = ()
 
@@ -85,8 +86,9 @@ def load_configuration(path: Path, *, with_tests: bool = True) -> Configuration:
     Raises:
         ConfigError: It lists every problem, in the order of the file.
     """
-    source = read_toml(path, CONFIGURATION_MAX_BYTES)
+    source, renamed = with_current_keys(read_toml(path, CONFIGURATION_MAX_BYTES))
     draft = read_draft(source.table, path, with_tests=with_tests)
+    draft.renamed = renamed
     text, not_hidden = without_secrets(draft, source.text, source.spans)
     findings = [*draft.findings, *error_findings(draft), *_test_findings(draft), *not_hidden]
     found = [*problems(findings, str(path), source.spans), *draft.file_problems]

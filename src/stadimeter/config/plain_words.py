@@ -33,7 +33,7 @@ _KINDS = {
     "string": "not text; put it in quotes",
     "tuple": "not a list; write it as [ … ]",
 }
-"""What a value is not, by the beginning of pydantic's name for the error."""
+"""Complaints about the kind of a value, by the beginning of pydantic's name for the error."""
 
 _LIMITS = {
     "finite_number": "not a finite number",

@@ -35,7 +35,7 @@ GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, MESSENGERS, NOTIFIERS, WORLDS, P
 
 
 class Options(BaseModel):
-    """What a driver's table in the configuration may hold. Drivers derive their own from it.
+    """The options of a driver, as its table in the configuration holds them. Drivers derive their own from it.
 
     Unknown keys are errors, and numbers are finite. Fields that a person writes with a unit use the types of
     `stadimeter.config.units`; fields that name a pin or a serial port use `Pin` and `SerialPort`, so that two drivers
@@ -47,7 +47,7 @@ class Options(BaseModel):
 
 @dataclass(slots=True)
 class Shared:
-    """What the drivers of one run share, such as the simulated world or one pin factory.
+    """Objects that the drivers of one run share, such as the simulated world or one pin factory.
 
     Attributes:
         closers: What to call at the end of the run, last first.
@@ -59,7 +59,7 @@ class Shared:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriverContext:
-    """What a driver gets from the run that it is part of.
+    """The part of a run that a driver gets.
 
     Attributes:
         name: The part's name in the configuration, such as ``motor``; for error messages.
@@ -127,7 +127,7 @@ class Exercise:
 
 @dataclass(frozen=True, slots=True)
 class Plugin(Generic[OptionsT]):
-    """What an entry point names.
+    """A driver, as its entry point names it.
 
     Attributes:
         options: The model of the driver's table in the configuration.

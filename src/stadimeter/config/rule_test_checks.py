@@ -1,4 +1,4 @@
-"""What the tests of a configuration may not say."""
+"""Mistakes in the tests of a configuration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stadimeter.core.rule import AlarmRule
 
 _MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
 _MADE_UP_TOO = ("seed", "frozen", "clock", "day", "operator")
-"""What a recording has already."""
+"""Keys of which a recording has its own."""
 _FASTEST_RATE_HZ = 30.0
 _EXAMPLE = "expect.RULE = { raised = 1 }"
 

@@ -1,4 +1,4 @@
-"""A JSON Schema of the whole configuration, from which editors complete and check while somebody writes one.
+"""A JSON Schema of the whole configuration, from which editors complete and check while one is written.
 
 It is made from the same models that read a configuration, those of every installed driver included. What only the
 whole can tell, such as whether a rule's target exists, is left to ``stadimeter check``.
@@ -30,7 +30,7 @@ from stadimeter.errors import DriverError
 JsonSchema = dict[str, Any]
 
 _IN_UNITS = re.compile(r"^In (?:metres|seconds|radians|hertz|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)")
-"""What a figure is in once it was read; it is written with a unit of its own."""
+"""The unit of a figure once it was read; it is written with a unit of its own."""
 _FOR_NUMBERS = ("exclusiveMinimum", "exclusiveMaximum", "minimum", "maximum", "multipleOf")
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -133,7 +133,7 @@ def _driver_table(
     ``if`` and ``then`` tell validators exactly which driver is meant. Editors that do not know these two complete from
     the alternatives of ``anyOf``, which say the same.
     """
-    if not drivers:  # somebody has taken a package apart
+    if not drivers:  # a package was taken apart
         return {"type": "object"}
     kind = drivers[0].kind
     references = {}

@@ -17,15 +17,16 @@ from pydantic import SecretStr
 from stadimeter.config.addresses import address_for_people, words_for_people
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding
+from stadimeter.config.renamed_keys import current_keys
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 
 HIDDEN = "hidden://"
-"""What stands in place of a secret in the text that is recorded."""
+"""Stands in place of a secret in the text that is recorded."""
 
 _TEXT_VALUE = re.compile(r"""(?:^|(?<==))\s*("(?:[^"\\]|\\.)*"|'[^']*')\s*$""")
 _SCHEME = re.compile(r"\s*[\w+.-]+://")
 _TELLING = re.compile(r"@|\w*(?:pass|pw|token|key|secret|auth|sig|cred)\w*=", re.IGNORECASE)
-"""What stands in an address that holds a secret most likely. Others, such as ``?action=stream``, deserve no warning."""
+"""Words in an address that most likely holds a secret. Others, such as ``?action=stream``, deserve no warning."""
 
 _TEXT_FOR_PEOPLE = frozenset({"rules", "tests"})
 """The sections in which an address is a part of a sentence."""
@@ -110,7 +111,7 @@ def _addresses(draft: Draft) -> Iterator[tuple[KeyPath, str]]:
 
 def _parsed(text: str) -> Mapping[str, Any]:
     try:
-        return tomllib.loads(text)
+        return current_keys(tomllib.loads(text))
     except tomllib.TOMLDecodeError:
         return {}
 

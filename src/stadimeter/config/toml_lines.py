@@ -1,4 +1,4 @@
-"""Where each key of a TOML text stands, so that an error can name its line.
+"""Source spans of the keys of a TOML text, so that an error can name its line.
 
 The standard library's parser gives values without their source spans. This scanner gives spans without values: it runs
 on a text that the parser has accepted, so it needs to know only where keys, strings and brackets begin and end.
@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 KeyPath = tuple[str | int, ...]
-"""Where a value stands: keys, and for entries of an array their numbers, counted from 0."""
+"""The path of a value: keys, and for entries of an array their numbers, counted from 0."""
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _BLANK = re.compile(r"[ \t]*")

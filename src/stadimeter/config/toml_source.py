@@ -41,7 +41,7 @@ _MARK = re.compile(
 _OPENING, _CLOSING, _NEXT, _TEXT = frozenset("[{"), frozenset("]}"), frozenset(",\n"), frozenset("\"'#")
 
 _INTEGERS = range(-(2**63), 2**63)
-"""What TOML says that every reader must take (TOML 1.0, section Integer); no key means more."""
+"""The integers that every reader of TOML must take (TOML 1.0, section Integer); no key means more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +74,7 @@ def read_toml(path: Path, most_bytes: int, missing_hint: str = "") -> TomlSource
 
 
 def parse_toml(text: str, file: str) -> TomlSource:
-    """Parse a TOML text, unless it is one that nobody can have meant.
+    """Parse a TOML text, unless it cannot be meant as a configuration.
 
     Raises:
         ConfigError: It is not TOML, nests too deep, or holds a number beyond 64 bits; with the line.

@@ -1,4 +1,4 @@
-"""What the bytes of a picture ask of its decoder, looked at before it is decoded.
+"""Checks of the bytes of a picture before it is decoded.
 
 A file of a few kilobytes can ask for gigabytes, or for a minute, before a decoder gives up on it. OpenCV refuses too
 many pixels by itself, see `stadimeter.__init__`; other ways to lead its decoders astray are closed here.

@@ -1,4 +1,4 @@
-"""What a configuration is allowed to say and hardly means: found for `check` and for a reload, not for each run."""
+"""Warnings: what is allowed in a configuration and hardly meant. `check` and a reload ask for them, a run does not."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ SHORTEST_PERIOD_OF_WEAR_S = 5.0
 
 def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what to look at again in a configuration without errors."""
+    yield from draft.renamed
     yield from _about_rules(draft)
     for check in (rule_test_warnings, secret_warnings, _lacking_drivers, *_ABOUT_DRIVERS):
         yield from check(draft)
@@ -92,15 +93,15 @@ def _without_effect(rule: RuleTable) -> Iterator[tuple[tuple[str, ...], str, str
 def _alerts_heard(draft: Draft) -> Iterator[Finding]:
     asked_for = rules_asked_for(draft)
     for name, rule in draft.rules.items():
-        does_something = rule.actuator or rule.then or rule.observe or name in asked_for
+        does_something = rule.actuator or rule.escalation or rule.observe or name in asked_for
         if rule.when and not does_something and "messenger" not in draft.table:
-            message = f"nobody hears the alert '{name}': it drives nothing, and there is no messenger"
+            message = f"nothing reports the alert '{name}': it drives nothing, and there is no messenger"
             yield Finding(("rules", name), message, "add an actuator to it, or a section [messenger]", "unheard")
 
 
 def _outputs_driven(draft: Draft) -> Iterator[Finding]:
     driven = {rule.actuator for rule in draft.rules.values() if not rule.observe}
-    driven |= {step.actuator for rule in draft.rules.values() for step in rule.then if not rule.observe}
+    driven |= {step.actuator for rule in draft.rules.values() for step in rule.escalation if not rule.observe}
     paths: list[KeyPath] = [("actuators", name) for name in draft.names("actuators")]
     paths += [(BASE_NAME,)] if BASE_NAME in draft.table else []
     for path in paths:
@@ -143,10 +144,10 @@ def _moves(draft: Draft) -> bool:
 
 
 def _unused_notifiers(draft: Draft) -> Iterator[Finding]:
-    used = {step.notify for rule in draft.rules.values() for step in rule.then}
+    used = {step.notify for rule in draft.rules.values() for step in rule.escalation}
     for name in draft.names("notifiers"):
         if draft.rules and name not in used:
-            hint = f'add a step notify = "{name}" to the [[rules.NAME.then]] of a rule'
+            hint = f'add a step notify = "{name}" to the [[rules.NAME.escalation]] of a rule'
             yield Finding(("notifiers", name), f"no rule notifies '{name}'", hint, "output-unused")
 
 
@@ -166,9 +167,9 @@ def _worn_contacts(draft: Draft) -> Iterator[Finding]:
 def _patterns(rule: RuleTable) -> Iterator[tuple[KeyPath, str | None, PatternTable]]:
     if rule.pattern is not None:
         yield (), rule.actuator, rule.pattern
-    for position, step in enumerate(rule.then):
+    for position, step in enumerate(rule.escalation):
         if step.pattern is not None:
-            yield ("then", position), step.actuator, step.pattern
+            yield ("escalation", position), step.actuator, step.pattern
 
 
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (

@@ -18,7 +18,7 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.rules.judging import not_judged_yet
 from stadimeter.errors import StadimeterError
 
-_LIVE = frozenset({"path", "text", "plan", "warnings", "tests"})
+_LIVE = frozenset({"path", "text", "plan", "tests"})
 """What a reload can change. The plan is looked at apart; everything else needs a restart."""
 
 _SECTIONS = {"camera_model": "camera.model", "leases_s": "lease of an output", "stays_off": "after_fault"}
@@ -117,7 +117,7 @@ def needs_restart(running: Configuration, new: Configuration) -> tuple[str, ...]
     Returns:
         The sections, such as ``[camera]``; empty if all can be applied.
     """
-    names = [field.name for field in fields(Configuration) if field.name not in _LIVE]
+    names = [field.name for field in fields(Configuration) if field.compare and field.name not in _LIVE]
     found = [name for name in names if _parts(getattr(running, name)) != _parts(getattr(new, name))]
     if running.plan.targets != new.plan.targets:
         found.append("targets")

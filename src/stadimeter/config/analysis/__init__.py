@@ -1,1 +1,1 @@
-"""What is wrong with rules though each by itself can be read: found before they run, by logic on their conditions."""
+"""Finds mistakes in rules that can each be read by themselves, before they run, by logic on their conditions."""

@@ -19,12 +19,12 @@ from stadimeter.core.condition import AllOf, Condition, PresenceCondition
 _DEG = 180 / math.pi
 
 _MOST_PAIRS = 2000
-"""So many pairs of parts are tried to name the two that clash: those of some sixty parts."""
+"""Pairs of parts that are tried at most to name the two that clash: those of some sixty parts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Quantity:
-    """What a simple condition is about.
+    """The quantity that a simple condition limits.
 
     Attributes:
         noun: Such as ``distance``.
@@ -131,7 +131,9 @@ def holding_warnings(subject: Subject) -> Iterator[Finding]:
         for written in declared.conditions():
             yield from _always(written, subject.logic)
         if alarm.suppress_when is not None and _meets_always(alarm.condition, alarm.suppress_when, subject.logic):
-            message = f"whenever '{declared.section}' holds, it is suppressed: it never drives and never tells anything"
+            message = (
+                f"whenever '{declared.section}' holds, it is suppressed: it never drives and never notifies anything"
+            )
             hint = "suppress it in fewer situations, or write observe = true if that is meant"
             yield Finding(declared.at("suppress_when"), message, hint, "always-suppressed")
 

@@ -1,4 +1,4 @@
-"""What a safety rule promises, what a latched alarm asks of people, and what moves a base without seeing."""
+"""Promises of safety rules, latched alarms that operators cannot know of, and bases that move without seeing."""
 
 from __future__ import annotations
 
@@ -76,10 +76,10 @@ def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -
         return
     drives = f" while it drives '{alarm.output}'" if alarm.latch and alarm.output else ""
     does, command, key = ("reset", "reset", "latch") if alarm.latch else ("acknowledge", "ack", "ack")
-    message = f"once raised, '{alarm.name}' waits for somebody to {does} it{drives}, and nothing tells them"
+    message = f"once raised, '{alarm.name}' waits for an operator to {does} it{drives}, and nothing notifies one"
     hint = (
         f"only `stadimeter {command} {alarm.name}` on this computer does; add a section [messenger], or a step with "
-        "notify to then"
+        "notify to escalation"
     )
     yield Finding(declared.at(key), message, hint, "latch-unheard")
 
@@ -87,14 +87,14 @@ def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -
 def _latch_without_effect(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     if alarm.observe and (alarm.latch or alarm.needs_ack):
         does, key = ("reset", "latch") if alarm.latch else ("acknowledge", "ack")
-        message = f"a rule that is only observed drives and sends nothing, and yet waits for somebody to {does} it"
+        message = f"a rule that is only observed drives and sends nothing, and yet waits for an operator to {does} it"
         yield Finding(declared.at(key), message, "leave one of the two out", "latch-observed")
 
 
 def _latch_suppresses(latched: Mapping[str, str], declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     asked_for = depends_on(alarm.suppress_when) if alarm.suppress_when else frozenset[str]()
     for name in sorted({latched[rule] for rule in asked_for if rule in latched}):
-        message = f"'{name}' latches: once raised, it suppresses '{alarm.name}' until somebody resets it"
+        message = f"'{name}' latches: once raised, it suppresses '{alarm.name}' until an operator resets it"
         hint = f"leave latch out of '{name}', or suppress by another rule"
         yield Finding(declared.at("suppress_when"), message, hint, "latch-suppresses")
 

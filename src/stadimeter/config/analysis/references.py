@@ -1,4 +1,4 @@
-"""What rules name: other rules, targets, actuators and notifiers that must exist, and no rule that waits for itself.
+"""Names in rules: other rules, targets, actuators and notifiers that must exist, and no rule that waits for itself.
 
 Read from the tables as they were written, so that a rule with a mistake elsewhere is checked too.
 """
@@ -15,7 +15,7 @@ from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.toml_lines import KeyPath
 
 _MOST_NAMES = 8
-"""A longer ring is told with a gap."""
+"""A longer ring is written with a gap."""
 _CONDITIONS = ("when", "suppress_when")
 
 
@@ -82,16 +82,16 @@ def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
 
 
 def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Finding]:
-    steps = table.get("then")
+    steps = table.get("escalation")
     for number, step in enumerate(steps if isinstance(steps, list) else ()):
         if not isinstance(step, Mapping):
             continue
-        at: KeyPath = ("rules", section, "then", number)
+        at: KeyPath = ("rules", section, "escalation", number)
         outputs = [*draft.names("actuators"), *([BASE_NAME] if BASE_NAME in draft.table else [])]
         yield from _exists(step, "actuator", outputs, at)
         yield from _exists(step, "notify", draft.names("notifiers"), at)
         if "topic" in step and "messenger" not in draft.table:
-            message = f"nobody sends '{step['topic']}': there is no section [messenger]"
+            message = f"nothing sends '{step['topic']}': there is no section [messenger]"
             yield Finding((*at, "topic"), message, "add one, or notify people with notify", "unknown-name")
 
 
@@ -105,15 +105,15 @@ def _exists(step: Mapping[str, Any], key: str, known: Iterable[str], at: KeyPath
 
 
 def _cycles(draft: Draft) -> Iterator[Finding]:
-    """Find rings of rules, each of which asks whether the next is active. Every rule is told in one ring at most."""
+    """Find rings of rules, each of which asks whether the next is active. Each rule is reported in one at most."""
     sections = draft.tables("rules")
     asks = {section: [_in_section(name, sections) for name in _rules_in(section, table)]
             for section, table in sections.items()}  # fmt: skip
-    told: set[str] = set()
+    reported: set[str] = set()
     for section in _without_the_free(asks):
-        ring = None if section in told else _ring(section, asks)
+        ring = None if section in reported else _ring(section, asks)
         if ring is not None:
-            told.update(name.name for name in ring)
+            reported.update(name.name for name in ring)
             yield _in_a_ring(section, ring)
 
 

@@ -1,4 +1,4 @@
-"""Where a rule wants something of its output, as a condition."""
+"""The condition under which a rule wants something of its output."""
 
 from __future__ import annotations
 

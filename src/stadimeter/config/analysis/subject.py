@@ -1,4 +1,4 @@
-"""What is looked at: the rules as the core sees them, each beside its table in the file."""
+"""The subject of an analysis: compiled rules, each beside its table in the file, and the logic of their conditions."""
 
 from __future__ import annotations
 

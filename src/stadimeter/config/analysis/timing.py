@@ -16,12 +16,12 @@ from stadimeter.core.condition import DistanceCondition, TimeToContactCondition
 from stadimeter.core.rule import AlarmRule
 
 ASSUMED_CLOSING_MPS = 2.0
-"""How fast a target may come where nothing is said about it: faster than people walk, slower than they run."""
+"""Assumed closing speed where none is stated: faster than people walk, slower than they run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Approach:
-    """How fast a target comes at most, and how often it is looked at.
+    """The largest closing speed of a target, and the time between two frames.
 
     Attributes:
         frame_s: From one frame to the next.

@@ -53,7 +53,7 @@ def _written(subject: Subject) -> Iterator[_Writer]:
             yield _Writer(declared=declared, output=rule.output, path=declared.at("priority"))
         for number, step in enumerate(rule.sequence if isinstance(rule, AlarmRule) else ()):
             if step.output is not None:
-                yield _Writer(declared=declared, output=step.output, path=declared.at("then", number, "actuator"))
+                yield _Writer(declared=declared, output=step.output, path=declared.at("escalation", number, "actuator"))
 
 
 def priority_errors(subject: Subject) -> Iterator[Finding]:
@@ -125,12 +125,12 @@ def _rivals(subject: Subject) -> Iterator[list[CompiledRule]]:
 
 
 def _shadowed(subject: Subject) -> Iterator[tuple[CompiledRule, Finding]]:
-    told: set[str] = set()
+    reported: set[str] = set()
     for rivals in _rivals(subject):
         for loser in rivals:
             winners = _winners_over(loser.rule, rivals, subject)
-            if winners and loser.section not in told:
-                told.add(loser.section)
+            if winners and loser.section not in reported:
+                reported.add(loser.section)
                 yield loser, _loses(loser, winners)
 
 

@@ -1,1 +1,1 @@
-"""Says in plain sentences what a configuration does."""
+"""A configuration in plain sentences."""

@@ -1,4 +1,4 @@
-"""What a test of rules expects of a rule or of an output."""
+"""Expectations of a rule test: of a rule or of an output."""
 
 from __future__ import annotations
 
@@ -152,4 +152,4 @@ OF_ACTUATORS = ("level_at", "level_max", "level_reaches")
 OF_BASES = ("speed_max", "speed_reaches")
 OF_OUTPUTS = ("stopped_at", "acts_at")
 OF_RULES = tuple(key for key in ExpectTable.model_fields if key not in {*OF_ACTUATORS, *OF_BASES, *OF_OUTPUTS})
-"""Which keys of the table make sense for what."""
+"""Keys of the table, by what they can be expected of."""

@@ -1,4 +1,4 @@
-"""What one rule may not say, though each of its values by itself is fine."""
+"""Contradictions within one rule, each of whose values is fine by itself."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from stadimeter.config.rules.tables import KINDS, FramesTable, RuleTable
 
 _ONLY_FOR_WHEN = (
     "targets", "on_delay", "off_delay", "level", "pattern", "at_start", "latch", "ack", "realarm", "cooldown",
-    "shelve_max", "group", "suppress_when", "then",
+    "shelve_max", "group", "suppress_when", "escalation",
 )  # fmt: skip
 
 

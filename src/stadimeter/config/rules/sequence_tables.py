@@ -17,10 +17,10 @@ from stadimeter.config.units import Duration
 from stadimeter.core import rule, templates
 
 JSON_DEEPEST = 20
-"""How deep lists and tables of a JSON template may be nested."""
+"""Greatest depth of lists and tables in a JSON template."""
 
 OWN_TOPICS = ("availability", "event", "rule", "target")
-"""What the program itself publishes below its base topic begins with one of these."""
+"""First words of the topics that the program itself publishes below its base topic."""
 
 DEFAULT_TITLE = "{rule}: {event}"
 DEFAULT_TEXT = "{reason}"
@@ -31,7 +31,7 @@ _ONLY_FOR = {
     "level": ("actuator",), "pattern": ("actuator",), "for_": ("actuator",),
     "title": ("notify",), "text": ("notify", "topic"), "json_": ("topic",), "retain": ("topic",),
 }  # fmt: skip
-"""Which keys have a meaning beside which of `_DOES`."""
+"""For each key, those of `_DOES` beside which it has a meaning."""
 
 
 def _checked(template: rule.Template) -> None:

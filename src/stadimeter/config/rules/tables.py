@@ -28,7 +28,7 @@ FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
 """One wrong frame raises nothing, and one missing frame delays nothing."""
 
 KINDS = ("when", "ramp", "follow")
-"""What a rule can be: exactly one of these keys is in its table."""
+"""The kinds of rules: exactly one of these keys is in the table of one."""
 
 
 class LostTable(Section):
@@ -115,7 +115,7 @@ class RuleTable(Section):
     """Of the alarms of one group, the first one is marked; empty for none."""
     suppress_when: WhenTable | None = None
     """While this holds, it drives nothing and notifies nobody."""
-    then: list[StepTable] = Field(default_factory=list)
+    escalation: list[StepTable] = Field(default_factory=list)
     """What else it does, and when."""
 
     def names(self, name: str) -> tuple[str, ...]:
@@ -215,7 +215,7 @@ class RuleTable(Section):
             shelve_max_s=self.shelve_max_s,
             group=self.group,
             suppress_when=suppress_when,
-            sequence=tuple(step.to_plan() for step in self.then),
+            sequence=tuple(step.to_plan() for step in self.escalation),
         )
 
 
