@@ -40,7 +40,6 @@ WallClock = Callable[[], str]
 
 _JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 SYSTEM_EVENTS = {EventKind.TARGET_SEEN, EventKind.TARGET_LOST, EventKind.FAULT, EventKind.FAULT_CLEARED}
-_ACTIVE = {RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED}
 
 
 class Reporter:
@@ -227,6 +226,7 @@ class _RuleState:
     is_acknowledged: bool = True
     is_first_out: bool = False
     gates: tuple[str, ...] = ()
+    is_chattering: bool = False
 
     @property
     def is_latched(self) -> bool:
@@ -237,7 +237,8 @@ class _RuleState:
     def urgent(self) -> tuple[object, ...]:
         """What is told at once when it changes."""
         return (
-            self.is_active, self.is_data_lost, self.is_acknowledged, self.is_latched, self.is_first_out, self.gates
+            self.is_active, self.is_data_lost, self.is_acknowledged, self.is_latched, self.is_first_out, self.gates,
+            self.is_chattering,
         )  # fmt: skip
 
 
@@ -248,7 +249,6 @@ class _RuleReports:
         self._newest = _RuleState(status=RuleStatus.UNKNOWN)
         self._told: _RuleState | None = None
         self._told_at_s = -math.inf
-        self._is_raised = False
         self._is_data_lost = False
         self._was_active: bool | None = None
         self._since = ""
@@ -281,6 +281,7 @@ class _RuleReports:
             "latched": state.is_latched,
             "first_out": state.is_first_out,
             "gates": state.gates,
+            "chattering": state.is_chattering,
             "data_lost": state.is_data_lost,
             "since": self._since,
             "reason": reason,
@@ -289,19 +290,16 @@ class _RuleReports:
 
     def _state(self, trace: RuleTrace, events: list[EventKind]) -> _RuleState:
         for kind in events:
-            if kind in {EventKind.RAISED, EventKind.CLEARED}:
-                self._is_raised = kind is EventKind.RAISED
             if kind in {EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}:
                 self._is_data_lost = kind is EventKind.MEASUREMENT_LOST
-        # A rule that lost its target says "unknown", though an alarm that was raised still stands.
-        is_active = trace.status in _ACTIVE or (trace.status is RuleStatus.UNKNOWN and self._is_raised)
         return _RuleState(
             status=trace.status,
-            is_active=is_active,
+            is_active=trace.active is True,
             is_data_lost=self._is_data_lost,
             is_acknowledged=trace.acknowledged,
             is_first_out=trace.first_out,
             gates=trace.gates,
+            is_chattering=trace.chattering,
         )
 
 

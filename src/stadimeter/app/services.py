@@ -12,13 +12,13 @@ from stadimeter.core.decide import State, initial_state
 from stadimeter.core.observation import WallTime
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan
-from stadimeter.core.rules.keeping import TakenOver, carried_over
+from stadimeter.core.reload import TakenOver, carried_over
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.reloading import Change
     from stadimeter.app.control.requests import Control
     from stadimeter.app.deliveries import Undelivered
-    from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
+    from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 
 

@@ -34,6 +34,10 @@ class EventKind(StrEnum):
     UNSUPPRESSED = "unsuppressed"
     OUT_OF_SERVICE = "out_of_service"
     IN_SERVICE = "in_service"
+    CHATTERING = "chattering"
+    """An alarm came too often within a minute; it stays active until it has calmed down."""
+    CALMED = "calmed"
+    """An alarm that was chattering is an ordinary one again."""
     REFUSED = "refused"
     """What an operator wanted could not be done."""
 
@@ -123,6 +127,9 @@ class RuleTrace:
         acknowledged: Whether nobody needs to acknowledge it, or somebody has.
         gates: What keeps it from acting: ``shelved``, ``suppressed``, ``out of service``, ``observed``.
         first_out: Whether it is the first alarm of its group.
+        active: Whether the rule is active: of an alarm, whether it is raised, clearing or latched. None if it is not
+            and there is nothing to judge by. This is the one answer: for other rules, messages, tests and figures.
+        chattering: Whether it came too often within a minute, and stays active until it has calmed down.
     """
 
     rule: str
@@ -131,6 +138,8 @@ class RuleTrace:
     acknowledged: bool = True
     gates: tuple[str, ...] = ()
     first_out: bool = False
+    active: bool | None = None
+    chattering: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from stadimeter.config.describing.conditions import begins
 from stadimeter.core.rule import AlarmRule, Pattern, SequenceStep
 
+_RAISES_MAX = AlarmRule.__dataclass_fields__["raises_per_minute_max"].default
+
 Verb = Callable[[str], str]
 """What an output does when it acts, such as ``lights``, by its name."""
 
@@ -66,10 +68,19 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
         yield "Somebody must acknowledge it"
     if rule.realarm_s is not None:
         yield f"Is reported again every {duration(rule.realarm_s)} while it stands"
+    yield from _governor(rule)
     if rule.group:
         yield f"Of the alarms of the group `{rule.group}`, the first is marked"
     if rule.suppress_when is not None:
         yield f"Keeps quiet while {begins(rule.suppress_when)}"
+
+
+def _governor(rule: AlarmRule) -> Iterator[str]:
+    most = rule.raises_per_minute_max
+    if most == 0:
+        yield "Is never taken for chattering"
+    elif most != _RAISES_MAX:
+        yield f"Chatters when it comes {most} times within a minute, and then stands until it has calmed down"
 
 
 def _step(step: SequenceStep, verb: Verb) -> str:

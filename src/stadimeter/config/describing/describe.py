@@ -107,7 +107,8 @@ def _lost_alarm(rule: AlarmRule) -> str:
         case LostPolicy.HOLD:
             return f" When lost: stays as it was{given_up}."
         case LostPolicy.CLEAR:
-            return f" When lost for {lost.grace_s:g} s: clears."
+            later = f" {rule.off_delay_s:g} s later" if rule.off_delay_s else ""
+            return f" When lost for {lost.grace_s:g} s: clears{later}."
         case _:
             return f" When lost for {lost.grace_s:g} s: raised, since not seeing counts as danger."
 

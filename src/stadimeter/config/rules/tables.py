@@ -55,6 +55,8 @@ class RuleTable(Section):
         realarm: After being active for this long, in seconds, it is reported again; None for never.
         cooldown: The least time between two notifications, in seconds. None for the default.
         shelve_max: The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default.
+        raises_per_min_max: An alarm that came this often within a minute chatters: it stays active until it has calmed
+            down. 0 or "off" for no such limit.
         group: Of the alarms of one group, the first one is marked; empty for none.
         suppress_when: While this holds, it drives nothing and notifies nobody.
         then: What else it does, and when.
@@ -80,6 +82,7 @@ class RuleTable(Section):
     realarm: DurationAboveZero | None = None
     cooldown: Duration | None = None
     shelve_max: Duration | None = None
+    raises_per_min_max: Annotated[int, Field(ge=0, le=1000)] | Literal["off"] = _ALARM.raises_per_minute_max
     group: str = _ALARM.group
     suppress_when: WhenTable | None = None
     then: list[StepTable] = Field(default_factory=list)
@@ -209,6 +212,7 @@ class RuleTable(Section):
             realarm_s=self.realarm,
             cooldown_s=self.cooldown_s,
             shelve_max_s=self.shelve_max_s,
+            raises_per_minute_max=0 if self.raises_per_min_max == "off" else self.raises_per_min_max,
             group=self.group,
             suppress_when=self.suppress_when.to_plan(self.severity) if self.suppress_when else None,
             sequence=tuple(step.to_plan() for step in self.then),

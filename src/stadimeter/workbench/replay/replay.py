@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.keeping.resumption import read_resumption
+from stadimeter.app.persistence.resumption import read_resumption
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.decide import State, decide, initial_state

@@ -11,7 +11,7 @@ from pathlib import Path
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, load_recorded, to_be_recorded
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.decide import State
-from stadimeter.core.rules.keeping import carried_over
+from stadimeter.core.reload import carried_over
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.opening import Recording
 from stadimeter.workbench.replay.replay import Replayed, decisions

@@ -28,8 +28,6 @@ from stadimeter.workbench.rule_tests.watching import (
     Watch,
 )
 
-ACTIVE = frozenset({RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED})
-"""In these states an alarm stands."""
 _TRANSITIONS = frozenset({EventKind.RAISED, EventKind.CLEARED})
 _TOLD_OF = frozenset({EventKind.RAISED, EventKind.CLEARED, EventKind.REALARMED})
 
@@ -73,7 +71,7 @@ class _RuleWatches:
         return turn.decision.rules[self.index]
 
     def _is_active(self, turn: Turn) -> bool:
-        return self._trace(turn).status in ACTIVE
+        return self._trace(turn).active is True
 
     def _doing(self, turn: Turn) -> str:
         return explain(turn.decision, self.rule.name).sentence

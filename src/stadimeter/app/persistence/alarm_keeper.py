@@ -18,13 +18,13 @@ import time
 from collections.abc import Callable, Iterable
 
 from stadimeter.app.deliveries import Deliveries, Undelivered
-from stadimeter.app.keeping.alarm_store import AlarmStore, Memory
-from stadimeter.app.keeping.moments import Moment
-from stadimeter.app.keeping.resumption import Resumption, resumption_at
+from stadimeter.app.persistence.alarm_store import AlarmStore, Memory
+from stadimeter.app.persistence.moments import Moment
+from stadimeter.app.persistence.resumption import Resumption, resumption_at
 from stadimeter.app.reporting import SYSTEM_EVENTS
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
-from stadimeter.core.rules.keeping import Turn, absent, kept, turn
+from stadimeter.core.persistence import Change, absent, change, kept
 from stadimeter.errors import StateError
 
 PASSING_EVERY_S = 10.0
@@ -125,11 +125,11 @@ class AlarmKeeper:
             with self._turned:
                 self._turned.wait_for(lambda: self._newest is None and not self._is_writing, ALARM_WAIT_S)
             return
-        found = turn(before, after)
-        if found is Turn.NOTHING and not self._is_owed:
+        found = change(before, after)
+        if found is Change.NOTHING and not self._is_owed:
             return
         now_s = after.now_s or 0.0
-        if found is Turn.LASTING or now_s - self._submitted_s >= PASSING_EVERY_S:
+        if found is Change.LASTING or now_s - self._submitted_s >= PASSING_EVERY_S:
             self.keep(after)
         else:
             self._is_owed = True

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from stadimeter.app.keeping.alarm_store import Memory
-from stadimeter.app.keeping.moments import Moment, elapsed_s
+from stadimeter.app.persistence.alarm_store import Memory, upgraded
+from stadimeter.app.persistence.moments import Moment, elapsed_s
 from stadimeter.core.decide import State
-from stadimeter.core.rules.keeping import Absence, KeptAlarm, restored
+from stadimeter.core.persistence import Absence, KeptAlarm, restored
 from stadimeter.errors import StateError
 
 
@@ -83,6 +83,6 @@ def read_resumption(text: str) -> Resumption:
         StateError: The text is something else.
     """
     try:
-        return _ONE.validate_json(text)[0]
+        return _ONE.validate_json(upgraded(text))[0]
     except ValidationError as error:
         raise StateError(f"not what a run takes over from another: {error.errors()[0]['msg']}") from error
