@@ -12,7 +12,6 @@ import random
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from statistics import NormalDist
 
 from stadimeter.config.rule_tests.motions import PathPoint, SpanTable
@@ -49,53 +48,6 @@ def where(path: Sequence[PathPoint], at_s: float) -> PathPoint:
         bearing_rad=_between(before.bearing_rad, after.bearing_rad, share),
         elevation_rad=_between(before.elevation_rad, after.elevation_rad, share),
     )
-
-
-def enters_s(path: Sequence[PathPoint], low_m: float, high_m: float) -> float | None:
-    """Return when the true distance first lies between two limits.
-
-    Args:
-        path: Where the target is at certain times, in order.
-        low_m: The lower limit in metres, or minus infinity.
-        high_m: The upper limit in metres, or infinity.
-
-    Returns:
-        Seconds from the start of the test; None for never.
-    """
-    if low_m < path[0].distance_m < high_m:
-        return path[0].at_s
-    for before, after in pairwise(path):
-        start_m, end_m = before.distance_m, after.distance_m
-        if max(start_m, end_m) <= low_m or min(start_m, end_m) >= high_m or start_m == end_m:
-            continue
-        border_m = high_m if start_m >= high_m else low_m
-        return _between(before.at_s, after.at_s, (border_m - start_m) / (end_m - start_m))
-    return None
-
-
-def leaves_s(path: Sequence[PathPoint], low_m: float, high_m: float) -> float | None:
-    """Return when the true distance, having been between two limits, first no longer is.
-
-    Args:
-        path: Where the target is at certain times, in order.
-        low_m: The lower limit in metres, or minus infinity.
-        high_m: The upper limit in metres, or infinity.
-
-    Returns:
-        Seconds from the start of the test; None for never.
-    """
-    entered_s = enters_s(path, low_m, high_m)
-    if entered_s is None:
-        return None
-    for before, after in pairwise(path):
-        start_m, end_m = before.distance_m, after.distance_m
-        if after.at_s < entered_s or low_m < end_m < high_m:
-            continue
-        border_m = high_m if end_m >= high_m else low_m
-        if start_m == end_m or not min(start_m, end_m) <= border_m <= max(start_m, end_m):
-            continue
-        return _between(before.at_s, after.at_s, (border_m - start_m) / (end_m - start_m))
-    return None
 
 
 def _between(start: float, end: float, share: float) -> float:

@@ -6,6 +6,7 @@ instead, when, and why: the rule's own reason of that moment. So a test over an 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
@@ -345,3 +346,44 @@ class FirstWatch:
         elif at_s > self._by_s + _ROUNDING_S:
             late = f"{got}, {at_s - self._by_s:.2f} s late"
             yield self._subject.failure(self._expected, late, self._at_limit)
+
+
+class WithinWatch(FirstWatch):
+    """Expects the first event of a kind soon after something is so.
+
+    Args:
+        within_s: How soon.
+        is_met: Whether it is so in a turn. Asked in every turn, until it is.
+        words: What is then so.
+    """
+
+    def __init__(
+        self,
+        subject: Subject,
+        counted: Callable[[Turn], Iterable[Event]],
+        verb: str,
+        within_s: float,
+        is_met: Callable[[Turn], bool],
+        words: str,
+    ) -> None:
+        super().__init__(subject, counted, verb, (0.0, math.inf), "")
+        self._within_s = within_s
+        self._is_met = is_met
+        self._words = words
+        self._met_at_s: float | None = None
+
+    def see(self, turn: Turn) -> None:
+        """Take in the next turn."""
+        if self._met_at_s is None and self._is_met(turn):
+            self._met_at_s = turn.at_s
+            self._by_s = turn.at_s + self._within_s
+            when = f"{turn.at_s:.2f} s, where its condition truly {self._words}"
+            self._expected = f"{self._verb} within {self._within_s:.2f} s of {when}"
+        super().see(turn)
+
+    def failures(self) -> Iterator[Failure]:
+        """Yield when it happened, if that is too late, or that it never had to happen."""
+        if self._met_at_s is None:
+            yield self._subject.failure(f"its condition truly {self._words}", "it never does")
+        else:
+            yield from super().failures()
