@@ -62,9 +62,7 @@ class Reporter:
         """Return what is to be told after a cycle. Call it for every cycle: silence is also decided here.
 
         Args:
-            now_s: The run's monotonic clock.
             wall_clock: Tells the time of day, as RFC 3339 has it, in UTC. Asked only when there is something to tell.
-            decision: What was decided.
 
         Returns:
             Events first, then rules, then targets.
@@ -99,9 +97,6 @@ class Reporter:
 
     def forget(self, rules: Collection[str]) -> tuple[Message, ...]:
         """Forget rules that are no more, and return what makes a broker forget them too.
-
-        Args:
-            rules: Their names.
 
         Returns:
             An empty retained message for each; a broker keeps the state of a rule until it is told to forget it.

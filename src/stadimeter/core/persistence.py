@@ -150,7 +150,6 @@ def _lasting(state: AlarmState) -> tuple[object, ...]:
         state.reported_at_s,
         state.notified_at_s,
         state.owes_notice,
-        state.raises_at_s,
         state.is_chattering,
         state.leg,
         inhibits.shelved_until_s,
@@ -162,7 +161,8 @@ def _lasting(state: AlarmState) -> tuple[object, ...]:
 
 def _passing(state: AlarmState) -> tuple[object, ...]:
     is_unknown = state.unknown_since_s is None
-    return state.phase, is_unknown, state.is_given_up, state.held_from_start, state.inhibits.is_suppressed
+    raises_s, is_suppressed = state.raises_at_s, state.inhibits.is_suppressed
+    return state.phase, is_unknown, state.is_given_up, state.held_from_start, is_suppressed, raises_s
 
 
 def restored(
@@ -181,7 +181,6 @@ def restored(
         memories: What the earlier alarms remembered. What means something else now is passed over.
         shift_s: What to add to a time on the earlier run's clock.
         from_s: As of when they remembered it, on this run's clock.
-        now_s: This run's clock.
     """
     by_rule = {memory.rule: memory for memory in memories}
     moved = _Move(shift_s=shift_s, from_s=from_s, now_s=now_s)

@@ -55,8 +55,6 @@ class AlarmKeeper:
     """Lets the alarms of a run remember what those of earlier runs did.
 
     Args:
-        store: The file.
-        moment_of: Returns this moment.
         deliveries: Knows what other programs and people have not got yet; None if nobody tells them anything.
 
     Attributes:
@@ -89,9 +87,6 @@ class AlarmKeeper:
 
         A file that cannot be used keeps no run from beginning.
 
-        Args:
-            now_s: The run's clock.
-
         Returns:
             What the run takes over from an earlier one; None if there is nothing.
         """
@@ -113,11 +108,6 @@ class AlarmKeeper:
         """Take in a cycle, after its messages are on their way and before anybody sees it.
 
         Never waits for the disk, but a moment if there is an alarm that others have not got yet.
-
-        Args:
-            before: What was remembered before it.
-            after: What was remembered after it.
-            events: What happened in it.
         """
         self._latest = after
         if any(event.kind not in SYSTEM_EVENTS for event in events) and self._undelivered():
@@ -135,11 +125,7 @@ class AlarmKeeper:
             self._is_owed = True
 
     def keep(self, state: State) -> None:
-        """Have a state written, as soon as the disk can. Never waits for it.
-
-        Args:
-            state: What is remembered now.
-        """
+        """Have a state written, as soon as the disk can. Never waits for it."""
         if self._thread is None or state.now_s is None:
             return
         self._is_owed, self._submitted_s = False, state.now_s
@@ -152,9 +138,6 @@ class AlarmKeeper:
 
         Call it when messenger and notifiers are closed: then it is known what they could not deliver. Does nothing if
         it was called before, in whatever thread.
-
-        Args:
-            state: What is remembered.
 
         Returns:
             What went wrong, in words; empty for nothing.

@@ -78,8 +78,6 @@ class Memory:
     """What alarms remembered, and when.
 
     Attributes:
-        moment: When it was written.
-        alarms: What each alarm remembered.
         absent: Which targets were out of sight.
         undelivered: What other programs and people had not got yet, oldest first.
     """
@@ -106,7 +104,6 @@ class AlarmStore:
         is_named: Whether a user has named the file. Then one that is not ours is neither moved nor written.
 
     Attributes:
-        path: The file.
         warning: What was wrong with the file that was found, and what became of it; empty for nothing.
     """
 

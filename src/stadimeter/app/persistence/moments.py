@@ -26,7 +26,6 @@ class Moment:
 
     Attributes:
         clock: Which monotonic clock it is: that of one boot of the computer, or a stepped one.
-        at_s: On that clock.
         unix_s: On the wall clock, in seconds since 1970.
         is_synchronised: Whether the wall clock was right.
     """
@@ -66,22 +65,14 @@ def moment(
 
     Args:
         clock: The name of the run's clock.
-        at_s: What it shows.
         unix_s: Tells the time of the wall clock.
         is_right: Tells whether that can be believed.
-
-    Returns:
-        The moment.
     """
     return Moment(clock=clock, at_s=at_s, unix_s=unix_s(), is_synchronised=is_right())
 
 
 def elapsed_s(before: Moment, now: Moment) -> float:
     """Return how much time has passed between two moments.
-
-    Args:
-        before: The earlier one.
-        now: The later one.
 
     Returns:
         In seconds, never below 0; 0 if nobody can tell.

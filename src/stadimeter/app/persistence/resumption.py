@@ -43,11 +43,7 @@ class Resumption:
         return restored(state, self.alarms, self.absent, shift_s=self.shift_s, from_s=self.from_s, now_s=self.now_s)
 
     def text(self) -> str:
-        """Return it as text, for a recording.
-
-        Returns:
-            JSON.
-        """
+        """Return it as text, for a recording."""
         return _ONE.dump_json((self,)).decode()
 
 
@@ -57,10 +53,6 @@ _ONE: TypeAdapter[tuple[Resumption]] = TypeAdapter(tuple[Resumption], config=Con
 
 def resumption_at(now: Moment, memory: Memory) -> Resumption:
     """Return what a run takes over that begins now.
-
-    Args:
-        now: The beginning of the run.
-        memory: What was remembered, and when.
 
     Returns:
         It, as if the alarms had gone on in between.
@@ -72,12 +64,6 @@ def resumption_at(now: Moment, memory: Memory) -> Resumption:
 
 def read_resumption(text: str) -> Resumption:
     """Read what was taken over.
-
-    Args:
-        text: What `Resumption.text` returned.
-
-    Returns:
-        The same value again.
 
     Raises:
         StateError: The text is something else.

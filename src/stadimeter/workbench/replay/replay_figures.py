@@ -23,11 +23,8 @@ class RuleFigures:
     """What one rule comes to.
 
     Attributes:
-        rule: The rule's name.
-        raised: How often it was raised.
         transitions_per_minute: How often it was raised or cleared in a minute.
         late_median_s: How long after its distance was crossed it was raised, the median; None if that is not known.
-        late_worst_s: The same, the worst case.
         missed: How often its distance was crossed and it was not raised.
         unfounded: How often it was raised while its distance was not crossed; None if that is not known.
         least_distance_m: The least distance of what it watches while it was not active; None if it watches none.
@@ -48,8 +45,6 @@ class Tally:
     """Counts through a replay what its figures are made of.
 
     Attributes:
-        plan: The rules.
-        events: Every event so far.
         from_s: The time of the first cycle.
         to_s: The time of the last one.
     """
@@ -78,12 +73,7 @@ class Tally:
         return 0.0 if self.from_s is None else (self.to_s - self.from_s) / 60
 
     def add(self, observation: Observation, decision: Decision) -> None:
-        """Add one cycle.
-
-        Args:
-            observation: What was observed in it.
-            decision: What is decided.
-        """
+        """Add one cycle."""
         self.from_s = observation.now_s if self.from_s is None else self.from_s
         self.to_s = observation.now_s
         self.events += decision.events

@@ -41,12 +41,7 @@ def watches(name: str, expected: ExpectTable, plan: Plan, path: Sequence[PathPoi
 
     Args:
         name: Its name. A rule and an output may share one.
-        expected: What is expected.
-        plan: The plan.
         path: Where the rule's target truly is when; empty where that is not known.
-
-    Yields:
-        One watch for each expectation.
     """
     for index, rule in enumerate(plan.rules):
         if rule.name == name:

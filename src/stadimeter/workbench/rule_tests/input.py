@@ -30,8 +30,6 @@ def observations(
     """Yield what the core sees, a cycle at a time. Nothing is opened but a recording.
 
     Args:
-        given: What happens in the test.
-        configuration: The configuration.
         sensors: How sure each target's distance is expected to be; not needed for a recording.
 
     Yields:
@@ -60,10 +58,6 @@ def observations(
 
 def frame_rate_hz(given: InputTable, configuration: Configuration) -> float:
     """Return how many frames a second a test has.
-
-    Args:
-        given: What happens in the test.
-        configuration: The configuration.
 
     Returns:
         The rate that the test names; else that of the camera; else a usual one.

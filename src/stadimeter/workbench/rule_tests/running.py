@@ -23,11 +23,9 @@ class RuleTestResult:
     """What came of one test.
 
     Attributes:
-        test: The test.
         failures: What was not met; none if it passed.
         events: What happened, with times from the start of the test.
         took_s: How long it was, in seconds of the test.
-        cycles: How many cycles it had.
         trouble: Why it could not be run to its end; empty if it was.
     """
 
@@ -45,11 +43,7 @@ class RuleTestResult:
 
 
 class RuleTests:
-    """Runs tests of one configuration.
-
-    Args:
-        configuration: The configuration.
-    """
+    """Runs tests of one configuration."""
 
     def __init__(self, configuration: Configuration) -> None:
         self._configuration = configuration

@@ -22,12 +22,7 @@ SMALLEST_PX = 3.0
 
 
 class SensorModel:
-    """A camera that looks at a target of known size.
-
-    Args:
-        size: The target's size.
-        camera: The camera model.
-    """
+    """A camera that looks at a target of known size."""
 
     def __init__(self, size: TargetSize, camera: CameraModel) -> None:
         self._size = size
@@ -37,9 +32,6 @@ class SensorModel:
     def sigmas_m(self, distance_m: float) -> tuple[float, float]:
         """Return how sure a distance is, as `stadimeter.ranging.feasibility` expects it.
 
-        Args:
-            distance_m: The distance, above zero.
-
         Returns:
             The whole standard deviation in metres, and the part of it that differs from frame to frame.
         """
@@ -47,25 +39,12 @@ class SensorModel:
         return math.hypot(noise_m, self._stays * distance_m), noise_m
 
     def is_found(self, distance_m: float) -> bool:
-        """Return whether the target appears large enough at a distance for any detector to find it.
-
-        Args:
-            distance_m: The distance, above zero.
-
-        Returns:
-            Whether it does.
-        """
+        """Return whether the target appears large enough at a distance for any detector to find it."""
         return expect(self._size, self._exact, distance_m).size_px >= SMALLEST_PX
 
 
 def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
     """Return the sensor model of each target. Nothing is opened.
-
-    Args:
-        configuration: The configuration.
-
-    Returns:
-        The models by target.
 
     Raises:
         ConfigError: There is no camera model, or a detector cannot be built.

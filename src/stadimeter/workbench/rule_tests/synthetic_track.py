@@ -32,9 +32,6 @@ def where(path: Sequence[PathPoint], at_s: float) -> PathPoint:
     Args:
         path: Where it is at certain times, in order; it stays at the last point.
         at_s: Seconds from the start of the test.
-
-    Returns:
-        The point.
     """
     index = bisect_right(path, at_s, key=lambda point: point.at_s)
     if index == len(path):
@@ -77,10 +74,8 @@ class SyntheticTrack:
     """Measures one target that is not there, a frame at a time.
 
     Args:
-        target: Its name.
         path: Where it truly is when; empty for a target that is never in sight.
         sensor: How sure camera and target are.
-        nuisances: What goes wrong.
         seed: Everything random follows from it and the target's name.
     """
 
