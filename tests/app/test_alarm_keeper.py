@@ -8,7 +8,7 @@ import pytest
 
 from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
 from stadimeter.app.persistence.alarm_store import AlarmStore
-from stadimeter.app.persistence.moments import moment
+from stadimeter.app.persistence.resumption import moment
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.message import Message
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking

@@ -16,9 +16,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.persistence.alarm_store import AlarmStore, Memory, moved_on
-from stadimeter.app.persistence.moments import Moment
-from stadimeter.app.persistence.resumption import Resumption, read_resumption
+from stadimeter.app.persistence.alarm_store import AlarmStore, moved_on
+from stadimeter.app.persistence.resumption import Memory, Moment, Resumption, read_resumption
 from stadimeter.app.persistence.state_file import Kind, kind_of
 from stadimeter.core.alarms.machine import AlarmState, Phase
 from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers

@@ -15,10 +15,10 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import BallSize
 from stadimeter.ranging.feasibility import expect
-from stadimeter.workbench.rule_tests.sensor_model import SensorModel
 from stadimeter.workbench.rule_tests.synthetic_track import (
     OUTLIER_FACTOR,
     Nuisances,
+    SensorModel,
     SyntheticTrack,
     where,
 )

@@ -92,7 +92,7 @@ def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> Non
         return
     from stadimeter.app.persistence.alarm_keeper import AlarmKeeper  # noqa: PLC0415 - it takes long, and simulations have none
     from stadimeter.app.persistence.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
-    from stadimeter.app.persistence.moments import clock_name, moment  # noqa: PLC0415 - likewise
+    from stadimeter.app.persistence.resumption import clock_name, moment  # noqa: PLC0415 - likewise
 
     clock = clock_name(is_live=loop.parts.is_live)
     store = AlarmStore(path, is_named=serving.state is not None)

@@ -18,9 +18,8 @@ import time
 from collections.abc import Callable, Iterable
 
 from stadimeter.app.deliveries import Deliveries, Undelivered
-from stadimeter.app.persistence.alarm_store import AlarmStore, Memory
-from stadimeter.app.persistence.moments import Moment
-from stadimeter.app.persistence.resumption import Resumption, resumption_at
+from stadimeter.app.persistence.alarm_store import AlarmStore
+from stadimeter.app.persistence.resumption import Memory, Moment, Resumption, resumption_at
 from stadimeter.app.reporting import SYSTEM_EVENTS
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event

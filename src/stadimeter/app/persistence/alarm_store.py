@@ -23,13 +23,11 @@ import sqlite3
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from stadimeter.app.deliveries import Undelivered
-from stadimeter.app.persistence.moments import Moment
+from stadimeter.app.persistence.resumption import Memory, Moment, upgraded
 from stadimeter.app.persistence.state_file import APPLICATION_ID, Kind, kind_of, put_aside, too_large
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
@@ -71,21 +69,6 @@ _TABLES = (
 
 Queued = tuple[str, str]
 """Who has not delivered it yet, and what, as JSON."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Memory:
-    """What alarms remembered, and when.
-
-    Attributes:
-        absent: Which targets were out of sight.
-        undelivered: What other programs and people had not got yet, oldest first.
-    """
-
-    moment: Moment
-    alarms: tuple[KeptAlarm, ...]
-    absent: tuple[Absence, ...] = ()
-    undelivered: tuple[Undelivered, ...] = ()
 
 
 class _DamagedError(Exception):
@@ -290,11 +273,6 @@ class AlarmStore:
             raise _DamagedError(f"it holds something else than alarms: {error.errors()[0]['msg']}") from error
         self._written, self._queued = rows, queue
         return Memory(moment=moment, alarms=alarms, absent=absent, undelivered=undelivered)
-
-
-def upgraded(memory: str) -> str:
-    """Return what an alarm remembered, as JSON, with the keys of this version. `Phase` knows its old values itself."""
-    return memory.replace('"gates":', '"inhibits":')
 
 
 def _connected(path: Path) -> sqlite3.Connection:
