@@ -10,10 +10,9 @@ from typing import Any
 
 from stadimeter.config.analysis.delays import delay_s, frame_rate_hz
 from stadimeter.config.analysis.subject import DeclaredRule, Subject
-from stadimeter.config.describing.conditions import needs_figures
 from stadimeter.config.findings import Finding
 from stadimeter.config.units import parse_speed
-from stadimeter.core.condition import DistanceCondition, TimeToContactCondition
+from stadimeter.core.condition import DistanceCondition, TimeToContactCondition, leaves
 from stadimeter.core.rule import AlarmRule, LostPolicy
 
 ASSUMED_CLOSING_MPS = 2.0
@@ -144,7 +143,9 @@ def _too_long_for_contact(declared: DeclaredRule, alarm: AlarmRule, waits_s: flo
 def _cut_off_delay(declared: DeclaredRule, alarm: AlarmRule) -> Iterator[Finding]:
     """Find an off-delay that a target cuts short when it leaves the picture: `hold` lets the output go earlier."""
     lost = alarm.lost
-    if lost.policy is not LostPolicy.HOLD or alarm.latch or alarm.output is None or not needs_figures(alarm.condition):
+    if lost.policy is not LostPolicy.HOLD or alarm.latch or alarm.output is None:
+        return
+    if not any(isinstance(leaf, DistanceCondition) for leaf in leaves(alarm.condition)):
         return
     if "off_delay" in declared.table and alarm.off_delay_s > lost.fault_after_s:
         message = (
