@@ -6,9 +6,9 @@ from functools import partial
 
 import pytest
 
-from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
-from stadimeter.app.keeping.alarm_store import AlarmStore
-from stadimeter.app.keeping.moments import moment
+from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
+from stadimeter.app.persistence.alarm_store import AlarmStore
+from stadimeter.app.persistence.resumption import moment
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.message import Message
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
@@ -276,7 +276,7 @@ def shelved(path, **clock):
 def left_s(path, **clock):
     """Return for how long the alarm is still shelved in a run that begins now."""
     kept = Kept(AlarmStore(path), NEAR, **clock)
-    until_s = kept.run.state.rules.steps[0].state.gates.shelved_until_s
+    until_s = kept.run.state.rules.steps[0].state.inhibits.shelved_until_s
     kept.end()
     return until_s - clock["clock_s"]
 
@@ -304,7 +304,7 @@ def test_a_simulation_that_begins_anew_goes_on_with_what_was_left(path):
 
 
 def test_what_a_run_takes_over_is_text_that_gives_the_same_again(path):
-    from stadimeter.app.keeping.resumption import read_resumption
+    from stadimeter.app.persistence.resumption import read_resumption
 
     shelved(path)
     keeper = AlarmKeeper(AlarmStore(path), partial(moment, "boot 2", unix_s=lambda: 1e9, is_right=lambda: True))

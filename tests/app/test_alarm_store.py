@@ -16,15 +16,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.keeping.alarm_store import AlarmStore, Memory, moved_on
-from stadimeter.app.keeping.moments import Moment
-from stadimeter.app.keeping.state_file import Kind, kind_of
-from stadimeter.core.alarms.state import AlarmState, Gates, Leg, Resumed, Timers
-from stadimeter.core.alarms.table import Phase
+from stadimeter.app.persistence.alarm_store import AlarmStore, moved_on
+from stadimeter.app.persistence.resumption import Memory, Moment, Resumption, read_resumption
+from stadimeter.app.persistence.state_file import Kind, kind_of
+from stadimeter.core.alarms.machine import AlarmState, Phase
+from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
-from stadimeter.core.rules.keeping import Absence, KeptAlarm
+from stadimeter.core.persistence import Absence, KeptAlarm
 from stadimeter.errors import StateError
 
 RAISED = Event(
@@ -37,7 +37,7 @@ ACTIVE = AlarmState(
     reported_at_s=11.1,
     notified_at_s=11.1,
     leg=Leg(on="raised", began_s=11.1, event=RAISED, sent=(0, 2)),
-    gates=Gates(shelved_until_s=1811.0, is_one_shot=True, shelved_by="Zoë"),
+    inhibits=Inhibits(shelved_until_s=1811.0, is_one_shot=True, shelved_by="Zoë"),
     resumed=Resumed(from_s=math.inf, at_s=3.0),
 )
 NEAR = KeptAlarm(rule="near", meaning="a" * 64, state=ACTIVE, is_first_out=True)
@@ -350,7 +350,7 @@ def test_a_file_of_a_later_version_is_put_aside_and_named_so(path):
     database.close()
     memory, warning = read(path)
     assert memory is None
-    assert "written by a later version of stadimeter (format 7, not 1); it is now" in warning
+    assert "written by a later version of stadimeter (format 7, not 2); it is now" in warning
     assert path.with_name("run.sqlite3.newer-1").exists()
 
 
@@ -478,3 +478,17 @@ def test_a_file_is_known_as_ours_from_its_first_write_on(path):
     store.write(remembered(NEAR))
     assert kind_of(path) is Kind.OURS  # though all of it is still in the log
     store.close()
+
+
+def test_what_an_earlier_version_has_written_is_read_with_the_names_of_today():
+    memory = Resumption(
+        alarms=(
+            KeptAlarm(rule="near", meaning="a", state=AlarmState(inhibits=Inhibits(shelved_by='the "gates": man'))),
+        ),
+        shift_s=0.0,
+        from_s=0.0,
+        now_s=0.0,
+    )
+    written = memory.text().replace('"inhibits":', '"gates":').replace('"phase":"normal"', '"phase":"inactive"')
+    assert "inactive" in written
+    assert read_resumption(written) == memory

@@ -115,7 +115,7 @@ def test_what_cannot_be_done_is_refused_in_words(desk):
 def test_shelving_takes_its_time_and_its_kind(desk):
     desk.cycle()
     assert desk.said('{"op": "shelve", "args": {"rule": "near", "for_s": 60, "one_shot": true}}').error == ""
-    gates = desk.run.state.rules.steps[0].state.gates
+    gates = desk.run.state.rules.steps[0].state.inhibits
     assert gates.is_one_shot
     assert gates.shelved_until_s == pytest.approx(desk.run.now_s + 60)
     assert desk.said('{"op": "unshelve", "args": {"rule": "near"}}').error == ""

@@ -7,10 +7,10 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.deliveries import MESSENGER, Deliveries, in_words
-from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
-from stadimeter.app.keeping.alarm_store import AlarmStore
-from stadimeter.app.keeping.moments import moment
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
+from stadimeter.app.persistence.alarm_store import AlarmStore
+from stadimeter.app.persistence.resumption import moment
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification

@@ -2,7 +2,7 @@
 
 import pytest
 
-from stadimeter.app.keeping.moments import STEPPED, Moment, clock_name, elapsed_s, moment
+from stadimeter.app.persistence.resumption import STEPPED, Moment, clock_name, elapsed_s, moment
 
 HOURS_3 = 3 * 3600.0
 

@@ -12,7 +12,7 @@ from stadimeter.app.control import places
 from stadimeter.app.control.client import ask, find
 from stadimeter.app.control.places import is_alive, running, runtime_folder, socket_path, usable_folder
 from stadimeter.app.control.socket_server import ControlSocket
-from stadimeter.app.keeping.state_places import state_file
+from stadimeter.app.persistence.state_file import state_file
 from stadimeter.errors import ControlError
 
 CONFIG = Path("/etc/stadimeter/appliance.toml")

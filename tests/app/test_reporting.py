@@ -61,8 +61,9 @@ def ball(
     )
 
 
-def near(status: RuleStatus) -> RuleTrace:
-    return RuleTrace(rule="near", status=status)
+def near(status: RuleStatus, *, active: bool | None = None) -> RuleTrace:
+    stands = status in {RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED}
+    return RuleTrace(rule="near", status=status, active=active or stands)
 
 
 def happened(kind: EventKind, source: str = "near", sequence: int = 0) -> Event:
@@ -279,6 +280,7 @@ def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do() -> No
         "latched": False,
         "first_out": False,
         "gates": [],
+        "chattering": False,
         "data_lost": False,
         "since": LATER,
         "reason": "2.00 m is not below 0.50 m",
@@ -303,7 +305,9 @@ def test_a_rule_that_is_on_its_way_to_clear_is_still_active_since_it_was_raised(
 def test_an_alarm_that_lost_its_target_stands_and_says_that_it_is_blind() -> None:
     listener = Listener()
     listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)]))
-    listener.decided(decision(rules=[near(RuleStatus.UNKNOWN)], events=[happened(EventKind.MEASUREMENT_LOST)]))
+    listener.decided(
+        decision(rules=[near(RuleStatus.UNKNOWN, active=True)], events=[happened(EventKind.MEASUREMENT_LOST)])
+    )
     assert (listener.payloads[-1]["active"], listener.payloads[-1]["data_lost"]) == (True, True)
     listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.MEASUREMENT_BACK)]))
     assert (listener.payloads[-1]["active"], listener.payloads[-1]["data_lost"]) == (True, False)
@@ -317,6 +321,7 @@ def test_an_alarm_that_lost_its_target_stands_and_says_that_it_is_blind() -> Non
         {"acknowledged": False},
         {"gates": ("shelved",)},
         {"first_out": True},
+        {"chattering": True},
         {"status": RuleStatus.LATCHED},
     ],
 )

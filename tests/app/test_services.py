@@ -6,10 +6,10 @@ from functools import partial
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
-from stadimeter.app.keeping.alarm_store import AlarmStore
-from stadimeter.app.keeping.moments import moment
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
+from stadimeter.app.persistence.alarm_store import AlarmStore
+from stadimeter.app.persistence.resumption import moment
 from stadimeter.app.wall_time import TimeOfDay
 from stadimeter.config.loader import load_configuration
 from support.simulated_run import SIMULATED_BALL

@@ -223,7 +223,7 @@ def test_a_call_that_never_comes_back_in_the_loop_does_not_keep_it_from_ending(r
 
 
 def test_a_disk_that_does_not_take_the_state_does_not_keep_it_from_ending(robot):
-    script = HANGING.format(module="stadimeter.app.keeping.alarm_store", name="AlarmStore", method="write", after=0)
+    script = HANGING.format(module="stadimeter.app.persistence.alarm_store", name="AlarmStore", method="write", after=0)
     robot.start("--state", robot.folder / "state.sqlite3", program=("-c", script))
     code, said = robot.end()
     assert code == 0

@@ -23,7 +23,8 @@ SAID = re.compile(r"# (error|warning) ([a-z-]+): (.+)$")
 CLASSES = {
     "always-suppressed", "always-true", "bad-value", "band-inverted", "band-overlap", "band-skipped",
     "cooldown-hides-realarm", "driver", "empty-interval", "equal-priority", "frames-reversed", "group-of-one", "late",
-    "latch-observed", "latch-suppresses", "latch-unheard", "lost-reversed", "motion-blind", "never-true", "no-effect",
+    "latch-observed", "latch-suppresses", "latch-unheard", "lost-cuts-off-delay", "lost-reversed", "motion-blind",
+    "never-true", "no-effect",
     "output-unused", "ramp-reversed", "reference-cycle", "safety-clears-at-once", "safety-delayed", "safety-observed",
     "safety-shelved", "safety-suppressed", "shadowed", "unheard", "unknown-key", "unknown-name", "unreachable",
     "unresolvable",

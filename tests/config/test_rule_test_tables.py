@@ -190,6 +190,10 @@ WRONG = {
         given("targets = {}"),
         "tests.0.input.targets: no target moves (add one, such as targets.NAME = { … })",
     ),
+    "a loss beside the targets": (
+        given('targets.ball = { hover = { at = "1 m", for = "5 s" } }, lost = [{ from = "1 s", for = "1 s" }]'),
+        "tests.0.input.lost: 'lost' does not go with 'targets' (put it inside one of them, or out)",
+    ),
     "no expectation": (a_test(HOVER), "tests.0.expect: 'expect' is missing"),
     "no input": (a_test("expect.near = { raised = 0 }\n"), "tests.0.input: 'input' is missing"),
     "an input that says nothing": (

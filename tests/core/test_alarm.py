@@ -132,7 +132,7 @@ def test_after_the_grace_the_policy_decides(policy, before, expected):
     run = rehearse(replace(NEAR, lost=Lost(grace_s=0.5, policy=policy)))
     run.see(before, before, before, *[None] * 4)
     assert run.events("near") == expected[: 1 if before < 1 else 0]
-    run.see(*[None] * 6)
+    run.see(*[None] * 12)
     assert run.events("near") == expected
 
 

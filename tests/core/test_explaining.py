@@ -132,7 +132,7 @@ def test_a_rule_that_is_kept_quiet_says_by_what(action, words):
 def test_a_latched_rule_says_what_ends_it():
     run = rehearse(latch=True, needs_ack=True)
     run.see(3.0, *[1.0] * 5)
-    assert said(run.see(1.0)).startswith("raised 0.5 s ago, and nobody has acknowledged it: ")
+    assert said(run.see(1.0)).startswith("raised 0.5 s ago, not acknowledged: ")
     assert said(run.see(*[3.0] * 15)).startswith("raised 2.0 s ago, latched until it is acknowledged and reset: ")
     run.tell("acknowledge", "near")
     assert said(run.see(3.0)).startswith("raised 2.1 s ago, latched until it is reset: ")

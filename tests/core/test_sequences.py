@@ -161,6 +161,10 @@ def test_a_rule_on_the_contrary_of_another_follows_it():
     assert levels(run.see(*FAR)) == [0.0, 1.0]
     assert levels(run.see(*CLOSE)) == [1.0, 0.0]
     run.see(*[None] * 10)
+    assert run.decisions[-1][1].rules[0].status is RuleStatus.IDLE
+    run.see(*FAR, *FAR, *[None] * 10)
+    assert run.decisions[-1][1].rules[0].status is RuleStatus.ACTIVE
+    assert levels(run.see(*[None] * 60)) == [0.0, 0.0]
     assert run.decisions[-1][1].rules[0].status is RuleStatus.UNKNOWN
 
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 import pytest
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.keeping.resumption import Resumption
+from stadimeter.app.persistence.resumption import Resumption
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.persistence import kept
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.rules.keeping import kept
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.replay import decisions
 from support.observing import Rehearsal

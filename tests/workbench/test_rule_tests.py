@@ -145,8 +145,23 @@ def test_too_few_and_too_many_are_told_with_their_times(run: Run) -> None:
 
 def test_a_limit_that_is_never_crossed_is_a_mistake_of_the_test_and_told_as_such(run: Run) -> None:
     failure = failure_of(run(hovering("60 cm", "5 s", 'near = { raised_within = "0.1 s" }')))
-    assert failure.expected.startswith("'ball' enters its limits of 0.50 m")
+    assert "0.50 m" in failure.expected
     assert failure.got == "it never does"
+
+
+def test_a_creeping_target_is_late_only_from_when_its_rule_could_know(run: Run) -> None:
+    # So slow, the condition is likely enough only some tenths of a second after the limit: no rule could know earlier.
+    creeping = 'approach = { from = "50.2 cm", to = "49.8 cm", speed = "0.0002 m/s" }, noise = "none"'
+    at_the_limit_s = 1.0 + 0.002 / 0.0002
+    result = run(f'input = {{ {creeping} }}\nexpect.near = {{ raised = 1, raised_within = "0.15 s" }}')
+    (raised_s,) = [at_s for at_s, event in result.events if event.kind.value == "raised"]
+    assert raised_s > at_the_limit_s + 0.15
+    assert result.failures == ()
+
+
+def test_whether_an_alarm_is_active_out_of_sight_is_what_the_run_says(run: Run) -> None:
+    lost = ', lost = [{ from = "2 s", for = "8 s" }]'
+    assert run(hovering("30 cm", "9 s", 'near = { active_at = ["1 s", "3 s", "8.5 s"] }', lost)).failures == ()
 
 
 def test_a_stretch_fails_at_the_first_moment_that_is_otherwise(run: Run) -> None:

@@ -16,13 +16,11 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.ball import BallSize
 from stadimeter.ranging.feasibility import expect
-from stadimeter.workbench.rule_tests.sensor_model import SensorModel
 from stadimeter.workbench.rule_tests.synthetic_track import (
     OUTLIER_FACTOR,
     Nuisances,
+    SensorModel,
     SyntheticTrack,
-    enters_s,
-    leaves_s,
     where,
 )
 
@@ -94,43 +92,6 @@ def test_points_have_directions_and_those_of_the_motion_where_they_have_none() -
     assert middle.distance_m == 2
     assert math.degrees(middle.bearing_rad) == pytest.approx(5)
     assert math.degrees(middle.elevation_rad) == pytest.approx(5)
-
-
-def test_a_limit_is_crossed_between_two_frames_at_the_moment_the_true_distance_says() -> None:
-    path = path_of(approach={"from": "4 m", "to": "0.5 m", "speed": "2 m/s"})
-    assert enters_s(path, -math.inf, 1.0) == pytest.approx(2.5)
-    assert leaves_s(path, -math.inf, 1.0) is None
-    assert enters_s(path, 0.9, 1.0) == pytest.approx(2.5)
-    assert leaves_s(path, 0.9, 1.0) == pytest.approx(2.55)
-    assert enters_s(path, 5.0, math.inf) is None
-
-
-def test_a_target_that_is_inside_at_the_start_crosses_at_the_start() -> None:
-    path = path_of(recede={"from": "0.8 m", "to": "2 m", "speed": "1 m/s"})
-    assert enters_s(path, -math.inf, 1.0) == 0
-    assert leaves_s(path, -math.inf, 1.0) == pytest.approx(1.2)
-
-
-def test_a_jump_over_a_band_enters_and_leaves_it_at_once() -> None:
-    path = path_of(skip={"from": "3 m", "to": "40 cm"})
-    assert enters_s(path, 0.9, 1.0) == leaves_s(path, 0.9, 1.0) == 1.0
-
-
-@given(paths(), distances_m, distances_m)
-def test_before_it_enters_a_target_is_outside_and_from_then_on_inside_until_it_leaves(
-    path: tuple[PathPoint, ...], one_m: float, other_m: float
-) -> None:
-    low_m, high_m = sorted((one_m, other_m))
-    entered_s, left_s = enters_s(path, low_m, high_m), leaves_s(path, low_m, high_m)
-    end_s = path[-1].at_s
-    for share in range(101):
-        at_s = end_s * share / 100
-        distance_m = where(path, at_s).distance_m
-        is_inside = low_m + 1e-6 < distance_m < high_m - 1e-6
-        if entered_s is None or at_s < entered_s - 1e-6:
-            assert not is_inside
-        elif entered_s + 1e-6 < at_s < (math.inf if left_s is None else left_s - 1e-6):
-            assert low_m - 1e-6 <= distance_m <= high_m + 1e-6
 
 
 def test_the_noise_is_what_camera_and_target_are_expected_to_have() -> None:

@@ -27,9 +27,6 @@ class Deliveries:
     """Knows what messenger and notifiers have not delivered. It may be asked from any thread.
 
     States of rules are left out: each run tells them anew.
-
-    Args:
-        parts: The parts of the run.
     """
 
     def __init__(self, parts: Parts) -> None:

@@ -21,7 +21,6 @@ class Outgoing:
     """What is to be sent after a cycle.
 
     Attributes:
-        messages: For other programs.
         notifications: For people: the name of the notifier, and what it tells.
     """
 
@@ -33,29 +32,20 @@ NOTHING = Outgoing()
 
 
 class Notifying:
-    """Fills in what rules send. It does no I/O and reads no clock.
-
-    Args:
-        rules: The rules that run.
-    """
+    """Fills in what rules send. It does no I/O and reads no clock."""
 
     def __init__(self, rules: Iterable[AnyRule]) -> None:
         self._alarms: Mapping[str, AlarmRule] = {}
         self.take(rules)
 
     def take(self, rules: Iterable[AnyRule]) -> None:
-        """Go by other rules from now on.
-
-        Args:
-            rules: The rules that run.
-        """
+        """Go by other rules from now on."""
         self._alarms = {rule.name: rule for rule in rules if isinstance(rule, AlarmRule)}
 
     def outgoing(self, decision: Decision, local_time: LocalTime) -> Outgoing:
         """Return what is to be sent after a cycle.
 
         Args:
-            decision: What was decided.
             local_time: Tells the local time, as RFC 3339 has it. Asked only when there is something to send.
 
         Returns:

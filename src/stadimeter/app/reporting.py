@@ -40,7 +40,6 @@ WallClock = Callable[[], str]
 
 _JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 SYSTEM_EVENTS = {EventKind.TARGET_SEEN, EventKind.TARGET_LOST, EventKind.FAULT, EventKind.FAULT_CLEARED}
-_ACTIVE = {RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED}
 
 
 class Reporter:
@@ -63,9 +62,7 @@ class Reporter:
         """Return what is to be told after a cycle. Call it for every cycle: silence is also decided here.
 
         Args:
-            now_s: The run's monotonic clock.
             wall_clock: Tells the time of day, as RFC 3339 has it, in UTC. Asked only when there is something to tell.
-            decision: What was decided.
 
         Returns:
             Events first, then rules, then targets.
@@ -100,9 +97,6 @@ class Reporter:
 
     def forget(self, rules: Collection[str]) -> tuple[Message, ...]:
         """Forget rules that are no more, and return what makes a broker forget them too.
-
-        Args:
-            rules: Their names.
 
         Returns:
             An empty retained message for each; a broker keeps the state of a rule until it is told to forget it.
@@ -227,6 +221,7 @@ class _RuleState:
     is_acknowledged: bool = True
     is_first_out: bool = False
     gates: tuple[str, ...] = ()
+    is_chattering: bool = False
 
     @property
     def is_latched(self) -> bool:
@@ -237,7 +232,8 @@ class _RuleState:
     def urgent(self) -> tuple[object, ...]:
         """What is told at once when it changes."""
         return (
-            self.is_active, self.is_data_lost, self.is_acknowledged, self.is_latched, self.is_first_out, self.gates
+            self.is_active, self.is_data_lost, self.is_acknowledged, self.is_latched, self.is_first_out, self.gates,
+            self.is_chattering,
         )  # fmt: skip
 
 
@@ -248,7 +244,6 @@ class _RuleReports:
         self._newest = _RuleState(status=RuleStatus.UNKNOWN)
         self._told: _RuleState | None = None
         self._told_at_s = -math.inf
-        self._is_raised = False
         self._is_data_lost = False
         self._was_active: bool | None = None
         self._since = ""
@@ -281,6 +276,7 @@ class _RuleReports:
             "latched": state.is_latched,
             "first_out": state.is_first_out,
             "gates": state.gates,
+            "chattering": state.is_chattering,
             "data_lost": state.is_data_lost,
             "since": self._since,
             "reason": reason,
@@ -289,19 +285,16 @@ class _RuleReports:
 
     def _state(self, trace: RuleTrace, events: list[EventKind]) -> _RuleState:
         for kind in events:
-            if kind in {EventKind.RAISED, EventKind.CLEARED}:
-                self._is_raised = kind is EventKind.RAISED
             if kind in {EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}:
                 self._is_data_lost = kind is EventKind.MEASUREMENT_LOST
-        # A rule that lost its target says "unknown", though an alarm that was raised still stands.
-        is_active = trace.status in _ACTIVE or (trace.status is RuleStatus.UNKNOWN and self._is_raised)
         return _RuleState(
             status=trace.status,
-            is_active=is_active,
+            is_active=trace.active is True,
             is_data_lost=self._is_data_lost,
             is_acknowledged=trace.acknowledged,
             is_first_out=trace.first_out,
             gates=trace.gates,
+            is_chattering=trace.chattering,
         )
 
 

@@ -17,9 +17,9 @@ if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.reloading import Change
     from stadimeter.app.control.requests import Control
     from stadimeter.app.deliveries import Undelivered
-    from stadimeter.app.keeping.alarm_keeper import AlarmKeeper
+    from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
-    from stadimeter.core.rules.keeping import TakenOver
+    from stadimeter.core.reload import TakenOver
 
 
 @runtime_checkable
@@ -85,7 +85,7 @@ class Services:
         Returns:
             What it remembers now, and what became of which rule.
         """
-        from stadimeter.core.rules.keeping import carried_over  # noqa: PLC0415 - few runs are reloaded
+        from stadimeter.core.reload import carried_over  # noqa: PLC0415 - few runs are reloaded
 
         plan = change.configuration.plan
         taken = carried_over(state, plan)

@@ -12,8 +12,8 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.app.keeping.state_places import state_file
 from stadimeter.app.loop import Loop
+from stadimeter.app.persistence.state_file import state_file
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
 from stadimeter.errors import ControlError
 
@@ -83,9 +83,9 @@ def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> Non
     path = None if serving.no_state else serving.state or usual
     if path is None:
         return
-    from stadimeter.app.keeping.alarm_keeper import AlarmKeeper  # noqa: PLC0415 - it takes long, and simulations have none
-    from stadimeter.app.keeping.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
-    from stadimeter.app.keeping.moments import clock_name, moment  # noqa: PLC0415 - likewise
+    from stadimeter.app.persistence.alarm_keeper import AlarmKeeper  # noqa: PLC0415 - it takes long, and simulations have none
+    from stadimeter.app.persistence.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
+    from stadimeter.app.persistence.resumption import clock_name, moment  # noqa: PLC0415 - likewise
 
     clock = clock_name(is_live=loop.parts.is_live)
     store = AlarmStore(path, is_named=serving.state is not None)

@@ -89,7 +89,7 @@ def _targets(
 def _nothing_beside_targets(at: tuple[str | int, ...], written: Mapping[str, Any]) -> Iterator[Finding]:
     if not written["targets"]:
         yield Finding((*at, "targets"), "no target moves", "add one, such as targets.NAME = { … }")
-    for key in ("target", *MOTIONS):
+    for key in ("target", *MOTIONS, "lost", "bearing", "elevation"):
         if key in written:
             yield Finding((*at, key), f"'{key}' does not go with 'targets'", "put it inside one of them, or out")
 

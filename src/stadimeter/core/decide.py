@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from stadimeter.core.alarms.timing import Sample
+from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.observation import Observation, OutputFault

@@ -34,6 +34,10 @@ class EventKind(StrEnum):
     UNSUPPRESSED = "unsuppressed"
     OUT_OF_SERVICE = "out_of_service"
     IN_SERVICE = "in_service"
+    CHATTERING = "chattering"
+    """An alarm came too often within a minute; it stays active until it has calmed down."""
+    CALMED = "calmed"
+    """An alarm that was chattering is an ordinary one again."""
     REFUSED = "refused"
     """What an operator wanted could not be done."""
 
@@ -52,13 +56,9 @@ class Event:
     """Something that happened once and must not be lost.
 
     Attributes:
-        kind: What happened.
         source: The rule, target or output it happened to, or ``camera``.
         at_s: When, on the run's monotonic clock.
-        severity: How much it matters.
-        reason: Why, in words with figures.
         distance_m: The distance at that moment, if known.
-        sigma_m: Its standard deviation, if known.
         sequence: Counts the events of the run, from 0.
         notify: Whether people are to be told: not while the rule is shelved, suppressed, out of service or only
             observed, nor within its cooldown.
@@ -84,9 +84,7 @@ class Notice:
     """A message or notification that a rule sends now.
 
     Attributes:
-        rule: The rule.
         step: The position of the step in its sequence that sends it.
-        event: What happened to the rule.
     """
 
     rule: str
@@ -117,12 +115,13 @@ class RuleTrace:
     """What one rule did in one cycle. Why is in `Decision.reasons`, and whether it won its output in `OutputTrace`.
 
     Attributes:
-        rule: The rule's name.
-        status: What the rule is doing.
         output: The output it drives, if any.
         acknowledged: Whether nobody needs to acknowledge it, or somebody has.
         gates: What keeps it from acting: ``shelved``, ``suppressed``, ``out of service``, ``observed``.
         first_out: Whether it is the first alarm of its group.
+        active: Whether the rule is active: of an alarm, whether it is raised, clearing or latched. None if it is not
+            and there is nothing to judge by. This is the one answer: for other rules, messages, tests and figures.
+        chattering: Whether it came too often within a minute, and stays active until it has calmed down.
     """
 
     rule: str
@@ -131,6 +130,8 @@ class RuleTrace:
     acknowledged: bool = True
     gates: tuple[str, ...] = ()
     first_out: bool = False
+    active: bool | None = None
+    chattering: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +139,6 @@ class OutputTrace:
     """Who commands one output in one cycle, and who would have liked to.
 
     Attributes:
-        output: The output's name.
         winner: The rule that commands it, ``safety``, or ``safe`` if nobody asks for anything.
         reason: Why safety commands it, or nobody; empty if a rule does, whose reason is in `Decision.reasons`.
         losers: The rules that asked too, with less priority.
@@ -166,13 +166,8 @@ class Decision:
 
     Attributes:
         commands: Exactly one for each output, in the order of the configuration.
-        events: What happened in this cycle.
-        tracks: Every target's track.
-        safety: Whether outputs may act.
         safety_reason: Why they may not; empty if they may.
-        outputs: Who commands each output.
         rules: What each rule did, in the order of the configuration.
-        notices: What is to be sent.
         answers: What became of the operators' commands.
         reasons: Why each rule did so, by its name, in words with figures. They follow from the plan and the other
             fields, so they are put into words only when somebody reads them, are in no journal, and do not count when

@@ -11,7 +11,6 @@ class Message:
 
     Attributes:
         topic: Where it goes, below the messenger's base topic, such as ``target/ball/state``.
-        payload: The text, usually JSON.
         qos: 0, at most once, or 1, at least once.
         retain: Whether a broker keeps it for those who subscribe later.
         expires_s: After how long nobody wants it any more; None for never.

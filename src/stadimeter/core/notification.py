@@ -12,9 +12,6 @@ class Notification:
     """One notification for people.
 
     Attributes:
-        title: One line.
-        body: The text.
-        severity: How much it matters.
         time: When it arose, the local time for people; empty if that does not matter.
     """
 

@@ -27,9 +27,7 @@ class OperatorCommand:
 
     Attributes:
         id: Identifies it, so that its answer finds back.
-        action: What is wanted.
         rule: The rule; empty for every rule that the action applies to.
-        by: Who wants it.
         why: Why, in their words; may be empty.
         for_s: How long to shelve; None for as long as the rule allows.
         one_shot: Shelve until the alarm has returned to normal, or the time is over.
@@ -49,8 +47,6 @@ class Answer:
     """What became of an operator's command.
 
     Attributes:
-        id: That of the command.
-        accepted: Whether it was done.
         words: What was done, or why not.
     """
 

@@ -186,6 +186,8 @@ class AlarmRule(Rule):
         realarm_s: After being active for this long it is reported again, and unacknowledged again; None for never.
         cooldown_s: The least time between two notifications of the rule. What the alarm does is not delayed.
         shelve_max_s: The longest time that it can be shelved for; 0 forbids shelving.
+        raises_per_minute_max: An alarm that came so often within a minute chatters: it stays active until it has calmed
+            down. 0 for no such limit.
         group: Of the alarms of one group, the first one is marked until all have cleared; empty for none.
         suppress_when: While this holds, the alarm drives nothing and notifies nobody; None for never.
         sequence: What else it does, and when.
@@ -202,6 +204,7 @@ class AlarmRule(Rule):
     realarm_s: float | None = None
     cooldown_s: float = 10.0
     shelve_max_s: float = 8 * 3600.0
+    raises_per_minute_max: int = 10
     group: str = ""
     suppress_when: Condition | None = None
     sequence: tuple[SequenceStep, ...] = ()

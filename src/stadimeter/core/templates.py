@@ -63,9 +63,6 @@ class TemplateError(ValueError):
 def check(template: Template) -> None:
     """Make sure that a template can be filled, whatever happens.
 
-    Args:
-        template: The template.
-
     Raises:
         TemplateError: It cannot; the message says what is wrong.
     """
@@ -95,7 +92,6 @@ def fields(rule: Rule, event: Event, track: Track | None, time: str, group: str 
 
     Args:
         rule: The rule that it happened to.
-        event: The event.
         track: The rule's target now; only figures that may be acted on are told.
         time: The local time, as RFC 3339 has it.
         group: The group of alarms that the rule belongs to.

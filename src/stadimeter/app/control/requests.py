@@ -23,8 +23,8 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.core.decision import Decision
 from stadimeter.core.operator import OperatorCommand
+from stadimeter.core.reload import TakenOver
 from stadimeter.core.rules.explaining import explain
-from stadimeter.core.rules.keeping import TakenOver
 
 REMEMBERED_S = 60.0
 """The decisions of this many seconds can be explained afterwards."""

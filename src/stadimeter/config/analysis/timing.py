@@ -12,8 +12,8 @@ from stadimeter.config.analysis.subject import Subject, delay_s, frame_rate_hz
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.units import parse_speed
-from stadimeter.core.condition import DistanceCondition, TimeToContactCondition
-from stadimeter.core.rule import AlarmRule
+from stadimeter.core.condition import DistanceCondition, TimeToContactCondition, leaves
+from stadimeter.core.rule import AlarmRule, LostPolicy
 
 ASSUMED_CLOSING_MPS = 2.0
 """Assumed closing speed where none is stated: faster than people walk, slower than they run."""
@@ -49,6 +49,7 @@ def timing_warnings(subject: Subject) -> Iterator[Finding]:
             yield from _missed(declared, alarm, approach)
         yield from _too_long_for_contact(declared, alarm, delay_s(alarm, 1 / frame_s))
         yield from _hidden_realarm(declared, alarm)
+        yield from _cut_off_delay(declared, alarm)
 
 
 def _watched(alarm: AlarmRule) -> str:
@@ -133,6 +134,22 @@ def _too_long_for_contact(declared: CompiledRule, alarm: AlarmRule, waits_s: flo
     if isinstance(condition, TimeToContactCondition) and waits_s >= condition.below_s:
         message = f"this rule waits {waits_s:.2g} s for a contact that is less than {condition.below_s:g} s away"
         yield Finding(declared.at("on_delay"), message, "make it much shorter", "late")
+
+
+def _cut_off_delay(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
+    """Find an off-delay that a target cuts short when it leaves the picture: `hold` lets the output go earlier."""
+    lost = alarm.lost
+    if lost.policy is not LostPolicy.HOLD or alarm.latch or alarm.output is None:
+        return
+    if not any(isinstance(leaf, DistanceCondition) for leaf in leaves(alarm.condition)):
+        return
+    if "off_delay" in declared.table and alarm.off_delay_s > lost.fault_after_s:
+        message = (
+            f"when its target leaves the picture, '{alarm.output}' is let go after {lost.fault_after_s:g} s "
+            f"(lost.fault_after), not after the off_delay of {alarm.off_delay_s:g} s, and the alarm never clears"
+        )
+        hint = 'write lost = { policy = "clear" }: then a target that left counts as over, for the off_delay'
+        yield Finding(declared.at("off_delay"), message, hint, "lost-cuts-off-delay")
 
 
 def _hidden_realarm(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:

@@ -17,6 +17,8 @@ __all__ = ["describe", "length"]
 Verb = Callable[[str], str]
 """What an output does when it acts, such as ``lights``, by its name."""
 
+_RAISES_MAX = AlarmRule.__dataclass_fields__["raises_per_minute_max"].default
+
 NAMED_MAX = 10
 """Of more rules than these, the rest are counted: nobody reads a list of hundreds."""
 
@@ -102,7 +104,8 @@ def _lost_alarm(rule: AlarmRule) -> str:
         case LostPolicy.HOLD:
             return f" When lost: stays as it was{given_up}."
         case LostPolicy.CLEAR:
-            return f" When lost for {lost.grace_s:g} s: clears."
+            later = f" {rule.off_delay_s:g} s later" if rule.off_delay_s else ""
+            return f" When lost for {lost.grace_s:g} s: clears{later}."
         case _:
             return f" When lost for {lost.grace_s:g} s: raised, since not seeing counts as danger."
 
@@ -204,10 +207,19 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
         yield "Somebody must acknowledge it"
     if rule.realarm_s is not None:
         yield f"Is reported again every {duration(rule.realarm_s)} while it stands"
+    yield from _governor(rule)
     if rule.group:
         yield f"Of the alarms of the group `{rule.group}`, the first is marked"
     if rule.suppress_when is not None:
         yield f"Keeps quiet while {begins(rule.suppress_when)}"
+
+
+def _governor(rule: AlarmRule) -> Iterator[str]:
+    most = rule.raises_per_minute_max
+    if most == 0:
+        yield "Has no limit on chattering"
+    elif most != _RAISES_MAX:
+        yield f"Chatters when it is raised {most} times within a minute, and then stays active until it has calmed down"
 
 
 def _step(step: SequenceStep, verb: Verb) -> str:

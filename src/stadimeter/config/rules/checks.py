@@ -11,7 +11,7 @@ from stadimeter.config.rules.tables import KINDS, FramesTable, RuleTable
 
 _ONLY_FOR_WHEN = (
     "targets", "on_delay", "off_delay", "level", "pattern", "at_start", "latch", "ack", "realarm", "cooldown",
-    "shelve_max", "group", "suppress_when", "escalation",
+    "shelve_max", "raises_per_min_max", "group", "suppress_when", "escalation",
 )  # fmt: skip
 
 

@@ -111,6 +111,9 @@ class RuleTable(Section):
     """The least time between two notifications, in seconds. None for the default."""
     shelve_max: Duration | None = None
     """The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default."""
+    raises_per_min_max: Annotated[int, Field(ge=0, le=1000)] | Literal["off"] = _ALARM.raises_per_minute_max
+    """An alarm that came this often within a minute chatters: it stays active until it has calmed down. 0 or "off" for
+    no such limit."""
     group: str = _ALARM.group
     """Of the alarms of one group, the first one is marked; empty for none."""
     suppress_when: WhenTable | None = None
@@ -213,6 +216,7 @@ class RuleTable(Section):
             realarm_s=self.realarm,
             cooldown_s=self.cooldown_s,
             shelve_max_s=self.shelve_max_s,
+            raises_per_minute_max=0 if self.raises_per_min_max == "off" else self.raises_per_min_max,
             group=self.group,
             suppress_when=suppress_when,
             sequence=tuple(step.to_plan() for step in self.escalation),

@@ -1,36 +1,44 @@
-"""An alarm in one cycle: its condition is judged, timers run, and it goes from one phase to another.
+"""What a cycle, or an operator command, makes of an alarm.
 
-Which phase follows which is in `table`; timers are in `timing`, what happens without a target in
-`absence`; when people are told, and what else the alarm does, is in `standing`.
+A cycle judges the condition, hands the verdict to the machine (`machine`), and lets the actions follow (`actions`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from stadimeter.core.alarms.absence import back_in_sight, is_awaited, without_target
-from stadimeter.core.alarms.standing import due_s, requests_of, stand
-from stadimeter.core.alarms.state import NO_GATES, AlarmState
-from stadimeter.core.alarms.table import LATCHED, Phase
-from stadimeter.core.alarms.timing import Sample, begun_anew, has_timers, is_settled, judge_sample
-from stadimeter.core.alarms.turn import AlarmTurn
-from stadimeter.core.alarms.words import JUDGED_BY_ITS_END
+from stadimeter.core.alarms import machine
+from stadimeter.core.alarms.actions import (
+    Evaluation,
+    due_s,
+    in_words,
+    missing_in_words,
+    requests_of,
+    stand,
+    unshelve,
+)
+from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, AlarmState, Phase, Trigger
+from stadimeter.core.alarms.state import NO_INHIBITS, Sample
+from stadimeter.core.condition import CountCondition, PresenceCondition, leaves
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.known import Known
-from stadimeter.core.decision import Event, Notice, RuleStatus
-from stadimeter.core.rule import AlarmRule, LostPolicy
-from stadimeter.core.rules.step import Step, trace_of
+from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
+from stadimeter.core.durations import duration
+from stadimeter.core.operator import Answer, OperatorAction, OperatorCommand
+from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
+from stadimeter.core.rules.step import Step, renewed, trace_of
+from stadimeter.core.track import TrackStatus
+
+AWAITED_S = 10.0
+"""At the start of a run, and after a restart, a target may take this long to be seen: until then it is not lost."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlarmStep(Step):
-    """What an alarm does in one cycle.
-
-    Attributes:
-        state: What it remembers.
-    """
+    """What an alarm does in one cycle, and remembers."""
 
     state: AlarmState = field(default_factory=AlarmState)
 
@@ -44,15 +52,17 @@ class Stepped(NamedTuple):
 
 
 def new_alarm(rule: AlarmRule) -> AlarmStep:
-    """Return an alarm at the start of a run.
-
-    Args:
-        rule: The alarm.
-
-    Returns:
-        Its step before the first cycle.
-    """
+    """Return an alarm before the first cycle of a run."""
     return AlarmStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
+
+
+def with_state(rule: AlarmRule, step: AlarmStep, state: AlarmState) -> AlarmStep:
+    """Return an alarm that has another state since its step, by a command or by a restart. It must be evaluated."""
+    active = state.is_active or None
+    return replace(step, trace=_trace(rule, state, step.trace.status, active, step.trace), state=state, rests=False)
+
+
+# ---- One cycle ----
 
 
 def step_alarm(
@@ -64,51 +74,81 @@ def step_alarm(
     *,
     is_first: bool = False,
 ) -> Stepped:
-    """Judge an alarm for one cycle.
+    """Evaluate an alarm in one cycle.
 
     Args:
-        rule: The alarm.
         before: Its step in the cycle before.
-        known: All that it can be judged by.
         sample: The frame that is new in this cycle; None without one.
         bases: The names of the outputs that are bases. An alarm stops them.
         is_first: Whether no other alarm of its group has been raised.
-
-    Returns:
-        What it does, and what happened.
     """
+    state, now_s = before.state, known.now_s
     if known.is_after_gap:
-        before = replace(before, state=begun_anew(before.state))
-    state = before.state
-    verdict = conditions.judge(rule.condition, known, state.timers.leaves, is_active=state.phase in JUDGED_BY_ITS_END)
-    if state.resumed is not None and is_awaited(rule, known, state.resumed.at_s):
+        state = machine.anew(state, now_s)
+    verdict = conditions.judge(rule.condition, known, state.timers.leaves, is_active=state.is_judged_by_its_end)
+    is_awaited = _is_awaited(rule, state, known)
+    if is_awaited:
         verdict = conditions.Verdict(None, state.timers.leaves)
-    if _stays(rule, before, verdict, known, sample):
+    if state is before.state and _stays(rule, before, verdict, known, sample):
         return Stepped(before)
-    turn = AlarmTurn(rule, state, known, is_first=is_first)
+    evaluation = Evaluation(rule, state, known, is_first=is_first)
+    evaluation.go(machine.calmed(rule, state, now_s))
     if verdict.value is None:
-        without_target(turn)
+        _without_verdict(evaluation, is_awaited=is_awaited)
     else:
-        back_in_sight(turn)
-        if sample is not None and not is_settled(turn.state, verdict.value, verdict.held):
-            judge_sample(turn, sample, verdict.value, verdict.held)
-    stand(turn)
-    return _stepped(before, turn, bases, holds=verdict.value)
+        _with_verdict(evaluation, verdict.value, verdict.held, sample)
+    stand(evaluation)
+    return _stepped(before, evaluation, bases, verdict.value, is_awaited=is_awaited)
 
 
-def _stepped(before: AlarmStep, turn: AlarmTurn, bases: frozenset[str], *, holds: bool | None) -> Stepped:
-    rule, state = turn.rule, turn.state
-    status = _status(state, holds=holds)
-    rests = _rests(turn, holds=holds)
-    requests = requests_of(turn, before.requests, bases)
-    due = due_s(turn) if rests else math.inf
-    is_same = state is before.state and status is before.trace.status and requests is before.requests
-    if is_same and rests is before.rests and due == before.due_s:
-        return Stepped(before, turn.events, turn.notices)
-    gates = state.gates.words()
-    trace = trace_of(rule, status, before.trace, acknowledged=state.is_acknowledged, gates=gates)
-    step = AlarmStep(trace=trace, requests=requests, state=state, rests=rests, due_s=due)
-    return Stepped(step, turn.events, turn.notices)
+def _with_verdict(evaluation: Evaluation, holds: bool, held: tuple[bool, ...], sample: Sample | None) -> None:
+    rule, known, before = evaluation.rule, evaluation.known, evaluation.state
+    state = machine.back_in_sight(rule, before, known.now_s)
+    if before.is_given_up and not state.is_given_up and before.unknown_since_s is not None:
+        reason = f"there is something to judge by again, after {known.now_s - before.unknown_since_s:.1f} s"
+        evaluation.add_event(EventKind.MEASUREMENT_BACK, reason, notify=not evaluation.is_quiet)
+    evaluation.go(state)
+    # A frame whose measurement was refused as an outlier contradicts the track that the condition is judged by: it
+    # counts neither for an alarm that is not raised nor against it.
+    is_refused = not state.is_active and known.tracks[rule.target].rejected > 0
+    if sample is not None and not is_refused and not machine.is_settled(state, holds, held):
+        evaluation.go(machine.take_sample(rule, state, sample, holds, held, now_s=known.now_s))
+
+
+def _without_verdict(evaluation: Evaluation, *, is_awaited: bool) -> None:
+    rule, known, before = evaluation.rule, evaluation.known, evaluation.state
+    if before.resumed is not None:
+        if known.now_s - before.resumed.at_s < AWAITED_S:
+            return
+        evaluation.change(resumed=None)
+    if is_awaited:
+        return
+    state = machine.take_nothing(rule, evaluation.state, known.now_s)
+    evaluation.go(state, f"{missing_in_words(rule, state, known)}: {in_words(rule, state, known)}")
+    if state.is_given_up and not before.is_given_up:
+        then = "it stays latched until it is reset" if rule.latch else "the output goes to its safe value"
+        reason = f"active, but {missing_in_words(rule, state, known)}; {then}"
+        evaluation.add_event(EventKind.MEASUREMENT_LOST, reason, notify=not evaluation.is_quiet)
+
+
+def _is_awaited(rule: AlarmRule, state: AlarmState, known: Known) -> bool:
+    """Return whether it would be a guess that a target is lost: at the start none has been seen yet.
+
+    A rule for safety does not wait: to it, not seeing counts at once.
+    """
+    if rule.severity is Severity.SAFETY or not known.tracks:
+        return False
+    if any(track.status is not TrackStatus.SEARCHING for track in known.tracks.values()):
+        return False
+    if state.resumed is not None:
+        began_s = state.resumed.at_s
+    elif state.is_active or state.unknown_since_s is not None:
+        return False  # it has gone on from an earlier run, and has waited already
+    else:
+        began_s = max(known.now_s if track.since_s is None else track.since_s for track in known.tracks.values())
+    if known.now_s - began_s + ROUNDING_S >= AWAITED_S:
+        return False
+    return any(isinstance(leaf, PresenceCondition | CountCondition) for leaf in leaves(rule.condition))
 
 
 def _stays(
@@ -118,53 +158,243 @@ def _stays(
     state = before.state
     if verdict.value is None or state.is_active or state.leg is not None or rule.suppress_when is not None:
         return False
-    if state.unknown_since_s is not None or state.gates is not NO_GATES or before.rests:
+    if state.unknown_since_s is not None or state.inhibits is not NO_INHIBITS or before.rests:
         return False
     if before.trace.status is not RuleStatus.IDLE or known.now_s >= before.due_s:
         return False
-    if sample is not None and not is_settled(state, verdict.value, verdict.held):
+    if sample is not None and not machine.is_settled(state, verdict.value, verdict.held):
         return False
     return not conditions.rests(rule.condition, known, state.timers.leaves, is_active=False)
 
 
-def _rests(turn: AlarmTurn, *, holds: bool | None) -> bool:
-    """Return whether nothing changes until a figure crosses a limit, a target comes or goes, or it is due."""
-    rule, state = turn.rule, turn.state
+def _stepped(
+    before: AlarmStep, evaluation: Evaluation, bases: frozenset[str], holds: bool | None, *, is_awaited: bool
+) -> Stepped:
+    rule, state = evaluation.rule, evaluation.state
+    # An alarm that began or ended to be judged by its end is judged anew before it rests: the verdict may be another.
+    is_turned = state.is_judged_by_its_end is not before.state.is_judged_by_its_end
+    rests = not is_awaited and not is_turned and _rests(evaluation, holds)
+    if holds is None:
+        holds = machine.decided_by_policy(rule, state, evaluation.known.now_s)
+    status, active = _status(state, holds), state.is_active or (None if holds is None else False)
+    requests = requests_of(evaluation, before.requests, bases)
+    due = due_s(evaluation) if rests else math.inf
+    is_same = state is before.state and status is before.trace.status and active is before.trace.active
+    if is_same and requests is before.requests and rests is before.rests and due == before.due_s:
+        return Stepped(before, evaluation.events, evaluation.notices)
+    trace = _trace(rule, state, status, active, before.trace)
+    step = AlarmStep(trace=trace, requests=requests, state=state, rests=rests, due_s=due)
+    return Stepped(step, evaluation.events, evaluation.notices)
+
+
+def _rests(evaluation: Evaluation, holds: bool | None) -> bool:
+    """Return whether nothing changes until a figure crosses a threshold, a target comes or goes, or it is due."""
+    rule, state, known = evaluation.rule, evaluation.state, evaluation.known
     if state.resumed is not None:
         return False
-    if rule.suppress_when is not None and not conditions.rests(
-        rule.suppress_when, turn.known, state.gates.leaves, is_active=state.gates.is_suppressed
+    suppressing, inhibits = rule.suppress_when, state.inhibits
+    if suppressing is not None and not conditions.rests(
+        suppressing, known, inhibits.leaves, is_active=inhibits.is_suppressed
     ):
         return False
-    if state.leg is not None and state.is_active and turn.has_patterns:
+    if state.leg is not None and state.is_active and evaluation.has_patterns:
         return False
-    if holds is None:
-        policy = rule.lost.policy
-        is_silent = not state.is_active and policy is not LostPolicy.ASSERT
-        is_held = state.is_given_up and policy is LostPolicy.HOLD
-        is_active = state.phase in JUDGED_BY_ITS_END
-        is_still = conditions.rests(rule.condition, turn.known, state.timers.leaves, is_active=is_active)
-        return is_still and ((is_silent and not has_timers(state.timers)) or is_held)
-    is_active = state.phase in JUDGED_BY_ITS_END
-    return is_settled(state, holds, state.timers.leaves) and conditions.rests(
-        rule.condition, turn.known, state.timers.leaves, is_active=is_active
-    )
+    if holds is not None and not machine.is_settled(state, holds, state.timers.leaves):
+        return False
+    return conditions.rests(rule.condition, known, state.timers.leaves, is_active=state.is_judged_by_its_end)
 
 
 _STATUS = {
     Phase.UNACKNOWLEDGED: RuleStatus.ACTIVE,
-    Phase.ACTIVE: RuleStatus.ACTIVE,
+    Phase.ACKNOWLEDGED: RuleStatus.ACTIVE,
     Phase.CLEARING_UNACKNOWLEDGED: RuleStatus.CLEARING,
     Phase.CLEARING: RuleStatus.CLEARING,
     Phase.LATCHED_UNACKNOWLEDGED: RuleStatus.LATCHED,
     Phase.LATCHED: RuleStatus.LATCHED,
-    Phase.RETURNED: RuleStatus.RETURNED,
+    Phase.RTN_UNACKNOWLEDGED: RuleStatus.RETURNED,
     Phase.PENDING: RuleStatus.PENDING,
-    Phase.INACTIVE: RuleStatus.IDLE,
+    Phase.NORMAL: RuleStatus.IDLE,
 }
 
 
-def _status(state: AlarmState, *, holds: bool | None) -> RuleStatus:
-    if holds is not None or state.phase in LATCHED or state.phase is Phase.RETURNED:
-        return RuleStatus.UNKNOWN if state.is_given_up else _STATUS[state.phase]
-    return RuleStatus.ACTIVE if state.is_active and not state.is_given_up else RuleStatus.UNKNOWN
+def _status(state: AlarmState, holds: bool | None) -> RuleStatus:
+    if state.has_let_go:
+        return RuleStatus.UNKNOWN
+    if holds is not None or state.phase in LATCHED or state.phase is Phase.RTN_UNACKNOWLEDGED:
+        return _STATUS[state.phase]
+    return RuleStatus.ACTIVE if state.is_active else RuleStatus.UNKNOWN
+
+
+def _trace(rule: AlarmRule, state: AlarmState, status: RuleStatus, active: bool | None, before: RuleTrace) -> RuleTrace:
+    inhibits = state.inhibits.words() if state.inhibits is not NO_INHIBITS else ()
+    now = trace_of(rule, status)
+    return renewed(
+        replace(
+            now,
+            active=active,
+            acknowledged=state.is_acknowledged,
+            gates=(*inhibits, *now.gates),
+            chattering=state.is_chattering,
+        ),
+        before,
+    )
+
+
+# ---- Operator commands: what is done, what is refused, and why ----
+
+Refusal = str
+"""Why a command is not done; empty if it is."""
+
+
+def operated(
+    alarms: Mapping[str, tuple[int, AlarmRule, AlarmState]], known: Known, command: OperatorCommand
+) -> tuple[Answer, list[tuple[int, Evaluation]]]:
+    """Do what an operator wants of one alarm, or of all.
+
+    Args:
+        alarms: Every alarm by its name, with its position in the plan and what it remembers.
+
+    Returns:
+        The answer, and the alarms that were changed, with their positions.
+    """
+    if command.rule and command.rule not in alarms:
+        words = f"there is no alarm '{command.rule}'; there are: {', '.join(alarms) or 'none'}"
+        return Answer(id=command.id, accepted=False, words=words), []
+    chosen = [command.rule] if command.rule else list(alarms)
+    found = [(alarms[name][0], Evaluation(alarms[name][1], alarms[name][2], known)) for name in chosen]
+    if not command.rule:
+        found = [(index, each) for index, each in found if _applies(each, command.action)]
+    refusals = [(each.rule.name, _operate(each, command)) for _, each in found]
+    refused = [f"{name}: {refusal}" for name, refusal in refusals if refusal]
+    if refused:
+        return Answer(id=command.id, accepted=False, words="; ".join(refused)), found
+    done = ", ".join(_done(each, command.action) for _, each in found) or "no alarm needs it"
+    return Answer(id=command.id, accepted=bool(refusals), words=f"{command.action.value}: {done}"), found
+
+
+def _done(evaluation: Evaluation, action: OperatorAction) -> str:
+    until_s = evaluation.state.inhibits.shelved_until_s
+    if action is not OperatorAction.SHELVE or until_s is None:
+        return evaluation.rule.name
+    return f"{evaluation.rule.name} for {duration(round(until_s - evaluation.known.now_s, 3))}"
+
+
+def _applies(evaluation: Evaluation, action: OperatorAction) -> bool:
+    """Return whether a command to every alarm is meant for this one."""
+    rule, state, inhibits = evaluation.rule, evaluation.state, evaluation.state.inhibits
+    match action:
+        case OperatorAction.ACKNOWLEDGE:
+            return not state.is_acknowledged
+        case OperatorAction.RESET:
+            return state.phase in LATCHED
+        case OperatorAction.SHELVE:
+            return inhibits.shelved_until_s is None and not _why_not_quiet(rule) and rule.shelve_max_s > 0
+        case OperatorAction.UNSHELVE:
+            return inhibits.shelved_until_s is not None
+        case OperatorAction.TAKE_OUT:
+            return not inhibits.is_out_of_service and not _why_not_quiet(rule)
+        case OperatorAction.PUT_BACK:
+            return inhibits.is_out_of_service
+
+
+def _operate(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
+    refusal = _ACTIONS[command.action](evaluation, command)
+    if refusal:
+        reason = f"{command.action.value}: {refusal}"
+        evaluation.add_event(EventKind.REFUSED, reason, notify=False, by=command.by)
+    return refusal
+
+
+def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
+    if evaluation.state.is_acknowledged:
+        return "there is nothing to acknowledge"
+    evaluation.add_event(EventKind.ACKNOWLEDGED, _said(command), notify=not evaluation.is_quiet, by=command.by)
+    evaluation.go(machine.fire(evaluation.state, Trigger.ACKNOWLEDGE))
+    return ""
+
+
+def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
+    state = evaluation.state
+    if state.phase not in LATCHED:
+        return _why_not_latched(evaluation) if state.is_active else "it is not latched"
+    if Trigger.RESET not in TRANSITIONS[state.phase]:
+        return "it is not acknowledged; acknowledge it first"
+    evaluation.add_event(EventKind.RESET, _said(command), notify=False, by=command.by)
+    evaluation.go(machine.fire(state, Trigger.RESET), _said(command), command.by)
+    return ""
+
+
+def _why_not_latched(evaluation: Evaluation) -> Refusal:
+    rule, state, known = evaluation.rule, evaluation.state, evaluation.known
+    if not rule.latch:
+        return "it does not latch, and clears by itself"
+    if state.unknown_since_s is None:
+        return "its condition still holds"
+    if rule.lost.policy is LostPolicy.HOLD:
+        late = f"after {duration(rule.lost.fault_after_s)} (lost.fault_after)"
+        return f"its condition held when last known; {missing_in_words(rule, state, known)}, and it can be reset {late}"
+    return f"its condition counts as holding: {missing_in_words(rule, state, known)} (lost.policy)"
+
+
+def _shelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
+    rule, longest_s = evaluation.rule, evaluation.rule.shelve_max_s
+    refusal = _why_not_quiet(rule)
+    if refusal:
+        return refusal
+    if longest_s <= 0:
+        return "its configuration does not let it be shelved (shelve_max)"
+    for_s = longest_s if command.for_s is None else command.for_s
+    if not 0 < for_s <= longest_s:  # NaN fails this too
+        longest = duration(longest_s)
+        return f"{duration(for_s)} is not a time above zero and up to {longest}, the longest for '{rule.name}'"
+    until_s, inhibits = evaluation.known.now_s + for_s, evaluation.state.inhibits
+    inhibits = replace(inhibits, shelved_until_s=until_s, is_one_shot=command.one_shot, shelved_by=command.by)
+    evaluation.change(inhibits=inhibits)
+    how = f"for {duration(for_s)}" + (", or until it has returned to normal" if command.one_shot else "")
+    evaluation.add_event(EventKind.SHELVED, f"{how}: {_said(command)}", notify=False, by=command.by)
+    return ""
+
+
+def _unshelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
+    if evaluation.state.inhibits.shelved_until_s is None:
+        return "it is not shelved"
+    unshelve(evaluation, _said(command), command.by)
+    return ""
+
+
+def _take_out(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
+    rule, inhibits = evaluation.rule, evaluation.state.inhibits
+    refusal = _why_not_quiet(rule)
+    if refusal or inhibits.is_out_of_service:
+        return refusal or "it is out of service already"
+    evaluation.change(inhibits=replace(inhibits, is_out_of_service=True))
+    evaluation.add_event(EventKind.OUT_OF_SERVICE, _said(command), notify=not rule.observe, by=command.by)
+    return ""
+
+
+def _put_back(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
+    inhibits = evaluation.state.inhibits
+    if not inhibits.is_out_of_service:
+        return "it is not out of service"
+    evaluation.change(inhibits=replace(inhibits, is_out_of_service=False))
+    evaluation.add_event(EventKind.IN_SERVICE, _said(command), notify=not evaluation.is_quiet, by=command.by)
+    return ""
+
+
+def _why_not_quiet(rule: AlarmRule) -> Refusal:
+    return "a safety rule cannot be kept quiet" if rule.severity is Severity.SAFETY else ""
+
+
+def _said(command: OperatorCommand) -> str:
+    who = f"by {command.by}" if command.by else "by an operator"
+    return f"{who}: {command.why}" if command.why else who
+
+
+_ACTIONS: Mapping[OperatorAction, Callable[[Evaluation, OperatorCommand], Refusal]] = {
+    OperatorAction.ACKNOWLEDGE: _acknowledge,
+    OperatorAction.RESET: _reset,
+    OperatorAction.SHELVE: _shelve,
+    OperatorAction.UNSHELVE: _unshelve,
+    OperatorAction.TAKE_OUT: _take_out,
+    OperatorAction.PUT_BACK: _put_back,
+}

@@ -1,61 +1,62 @@
-"""What an alarm remembers from one cycle to the next."""
+"""What an alarm remembers beside its phase: timers, inhibits, steps. Times are on the run's clock."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
-from stadimeter.core.alarms.table import STANDING, UNACKNOWLEDGED, Phase
 from stadimeter.core.decision import Event
+
+
+class Sample(NamedTuple):
+    """What is judged in a cycle."""
+
+    at_s: float
+    """The capture time of the frame that is new; for what is judged in every cycle, the time of the cycle."""
+    since_s: float
+    """How long after the frame before, or the cycle before, that is; 0 for the first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timers:
-    """How long the condition has held, or not.
-
-    Attributes:
-        held_s: For how long it has held, on the alarm's way to being raised.
-        ended_s: For how long it has not held, on the alarm's way to being cleared.
-        recent: Whether it held in each of the newest frames, oldest first.
-        held_last: Whether it held in the newest sample; only the time between two samples that both held counts.
-        was_judged: Whether the newest sample was judged; only the time between two samples that both were counts.
-        leaves: Whether each part of a condition that has parts held in the newest sample.
-    """
+    """For how long the condition has held, or has not."""
 
     held_s: float = 0.0
+    """For how long it has held, while the alarm is not active."""
     ended_s: float = 0.0
+    """For how long it has not held, while the alarm is active."""
     recent: tuple[bool, ...] = ()
+    """Whether it held in each of the newest frames, oldest first."""
     held_last: bool = False
+    """Whether it held in the newest sample; only the time between two samples that both held counts."""
     was_judged: bool = False
+    """Whether the newest sample was judged; only the time between two samples that both were counts."""
     leaves: tuple[bool, ...] = ()
+    """Whether each part of a condition that has parts held in the newest sample."""
+
+    @property
+    def is_running(self) -> bool:
+        """Whether anything has been counted."""
+        return bool(self.held_s or self.ended_s or self.recent or self.held_last)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gates:
-    """What keeps an alarm quiet.
-
-    Attributes:
-        shelved_until_s: Until when it is shelved, on the run's clock; None if it is not.
-        is_one_shot: Whether shelving ends as soon as the alarm has returned to normal.
-        shelved_by: Who shelved it.
-        is_out_of_service: Whether somebody took it out of service.
-        is_suppressed: Whether the condition that suppresses it holds.
-        leaves: Whether each part of that condition held in the newest sample.
-    """
+class Inhibits:
+    """What keeps an alarm quiet."""
 
     shelved_until_s: float | None = None
+    """On the run's clock; None if it is not shelved."""
     is_one_shot: bool = False
+    """Shelving ends as soon as the alarm has returned to normal."""
     shelved_by: str = ""
     is_out_of_service: bool = False
     is_suppressed: bool = False
+    """Suppressed by design: the condition `suppress_when` holds."""
     leaves: tuple[bool, ...] = ()
+    """Whether each part of that condition held in the newest sample."""
 
     def words(self) -> tuple[str, ...]:
-        """Return what keeps the alarm quiet, in words; empty for nothing.
-
-        Returns:
-            Such as ``("shelved",)``.
-        """
+        """Return what keeps the alarm quiet, such as ``("shelved",)``; empty for nothing."""
         found = (
             ("shelved", self.shelved_until_s is not None),
             ("suppressed", self.is_suppressed),
@@ -64,80 +65,26 @@ class Gates:
         return tuple([word for word, applies in found if applies])
 
 
-NO_GATES = Gates()
-NO_TIMERS = Timers()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leg:
-    """What an alarm does one thing after another, since it was raised, reported again or cleared.
-
-    Attributes:
-        on: Which steps of its sequence belong here.
-        began_s: When it began, on the run's clock.
-        event: What began it.
-        sent: The positions of the steps that were sent.
-    """
+    """The steps that an alarm goes through since it was raised, reported again or cleared."""
 
     on: Literal["raised", "cleared"]
     began_s: float
     event: Event
+    """What began it."""
     sent: tuple[int, ...] = ()
+    """The positions of the steps that were sent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resumed:
-    """An alarm that goes on from an earlier run, and was not judged yet in this one.
-
-    Attributes:
-        from_s: As of when its timers are right, on this run's clock.
-        at_s: When this run took it over.
-    """
+    """An alarm that goes on from an earlier run, and was not judged yet in this one."""
 
     from_s: float
+    """As of when its timers are right, on this run's clock."""
     at_s: float
+    """When this run restored it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AlarmState:
-    """What an alarm remembers.
-
-    Attributes:
-        phase: Where it is.
-        timers: How long its condition has held, or not.
-        unknown_since_s: Since when there is nothing to judge by; None while there is.
-        is_given_up: Whether the target has been away for so long that the output went to its safe value.
-        held_from_start: Whether the condition has held in every sample of the run so far.
-        is_announced_only: Whether it was raised by the first sight of the target, and shall not move its output.
-        raised_at_s: When it was raised, on the run's clock; None while it is not active.
-        reported_at_s: When it was raised or last reported again.
-        notified_at_s: When people were last told of it; None for never.
-        owes_notice: Whether it was raised, and people could not be told yet.
-        leg: What it does one thing after another; None before it was ever raised.
-        gates: What keeps it quiet.
-        resumed: That it goes on from an earlier run, until it is judged first in this one.
-    """
-
-    phase: Phase = Phase.INACTIVE
-    timers: Timers = NO_TIMERS
-    unknown_since_s: float | None = None
-    is_given_up: bool = False
-    held_from_start: bool = True
-    is_announced_only: bool = False
-    raised_at_s: float | None = None
-    reported_at_s: float | None = None
-    notified_at_s: float | None = None
-    owes_notice: bool = False
-    leg: Leg | None = None
-    gates: Gates = field(default=NO_GATES)
-    resumed: Resumed | None = None
-
-    @property
-    def is_active(self) -> bool:
-        """Whether it drives its output."""
-        return self.phase in STANDING
-
-    @property
-    def is_acknowledged(self) -> bool:
-        """Whether nobody needs to acknowledge it, or somebody has."""
-        return self.phase not in UNACKNOWLEDGED
+NO_TIMERS, NO_INHIBITS = Timers(), Inhibits()

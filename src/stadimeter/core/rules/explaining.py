@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from stadimeter.core.alarms import machine
+from stadimeter.core.alarms.actions import in_words, policy_in_words
 from stadimeter.core.alarms.alarm import AlarmStep
-from stadimeter.core.alarms.state import AlarmState
-from stadimeter.core.alarms.table import LATCHED, Phase
-from stadimeter.core.alarms.words import in_words, is_judged_by_its_end
+from stadimeter.core.alarms.machine import LATCHED, AlarmState, Phase
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.evidence import Evidence, evidence
 from stadimeter.core.conditions.known import Known
@@ -71,9 +71,9 @@ def explain(decision: Decision, name: str) -> Explanation:
     output = next((trace for trace in decision.outputs if trace.output == rule.output), None)
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
         clauses = [*_alarm(rule, step, known), *_consequence(rule, step, decision, known, output)]
-        timers, gates = tuple(_timers(rule, step.state)), tuple(_gates(rule, step.state, known))
+        timers, gates = tuple(_timers(rule, step.state, known.now_s)), tuple(_gates(rule, step.state, known))
         leaves = step.state.timers.leaves
-        found = evidence(rule.condition, known, leaves, is_active=is_judged_by_its_end(step.state))
+        found = evidence(rule.condition, known, leaves, is_active=step.state.is_judged_by_its_end)
     else:
         clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, known, output)]
         timers, gates, found = (), step.trace.gates, ()
@@ -95,23 +95,24 @@ def _alarm(rule: AlarmRule, step: AlarmStep, known: Known) -> Iterator[str]:
     state = step.state
     words = in_words(rule, state, known)
     if state.unknown_since_s is not None:
-        yield _unseen(state, words, known.now_s)
+        yield _unseen(rule, state, words, known.now_s)
+        yield from _timers(rule, state, known.now_s)
         return
     yield f"{_where(state, known.now_s)}: {words}"
-    yield from _timers(rule, state)
+    yield from _timers(rule, state, known.now_s)
     yield from _turning_points(rule, state, known)
 
 
 _PHASES = {
-    Phase.INACTIVE: "not raised",
+    Phase.NORMAL: "not raised",
     Phase.PENDING: "not raised yet",
-    Phase.UNACKNOWLEDGED: "raised{ago}, and nobody has acknowledged it",
-    Phase.ACTIVE: "raised{ago}",
-    Phase.CLEARING_UNACKNOWLEDGED: "raised{ago}, about to clear, and nobody has acknowledged it",
+    Phase.UNACKNOWLEDGED: "raised{ago}, not acknowledged",
+    Phase.ACKNOWLEDGED: "raised{ago}",
+    Phase.CLEARING_UNACKNOWLEDGED: "raised{ago}, about to clear, not acknowledged",
     Phase.CLEARING: "raised{ago}, about to clear",
     Phase.LATCHED_UNACKNOWLEDGED: "raised{ago}, latched until it is acknowledged and reset",
     Phase.LATCHED: "raised{ago}, latched until it is reset",
-    Phase.RETURNED: "over, but nobody has acknowledged it",
+    Phase.RTN_UNACKNOWLEDGED: "over, not acknowledged",
 }
 
 
@@ -120,27 +121,33 @@ def _where(state: AlarmState, now_s: float) -> str:
     return _PHASES[state.phase].format(ago=ago)
 
 
-def _unseen(state: AlarmState, words: str, now_s: float) -> str:
-    unseen = f"there is nothing to judge by for {rounded_duration(now_s - (state.unknown_since_s or now_s))}: {words}"
-    if state.phase in LATCHED or state.phase is Phase.RETURNED:
+def _unseen(rule: AlarmRule, state: AlarmState, words: str, now_s: float) -> str:
+    since_s = now_s if state.unknown_since_s is None else state.unknown_since_s
+    counts = policy_in_words(rule, state, now_s)
+    unseen = f"there is nothing to judge by for {rounded_duration(now_s - since_s)}{counts}: {words}"
+    if counts or state.phase in LATCHED or state.phase is Phase.RTN_UNACKNOWLEDGED:
         return f"{_where(state, now_s)}; {unseen}"
     return f"{'held as it was, raised' if state.is_active else 'not raised'}, since {unseen}"
 
 
-def _timers(rule: AlarmRule, state: AlarmState) -> Iterator[str]:
+def _timers(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
     timers, delay = state.timers, rule.on_delay
     if not state.is_active and (timers.held_last or timers.held_s or any(timers.recent)):
         if delay.hold_s:
             yield f"held for {rounded_duration(timers.held_s)} of the {rounded_duration(delay.hold_s)} that it takes"
         if delay.frames:
             yield f"held in {sum(timers.recent)} of the newest {delay.of_frames} frames; it takes {delay.frames}"
-    if timers.ended_s and state.is_active:
-        yield f"ended for {rounded_duration(timers.ended_s)} of the {rounded_duration(rule.off_delay_s)} that it takes"
+    ended_s = machine.ended_s(rule, state, now_s)
+    if ended_s and state.is_active and state.phase not in LATCHED:
+        yield f"ended for {rounded_duration(ended_s)} of the {rounded_duration(rule.off_delay_s)} that it takes"
+    if state.is_chattering:
+        calm_s = machine.calms_s(rule, state) - now_s
+        yield f"chattering: it does not clear for another {rounded_duration(calm_s)} at least"
 
 
 def _turning_points(rule: AlarmRule, state: AlarmState, known: Known) -> Iterator[str]:
     """Say at which figure a simple condition would begin, or end."""
-    is_active = is_judged_by_its_end(state)
+    is_active = state.is_judged_by_its_end
     found = evidence(rule.condition, known, state.timers.leaves, is_active=is_active)
     if len(found) != 1:
         return
@@ -150,7 +157,7 @@ def _turning_points(rule: AlarmRule, state: AlarmState, known: Known) -> Iterato
 
 
 def _gates(rule: AlarmRule, state: AlarmState, known: Known) -> Iterator[str]:
-    gates, now_s = state.gates, known.now_s
+    gates, now_s = state.inhibits, known.now_s
     if rule.observe:
         yield "it is only observed"
     if gates.shelved_until_s is not None:
@@ -178,7 +185,7 @@ def _consequence(
         yield from _untold(rule, state, now_s)
         if state.is_announced_only:
             yield "it held when the target was seen first, so it is announced and drives nothing"
-        elif state.is_given_up:
+        elif state.has_let_go:
             yield "its output was given up: nothing confirms the alarm any more"
     if output is not None and step.requests:
         yield from _commanded(rule, decision, output)

@@ -15,12 +15,11 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, step_alarm
-from stadimeter.core.alarms.operating import operated
-from stadimeter.core.alarms.timing import Sample
-from stadimeter.core.alarms.turn import AlarmTurn
+from stadimeter.core.alarms.actions import Evaluation
+from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, operated, step_alarm, with_state
+from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.known import Known
-from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace
+from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import Answer, OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, FollowRule, RampRule
@@ -28,7 +27,6 @@ from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearranged
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
 from stadimeter.core.rules.layout import Layout, layout_of
 from stadimeter.core.rules.ramp import RampStep, new_ramp, step_ramp
-from stadimeter.core.rules.step import trace_of
 
 RuleStep = AlarmStep | RampStep | FollowStep
 
@@ -142,7 +140,8 @@ def judge(
         The rules after this cycle, and what came of it.
     """
     figures = tuple([each.figure(known) for each in before.layout.crossings])
-    awake = set(before.restless)
+    # After a gap timers begin anew, those of rules that rest too.
+    awake = set(range(len(rules))) if known.is_after_gap else set(before.restless)
     for crossings, was, now in zip(before.layout.crossings, before.figures, figures, strict=True):
         if was != now:  # NaN differs from itself; `between` tells
             awake.update(crossings.between(was, now))
@@ -246,14 +245,10 @@ class _Turn:
             return _NOTHING
         return Outcome(events=tuple(self.events), notices=tuple(self.notices), answers=answers)
 
-    def _remember(self, index: int, turn: AlarmTurn) -> None:
-        step, state = self._step(index), turn.state
-        if not isinstance(step, AlarmStep):
-            return
-        trace = trace_of(
-            turn.rule, step.trace.status, step.trace, acknowledged=state.is_acknowledged, gates=state.gates.words()
-        )
-        self.changed[index] = replace(step, trace=trace, state=state, rests=False)
+    def _remember(self, index: int, evaluation: Evaluation) -> None:
+        step = self._step(index)
+        if isinstance(step, AlarmStep):
+            self.changed[index] = with_state(evaluation.rule, step, evaluation.state)
 
     def _step(self, index: int) -> RuleStep:
         return self.changed.get(index, self.before.steps[index])
@@ -333,9 +328,7 @@ def _heap_with(due: tuple[tuple[float, int], ...], added: list[tuple[float, int]
 
 def _is_active(step: RuleStep) -> bool | None:
     """Return whether a rule counts as active for those that ask for it."""
-    if isinstance(step, AlarmStep):
-        return None if step.state.unknown_since_s is not None else step.state.is_active
-    return None if step.trace.status is RuleStatus.UNKNOWN else step.trace.status is RuleStatus.ACTIVE
+    return step.trace.active
 
 
 def _is_unsettled(step: RuleStep) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from stadimeter.core.alarms import words as alarm_words
+from stadimeter.core.alarms import actions
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.conditions.known import Known
 from stadimeter.core.plan import Plan
@@ -64,7 +64,7 @@ class Reasons(Mapping[str, str]):
     def _why(self, rule: AnyRule, step: RuleStep) -> str:
         match rule, step:
             case AlarmRule(), AlarmStep():
-                return alarm_words.why(rule, step.state, self.known_to_rules())
+                return actions.why(rule, step.state, self.known_to_rules())
             case RampRule(), _:
                 return ramp.why(rule, self.known.tracks[rule.target])
             case FollowRule(), _:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.rule import Rule
@@ -31,36 +31,16 @@ class Step:
     due_s: float = math.inf
 
 
-def trace_of(
-    rule: Rule,
-    status: RuleStatus,
-    before: RuleTrace | None = None,
-    *,
-    acknowledged: bool = True,
-    gates: tuple[str, ...] = (),
-) -> RuleTrace:
-    """Return what a rule is doing.
+def trace_of(rule: Rule, status: RuleStatus, before: RuleTrace | None = None) -> RuleTrace:
+    """Return the trace of a rule without a memory: it is active while it acts."""
+    active = None if status is RuleStatus.UNKNOWN else status is RuleStatus.ACTIVE
+    gates = (OBSERVED,) if rule.observe else ()
+    now = RuleTrace(rule=rule.name, status=status, output=rule.output, gates=gates, active=active)
+    return now if before is None else renewed(now, before)
 
-    Args:
-        rule: The rule.
-        status: Its status.
-        before: Its trace in the cycle before, which is returned if it says the same.
-        acknowledged: Whether nobody needs to acknowledge it, or somebody has.
-        gates: What keeps it from acting, beside being observed only.
 
-    Returns:
-        The trace.
-    """
-    if rule.observe:
-        gates = (*gates, OBSERVED)
-    if before is not None and before.status is status and before.acknowledged is acknowledged and before.gates == gates:
-        return before
-    first_out = before is not None and before.first_out
-    return RuleTrace(
-        rule=rule.name,
-        status=status,
-        output=rule.output,
-        acknowledged=acknowledged,
-        gates=gates,
-        first_out=first_out,
-    )
+def renewed(now: RuleTrace, before: RuleTrace) -> RuleTrace:
+    """Return a trace; that of the cycle before if it says the same. Which alarm came first is marked elsewhere."""
+    if now.first_out is not before.first_out:
+        now = replace(now, first_out=before.first_out)
+    return before if now == before else now

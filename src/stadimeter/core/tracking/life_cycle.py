@@ -123,7 +123,7 @@ def after_gap(state: TrackState, now_s: float, reason: str) -> TrackState:
     """
     track = replace(state.track, since_s=now_s)
     if track.is_valid:
-        track = replace(track, status=TrackStatus.LOST, reason=reason)
+        track = replace(track, status=TrackStatus.LOST, rejected=0, reason=reason)
     return replace(state, track=track, confirmations=0, suspect=None)
 
 
@@ -178,7 +178,8 @@ def _lose_if_late(state: TrackState, now_s: float, settings: Tracking, reason: s
     if unseen_s <= settings.coast_s:
         return state
     reason = f"not measured for {unseen_s:.2f} s, limit {settings.coast_s:.2f} s: {reason}"
-    return replace(state, track=replace(track, status=TrackStatus.LOST, reason=reason), confirmations=0)
+    track = replace(track, status=TrackStatus.LOST, rejected=0, reason=reason)  # what was refused is no news any more
+    return replace(state, track=track, confirmations=0)
 
 
 def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> TrackState:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.keeping.resumption import read_resumption
+from stadimeter.app.persistence.resumption import read_resumption
 from stadimeter.app.recordings.cycle_json import RecordedCycle
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, load_recorded, to_be_recorded
 from stadimeter.config.loader import Configuration, load_configuration
@@ -17,7 +17,7 @@ from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
-from stadimeter.core.rules.keeping import carried_over
+from stadimeter.core.reload import carried_over
 from stadimeter.errors import JournalError, StateError
 from stadimeter.workbench.replay.opening import Recording
 

@@ -1,4 +1,4 @@
-"""What rules come to over a recording: how often they changed, how late they were, what they let pass."""
+"""Figures of rules over a recording: how often they changed, how late they were, what they missed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from statistics import median
 
 from stadimeter.core.condition import DistanceCondition, leaves
-from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus
+from stadimeter.core.decision import Decision, Event, EventKind
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
@@ -17,22 +17,17 @@ from stadimeter.workbench.replay.crossing_times import Stay, stays
 EARLY_S = 0.5
 """An alarm that is raised at most this long before its distance was truly crossed was raised by that crossing."""
 
-_STANDS = {RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED}
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RuleFigures:
     """What one rule comes to.
 
     Attributes:
-        rule: The rule's name.
-        raised: How often it was raised.
         transitions_per_minute: How often it was raised or cleared in a minute.
-        late_median_s: How long after its distance was crossed it was raised, in the middle; None if that is not known.
-        late_worst_s: The same, the worst case.
+        late_median_s: How long after its distance was crossed it was raised, the median; None if that is not known.
         missed: How often its distance was crossed and it was not raised.
         unfounded: How often it was raised while its distance was not crossed; None if that is not known.
-        least_distance_m: The least distance of what it watches while it did not stand; None if it watches none.
+        least_distance_m: The least distance of what it watches while it was not active; None if it watches none.
     """
 
     rule: str
@@ -50,8 +45,6 @@ class Tally:
     """Counts through a replay what its figures are made of.
 
     Attributes:
-        plan: The rules.
-        events: Every event so far.
         from_s: The time of the first cycle.
         to_s: The time of the last one.
     """
@@ -80,12 +73,7 @@ class Tally:
         return 0.0 if self.from_s is None else (self.to_s - self.from_s) / 60
 
     def add(self, observation: Observation, decision: Decision) -> None:
-        """Add one cycle.
-
-        Args:
-            observation: What was observed in it.
-            decision: What is decided.
-        """
+        """Add one cycle."""
         self.from_s = observation.now_s if self.from_s is None else self.from_s
         self.to_s = observation.now_s
         self.events += decision.events
@@ -106,7 +94,7 @@ class Tally:
         known_m = {track.target: track.distance_m for track in decision.tracks if track.is_valid}
         for number, name, target in self._distances:
             distance_m = known_m.get(target)
-            if distance_m is not None and decision.rules[number].status not in _STANDS:
+            if distance_m is not None and decision.rules[number].active is not True:
                 self._least_m[name] = min(distance_m, self._least_m.get(name, math.inf))
 
     def _figures(self, rule: AlarmRule) -> RuleFigures:

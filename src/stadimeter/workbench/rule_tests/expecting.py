@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stadimeter.config.rule_tests.expectations import ExpectTable, SpanTable
 from stadimeter.config.rule_tests.tables import PathPoint
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions import verdict as conditions
+from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.plan import Output, Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.explaining import explain
-from stadimeter.workbench.rule_tests.synthetic_track import enters_s, leaves_s
+from stadimeter.core.track import Track
+from stadimeter.workbench.rule_tests.synthetic_track import where
 from stadimeter.workbench.rule_tests.watching import (
     AlwaysWatch,
     CountWatch,
@@ -26,10 +29,9 @@ from stadimeter.workbench.rule_tests.watching import (
     Subject,
     Turn,
     Watch,
+    WithinWatch,
 )
 
-ACTIVE = frozenset({RuleStatus.ACTIVE, RuleStatus.CLEARING, RuleStatus.LATCHED})
-"""In these states an alarm stands."""
 _TRANSITIONS = frozenset({EventKind.RAISED, EventKind.CLEARED})
 _TOLD_OF = frozenset({EventKind.RAISED, EventKind.CLEARED, EventKind.REALARMED})
 
@@ -39,12 +41,7 @@ def watches(name: str, expected: ExpectTable, plan: Plan, path: Sequence[PathPoi
 
     Args:
         name: Its name. A rule and an output may share one.
-        expected: What is expected.
-        plan: The plan.
         path: Where the rule's target truly is when; empty where that is not known.
-
-    Yields:
-        One watch for each expectation.
     """
     for index, rule in enumerate(plan.rules):
         if rule.name == name:
@@ -73,7 +70,7 @@ class _RuleWatches:
         return turn.decision.rules[self.index]
 
     def _is_active(self, turn: Turn) -> bool:
-        return self._trace(turn).status in ACTIVE
+        return self._trace(turn).active is True
 
     def _doing(self, turn: Turn) -> str:
         return explain(turn.decision, self.rule.name).sentence
@@ -136,17 +133,15 @@ class _RuleWatches:
         return FirstWatch(self._about(key), self._events(frozenset({kind})), kind.value, stretch_s, words)
 
     def _within(self, kind: EventKind, key: str, within_s: float) -> Watch:
-        low_m, high_m = _limits_m(self.rule)
-        is_raised = kind is EventKind.RAISED
-        crossed_s = (enters_s if is_raised else leaves_s)(self.path, low_m, high_m)
-        limits = " and ".join(f"{limit_m:.2f} m" for limit_m in (low_m, high_m) if math.isfinite(limit_m))
-        if crossed_s is None:
-            words = f"{'enters' if is_raised else 'leaves'} its limits of {limits}"
-            return EndWatch(
-                self._about(key), f"'{self.rule.target}' {words}", lambda _: False, lambda _: "it never does"
-            )
-        words = f"{kind.value} within {within_s:.2f} s of crossing {limits} at {crossed_s:.2f} s"
-        return self._first(kind, key, (0.0, crossed_s + within_s), words)
+        if not (isinstance(self.rule, AlarmRule) and isinstance(self.rule.condition, DistanceCondition)):
+            raise TypeError(f"the rule {self.rule.name} has no limit on the distance alone")  # checked before
+        limits = " and ".join(
+            f"{each:.2f} m" for each in (self.rule.condition.above_m, self.rule.condition.below_m) if each
+        )
+        truth = _Truth(self.rule.condition, self.path)
+        is_met = truth.begins if kind is EventKind.RAISED else truth.ends
+        words = f"{'begins to hold' if kind is EventKind.RAISED else 'ends'} ({limits})"
+        return WithinWatch(self._about(key), self._events(frozenset({kind})), kind.value, within_s, is_met, words)
 
     def _moments(self) -> Iterator[Watch]:
         if (moments := self.expected.active_at) is not None:
@@ -172,12 +167,42 @@ class _RuleWatches:
             )
 
 
-def _limits_m(rule: AnyRule) -> tuple[float, float]:
-    if not (isinstance(rule, AlarmRule) and isinstance(rule.condition, DistanceCondition)):
-        raise TypeError(f"the rule {rule.name} has no limit on the distance alone")  # the cross-checks refuse it first
-    low_m = -math.inf if rule.condition.above_m is None else rule.condition.above_m
-    high_m = math.inf if rule.condition.below_m is None else rule.condition.below_m
-    return low_m, high_m
+class _Truth:
+    """Judges the condition of a rule by where its target truly is, with the standard deviation that the track states.
+
+    From then on the rule could know: what is later than that is late. A truth that is within the limit by less than the
+    standard deviation asks for is none that a rule could act on.
+    """
+
+    def __init__(self, condition: DistanceCondition, path: Sequence[PathPoint]) -> None:
+        self._condition = condition
+        self._path = path
+        self._before: Track | None = None
+        self._has_begun = False
+
+    def begins(self, turn: Turn) -> bool:
+        """Return whether the condition begins to hold. Shown every turn, since a target may pass through a band."""
+        return self._holds(turn, is_on=False)
+
+    def ends(self, turn: Turn) -> bool:
+        """Return whether the condition ends, having held."""
+        if not self._has_begun:
+            self._has_begun = self._holds(turn, is_on=False)
+            return False
+        return not self._holds(turn, is_on=True)
+
+    def _holds(self, turn: Turn, *, is_on: bool) -> bool:
+        target = self._condition.target
+        track = next(track for track in turn.decision.tracks if track.target == target)
+        if not self._path or not track.is_valid:
+            return is_on
+        true = where(self._path, turn.at_s)
+        depth_m = true.distance_m * math.cos(true.bearing_rad) * math.cos(true.elevation_rad)
+        track = replace(track, distance_m=true.distance_m, depth_m=depth_m)
+        before = {} if self._before is None else {target: self._before}
+        self._before = track
+        known = Known(tracks={target: track}, now_s=turn.at_s, before=before)
+        return conditions.judge(self._condition, known, (), is_active=is_on).value is True
 
 
 def _acknowledged(*, is_so: bool) -> str:

@@ -2,19 +2,145 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rule_tests.tables import PathPoint, RuleTest
+from stadimeter.config.rule_tests.tables import InputTable, MotionTable, OperatorTable, PathPoint, RuleTest
+from stadimeter.config.rules.figure_tables import DAYS
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Event
+from stadimeter.core.observation import FrameStamp, Observation, WallTime
+from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan
-from stadimeter.errors import ConfigError, Problem, StadimeterError
+from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
+from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.rule_tests.expecting import watches
-from stadimeter.workbench.rule_tests.input import observations
-from stadimeter.workbench.rule_tests.sensor_model import SensorModel, sensor_models
+from stadimeter.workbench.rule_tests.synthetic_track import Nuisances, SensorModel, SyntheticTrack, sensor_models
 from stadimeter.workbench.rule_tests.watching import Failure, Turn, Watch
+
+RATE_HZ = 30.0
+"""The frame rate where neither the test nor the camera names one."""
+WAIT_S = 0.1
+"""Without a frame there is a cycle this often, as in a run."""
+_DAY_S = 86400.0
+_ROUNDING_S = 1e-9
+
+
+def observations(
+    given: InputTable, configuration: Configuration, sensors: Mapping[str, SensorModel]
+) -> Iterator[Observation]:
+    """Yield what the core sees, a cycle at a time. Nothing is opened but a recording.
+
+    Args:
+        sensors: How sure each target's distance is expected to be; not needed for a recording.
+
+    Yields:
+        The observations. What is made up begins at 0 s.
+
+    Raises:
+        JournalError: The recording cannot be read, or holds none of the targets.
+    """
+    if given.journal is not None:
+        yield from _recorded(given.journal, configuration.plan.targets)
+        return
+    tracks = _tracks(given, configuration, sensors)
+    orders = sorted(given.operator, key=lambda order: order.at)
+    for number, (at_s, frame) in enumerate(_cycles(given, frame_rate_hz(given, configuration))):
+        due = [order for order in orders if order.at <= at_s + _ROUNDING_S]
+        orders = orders[len(due) :]
+        yield Observation(
+            now_s=at_s,
+            frame=None if frame is None else FrameStamp(sequence=frame, captured_at_s=at_s),
+            measurements=() if frame is None else tuple([track.measure(at_s) for track in tracks]),
+            camera_fault="" if frame is not None else "no frame in time",
+            wall=_wall(given, at_s),
+            operator_commands=tuple([_command(order, f"test-{number}-{index}") for index, order in enumerate(due)]),
+        )
+
+
+def frame_rate_hz(given: InputTable, configuration: Configuration) -> float:
+    """Return how many frames a second a test has.
+
+    Returns:
+        The rate that the test names; else that of the camera; else a usual one.
+    """
+    return given.rate or getattr(configuration.camera.options, "rate", None) or RATE_HZ
+
+
+def _recorded(journal: Path, targets: tuple[str, ...]) -> Iterator[Observation]:
+    seen: set[str] = set()
+    for cycle in read_recording(journal).cycles():
+        observation = cycle.observation()
+        seen.update([measured.target for measured in observation.measurements])
+        yield observation
+    if not seen & set(targets):
+        held = f"only {', '.join(sorted(seen))}" if seen else "no measurement at all"
+        raise JournalError(f"{journal} holds {held}, and the rules are about {', '.join(targets)}")
+
+
+def _tracks(
+    given: InputTable, configuration: Configuration, sensors: Mapping[str, SensorModel]
+) -> tuple[SyntheticTrack, ...]:
+    motions = given.motions(configuration.plan.targets)
+    nowhere = MotionTable()
+    return tuple(
+        SyntheticTrack(
+            target=target,
+            path=motions.get(target, nowhere).path(),
+            sensor=sensors[target],
+            nuisances=Nuisances(
+                noise=given.noise,
+                correlation=configuration.plan.tracking.correlation,
+                dropouts=given.dropouts,
+                outliers=given.outliers,
+                lost=motions.get(target, nowhere).lost,
+            ),
+            seed=given.seed,
+        )
+        for target in configuration.plan.targets
+    )
+
+
+def _cycles(given: InputTable, rate_hz: float) -> Iterator[tuple[float, int | None]]:
+    """Yield the time of each cycle and the number of its frame, or None for a cycle without one."""
+    last_s = -WAIT_S
+    for frame in range(int(given.moving_s * rate_hz + _ROUNDING_S) + 1):
+        at_s = frame / rate_hz
+        if any(span.holds(at_s) for span in given.frozen):
+            continue
+        yield from ((waited_s, None) for waited_s in _waits(last_s, at_s))
+        yield at_s, frame
+        last_s = at_s
+    yield from ((waited_s, None) for waited_s in _waits(last_s, given.moving_s))
+    if last_s < given.moving_s - _ROUNDING_S:
+        yield given.moving_s, None  # so that the test ends when it says, not at the last frame before
+
+
+def _waits(last_s: float, next_s: float) -> Iterator[float]:
+    for count in range(1, int((next_s - last_s - _ROUNDING_S) / WAIT_S) + 1):
+        yield last_s + count * WAIT_S
+
+
+def _wall(given: InputTable, at_s: float) -> WallTime | None:
+    if given.clock is None:
+        return None
+    days, second_of_day = divmod(given.clock + at_s, _DAY_S)
+    return WallTime(second_of_day=second_of_day, weekday=(DAYS.index(given.day) + int(days)) % len(DAYS))
+
+
+def _command(order: OperatorTable, identity: str) -> OperatorCommand:
+    ((action, rule),) = order.orders()
+    return OperatorCommand(
+        id=identity,
+        action=action,
+        rule=rule,
+        by=order.by,
+        why=order.why,
+        for_s=order.duration,
+        one_shot=order.one_shot,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,11 +148,9 @@ class RuleTestResult:
     """What came of one test.
 
     Attributes:
-        test: The test.
         failures: What was not met; none if it passed.
         events: What happened, with times from the start of the test.
         took_s: How long it was, in seconds of the test.
-        cycles: How many cycles it had.
         trouble: Why it could not be run to its end; empty if it was.
     """
 
@@ -44,11 +168,7 @@ class RuleTestResult:
 
 
 class RuleTests:
-    """Runs tests of one configuration.
-
-    Args:
-        configuration: The configuration.
-    """
+    """Runs tests of one configuration."""
 
     def __init__(self, configuration: Configuration) -> None:
         self._configuration = configuration

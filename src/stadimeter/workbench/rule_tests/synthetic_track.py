@@ -10,15 +10,85 @@ from __future__ import annotations
 import math
 import random
 from bisect import bisect_right
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from statistics import NormalDist
+from typing import Any
 
+from stadimeter.app.clock import SteppedClock
+from stadimeter.config.loader import Configuration
+from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
 from stadimeter.config.rule_tests.expectations import SpanTable
 from stadimeter.config.rule_tests.tables import PathPoint
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.workbench.rule_tests.sensor_model import SensorModel
+from stadimeter.core.target import TargetShape
+from stadimeter.detectors.protocol import Detector
+from stadimeter.errors import ConfigError, Problem, StadimeterError
+from stadimeter.ranging.feasibility import expect
+
+SMALLEST_PX = 3.0
+"""Nothing smaller is found, however good the picture."""
+
+
+class SensorModel:
+    """A camera that looks at a target of known size."""
+
+    def __init__(self, size: TargetShape, camera: CameraModel) -> None:
+        self._size = size
+        self._exact = replace(camera, focal_relative_sigma=0.0)
+        self._stays = math.hypot(camera.focal_relative_sigma, size.relative_sigma)
+
+    def sigmas_m(self, distance_m: float) -> tuple[float, float]:
+        """Return how sure a distance is, as `stadimeter.ranging.feasibility` expects it.
+
+        Returns:
+            The whole standard deviation in metres, and the part of it that differs from frame to frame.
+        """
+        noise_m = expect(self._size, self._exact, distance_m).sigma_m
+        return math.hypot(noise_m, self._stays * distance_m), noise_m
+
+    def is_found(self, distance_m: float) -> bool:
+        """Return whether the target appears large enough at a distance for any detector to find it."""
+        return expect(self._size, self._exact, distance_m).size_px >= SMALLEST_PX
+
+
+def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
+    """Return the sensor model of each target. Nothing is opened.
+
+    Raises:
+        ConfigError: There is no camera model, or a detector cannot be built.
+    """
+    camera = configuration.camera_model
+    if camera is None:
+        raise ConfigError([_problem(configuration, "camera.model", "there is no camera model, so nothing has a noise")])
+    shared = Shared()
+    try:
+        if configuration.world is not None:
+            _built(configuration.world, camera, shared)
+        return {choice.name: _model(configuration, choice, camera, shared) for choice in configuration.targets}
+    finally:
+        for close in reversed(shared.closers):
+            close()
+
+
+def _model(configuration: Configuration, choice: DriverChoice, camera: CameraModel, shared: Shared) -> SensorModel:
+    try:
+        detector: Detector = _built(choice, camera, shared)
+    except StadimeterError as error:
+        message = f"how large the target is cannot be known: {error}"
+        raise ConfigError([_problem(configuration, f"targets.{choice.name}", message)]) from error
+    return SensorModel(size=detector.target_size, camera=camera)
+
+
+def _built(choice: DriverChoice, camera: CameraModel, shared: Shared) -> Any:
+    context = DriverContext(name=choice.name, clock=SteppedClock(), camera_model=camera, shared=shared)
+    return choice.plugin.build(choice.options, context)
+
+
+def _problem(configuration: Configuration, key: str, message: str) -> Problem:
+    return Problem(message, str(configuration.path), key=key)
+
 
 OUTLIER_FACTOR = 3.0
 """A gross error makes a distance up to this many times as large, or as small."""
@@ -34,9 +104,6 @@ def where(path: Sequence[PathPoint], at_s: float) -> PathPoint:
     Args:
         path: Where it is at certain times, in order; it stays at the last point.
         at_s: Seconds from the start of the test.
-
-    Returns:
-        The point.
     """
     index = bisect_right(path, at_s, key=lambda point: point.at_s)
     if index == len(path):
@@ -50,53 +117,6 @@ def where(path: Sequence[PathPoint], at_s: float) -> PathPoint:
         bearing_rad=_between(before.bearing_rad, after.bearing_rad, share),
         elevation_rad=_between(before.elevation_rad, after.elevation_rad, share),
     )
-
-
-def enters_s(path: Sequence[PathPoint], low_m: float, high_m: float) -> float | None:
-    """Return when the true distance first lies between two limits.
-
-    Args:
-        path: Where the target is at certain times, in order.
-        low_m: The lower limit in metres, or minus infinity.
-        high_m: The upper limit in metres, or infinity.
-
-    Returns:
-        Seconds from the start of the test; None for never.
-    """
-    if low_m < path[0].distance_m < high_m:
-        return path[0].at_s
-    for before, after in pairwise(path):
-        start_m, end_m = before.distance_m, after.distance_m
-        if max(start_m, end_m) <= low_m or min(start_m, end_m) >= high_m or start_m == end_m:
-            continue
-        border_m = high_m if start_m >= high_m else low_m
-        return _between(before.at_s, after.at_s, (border_m - start_m) / (end_m - start_m))
-    return None
-
-
-def leaves_s(path: Sequence[PathPoint], low_m: float, high_m: float) -> float | None:
-    """Return when the true distance, having been between two limits, first no longer is.
-
-    Args:
-        path: Where the target is at certain times, in order.
-        low_m: The lower limit in metres, or minus infinity.
-        high_m: The upper limit in metres, or infinity.
-
-    Returns:
-        Seconds from the start of the test; None for never.
-    """
-    entered_s = enters_s(path, low_m, high_m)
-    if entered_s is None:
-        return None
-    for before, after in pairwise(path):
-        start_m, end_m = before.distance_m, after.distance_m
-        if after.at_s < entered_s or low_m < end_m < high_m:
-            continue
-        border_m = high_m if end_m >= high_m else low_m
-        if start_m == end_m or not min(start_m, end_m) <= border_m <= max(start_m, end_m):
-            continue
-        return _between(before.at_s, after.at_s, (border_m - start_m) / (end_m - start_m))
-    return None
 
 
 def _between(start: float, end: float, share: float) -> float:
@@ -126,10 +146,8 @@ class SyntheticTrack:
     """Measures one target that is not there, a frame at a time.
 
     Args:
-        target: Its name.
         path: Where it truly is when; empty for a target that is never in sight.
         sensor: How sure camera and target are.
-        nuisances: What goes wrong.
         seed: Everything random follows from it and the target's name.
     """
 

@@ -6,6 +6,7 @@ instead, when, and why: the rule's own reason of that moment. So a test over an 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
@@ -24,7 +25,6 @@ class Turn:
     Attributes:
         at_s: When, in seconds from the start of the test.
         start_s: The start of the test, on the clock that events are stamped with.
-        decision: What was decided.
     """
 
     at_s: float
@@ -37,10 +37,6 @@ class Failure:
     """An expectation that was not met.
 
     Attributes:
-        subject: The rule or output.
-        key: The key of the expectation.
-        expected: What was expected, in words.
-        got: What came instead.
         at_s: The moment that `why` is about, in seconds from the start of the test.
         why: What the rule or output was doing at that moment, and its reason.
     """
@@ -70,8 +66,6 @@ class Subject:
     """What an expectation is about.
 
     Attributes:
-        name: The rule or output.
-        key: The key of the expectation.
         doing: Says what the rule or output does in a turn, and why.
     """
 
@@ -83,12 +77,7 @@ class Subject:
         """Return a failure of it.
 
         Args:
-            expected: What was expected.
-            got: What came instead.
             turn: The turn to tell about; None for none.
-
-        Returns:
-            The failure.
         """
         at_s, why = (None, "") if turn is None else (turn.at_s, self.doing(turn))
         return Failure(subject=self.name, key=self.key, expected=expected, got=got, at_s=at_s, why=why)
@@ -98,7 +87,6 @@ class MomentWatch:
     """Expects something at certain moments, or throughout certain stretches.
 
     Args:
-        subject: What it is about.
         moments: When, in seconds, each with what is expected then in words and how to tell.
     """
 
@@ -148,10 +136,7 @@ class AlwaysWatch:
     """Expects something in every turn.
 
     Args:
-        subject: What it is about.
-        expected: What is expected, in words.
         is_met: Tells whether it is so in a turn.
-        got: Says what is so instead.
     """
 
     def __init__(
@@ -176,14 +161,7 @@ class AlwaysWatch:
 
 
 class PeakWatch:
-    """Expects a figure to be reached at some time.
-
-    Args:
-        subject: What it is about.
-        least: What must be reached.
-        figure: The figure of a turn.
-        unit: Follows the figure in words.
-    """
+    """Expects a figure to be reached at some time."""
 
     def __init__(self, subject: Subject, least: float, figure: Callable[[Turn], float], unit: str = "") -> None:
         self._subject = subject
@@ -207,14 +185,7 @@ class PeakWatch:
 
 
 class EndWatch:
-    """Expects something in the last turn.
-
-    Args:
-        subject: What it is about.
-        expected: What is expected, in words.
-        is_met: Tells whether it is so.
-        got: Says what is so instead.
-    """
+    """Expects something in the last turn."""
 
     def __init__(
         self, subject: Subject, expected: str, is_met: Callable[[Turn], bool], got: Callable[[Turn], str]
@@ -239,7 +210,6 @@ class CountWatch:
     """Expects a number of events.
 
     Args:
-        subject: What it is about.
         counted: Returns the events of a turn that count.
         limits: The least and the greatest number that will do, given how many seconds the test took.
         noun: What is counted, in words: one, and several.
@@ -302,11 +272,9 @@ class FirstWatch:
     """Expects the first event of a kind within a stretch of time.
 
     Args:
-        subject: What it is about.
         counted: Returns the events of a turn that count.
         verb: What happens, in words, such as ``raised``.
         stretch_s: The earliest and the latest time that will do.
-        expected: What is expected, in words.
     """
 
     def __init__(
@@ -345,3 +313,42 @@ class FirstWatch:
         elif at_s > self._by_s + _ROUNDING_S:
             late = f"{got}, {at_s - self._by_s:.2f} s late"
             yield self._subject.failure(self._expected, late, self._at_limit)
+
+
+class WithinWatch(FirstWatch):
+    """Expects the first event of a kind soon after something is so.
+
+    Args:
+        is_met: Whether it is so in a turn. Asked in every turn, until it is.
+    """
+
+    def __init__(
+        self,
+        subject: Subject,
+        counted: Callable[[Turn], Iterable[Event]],
+        verb: str,
+        within_s: float,
+        is_met: Callable[[Turn], bool],
+        words: str,
+    ) -> None:
+        super().__init__(subject, counted, verb, (0.0, math.inf), "")
+        self._within_s = within_s
+        self._is_met = is_met
+        self._words = words
+        self._met_at_s: float | None = None
+
+    def see(self, turn: Turn) -> None:
+        """Take in the next turn."""
+        if self._met_at_s is None and self._is_met(turn):
+            self._met_at_s = turn.at_s
+            self._by_s = turn.at_s + self._within_s
+            when = f"{turn.at_s:.2f} s, where its condition truly {self._words}"
+            self._expected = f"{self._verb} within {self._within_s:.2f} s of {when}"
+        super().see(turn)
+
+    def failures(self) -> Iterator[Failure]:
+        """Yield when it happened, if that is too late, or that it never had to happen."""
+        if self._met_at_s is None:
+            yield self._subject.failure(f"its condition truly {self._words}", "it never does")
+        else:
+            yield from super().failures()

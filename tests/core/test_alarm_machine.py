@@ -2,11 +2,11 @@
 
 import pytest
 
-from stadimeter.core.alarms.table import LATCHED, STANDING, TRANSITIONS, UNACKNOWLEDGED, Phase, Trigger, after
+from stadimeter.core.alarms.machine import ACTIVE, LATCHED, TO_ACKNOWLEDGE, TRANSITIONS, Phase, Trigger, after
 
 EVERY = [(phase, trigger) for phase in Phase for trigger in Trigger]
 CLEARING = {Phase.CLEARING, Phase.CLEARING_UNACKNOWLEDGED}
-AT_REST = {Phase.INACTIVE, Phase.PENDING, Phase.RETURNED}
+AT_REST = {Phase.NORMAL, Phase.PENDING, Phase.RTN_UNACKNOWLEDGED}
 
 
 @pytest.mark.parametrize(("phase", "trigger"), EVERY)
@@ -21,31 +21,31 @@ def test_every_phase_has_its_row_and_is_left_by_something(phase):
 
 @pytest.mark.parametrize(("phase", "trigger"), EVERY)
 def test_only_being_raised_makes_an_alarm_active(phase, trigger):
-    becomes_active = phase not in STANDING and after(phase, trigger) in STANDING
+    becomes_active = phase not in ACTIVE and after(phase, trigger) in ACTIVE
     assert becomes_active is (phase in AT_REST and trigger in {Trigger.RAISE, Trigger.RAISE_ACKNOWLEDGED})
 
 
 @pytest.mark.parametrize(("phase", "trigger"), EVERY)
 def test_only_clearing_or_a_reset_ends_an_active_alarm(phase, trigger):
-    ends = phase in STANDING and after(phase, trigger) not in STANDING
-    may_clear = phase in STANDING - LATCHED and trigger is Trigger.CLEAR
+    ends = phase in ACTIVE and after(phase, trigger) not in ACTIVE
+    may_clear = phase in ACTIVE - LATCHED and trigger is Trigger.CLEAR
     assert ends is (may_clear or (phase is Phase.LATCHED and trigger is Trigger.RESET))
 
 
 @pytest.mark.parametrize(("phase", "trigger"), EVERY)
 def test_only_an_acknowledgement_takes_the_need_for_one_away(phase, trigger):
-    is_taken = phase in UNACKNOWLEDGED and after(phase, trigger) not in UNACKNOWLEDGED
+    is_taken = phase in TO_ACKNOWLEDGE and after(phase, trigger) not in TO_ACKNOWLEDGE
     by_hand = trigger is Trigger.ACKNOWLEDGE
-    raised_without = phase is Phase.RETURNED and trigger is Trigger.RAISE_ACKNOWLEDGED
-    assert is_taken is (phase in UNACKNOWLEDGED and (by_hand or raised_without))
+    raised_without = phase is Phase.RTN_UNACKNOWLEDGED and trigger is Trigger.RAISE_ACKNOWLEDGED
+    assert is_taken is (phase in TO_ACKNOWLEDGE and (by_hand or raised_without))
 
 
 @pytest.mark.parametrize(("phase", "trigger"), EVERY)
 def test_only_a_raise_or_a_realarm_asks_for_an_acknowledgement(phase, trigger):
-    asks = phase not in UNACKNOWLEDGED and after(phase, trigger) in UNACKNOWLEDGED
+    asks = phase not in TO_ACKNOWLEDGE and after(phase, trigger) in TO_ACKNOWLEDGE
     assert asks is (
-        (phase in AT_REST - UNACKNOWLEDGED and trigger is Trigger.RAISE)
-        or (phase in STANDING - UNACKNOWLEDGED and trigger is Trigger.REALARM)
+        (phase in AT_REST - TO_ACKNOWLEDGE and trigger is Trigger.RAISE)
+        or (phase in ACTIVE - TO_ACKNOWLEDGE and trigger is Trigger.REALARM)
     )
 
 
@@ -58,8 +58,8 @@ def test_a_latched_alarm_waits_for_a_reset_or_holds_again(phase, trigger):
 
 @pytest.mark.parametrize(("phase", "trigger"), EVERY)
 def test_an_acknowledgement_changes_nothing_else(phase, trigger):
-    if trigger is Trigger.ACKNOWLEDGE and phase in STANDING:
-        assert after(phase, trigger) in STANDING
+    if trigger is Trigger.ACKNOWLEDGE and phase in ACTIVE:
+        assert after(phase, trigger) in ACTIVE
         assert (after(phase, trigger) in CLEARING) is (phase in CLEARING)
         assert (after(phase, trigger) in LATCHED) is (phase in LATCHED)
 
@@ -72,12 +72,12 @@ def test_the_same_trigger_twice_is_like_once(phase):
 
 
 def test_every_phase_can_be_reached_and_every_phase_can_come_to_rest():
-    reached, edge = {Phase.INACTIVE}, {Phase.INACTIVE}
+    reached, edge = {Phase.NORMAL}, {Phase.NORMAL}
     while edge:
         edge = {after(phase, trigger) for phase in edge for trigger in Trigger} - reached
         reached |= edge
     assert reached == set(Phase)
-    to_rest = {Phase.INACTIVE}
+    to_rest = {Phase.NORMAL}
     while more := {phase for phase in Phase if {after(phase, t) for t in Trigger} & to_rest} - to_rest:
         to_rest |= more
     assert to_rest == set(Phase)

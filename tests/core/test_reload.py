@@ -4,12 +4,14 @@ from dataclasses import fields, replace
 
 import pytest
 
-from stadimeter.core.alarms.state import AlarmState, Gates
+from stadimeter.core.alarms.machine import AlarmState
+from stadimeter.core.alarms.state import Inhibits
 from stadimeter.core.condition import DistanceCondition, PresenceCondition, RuleCondition
 from stadimeter.core.decision import EventKind
+from stadimeter.core.persistence import Change, change
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
+from stadimeter.core.reload import carried_over
 from stadimeter.core.rule import AlarmRule, Lost, OnDelay, RampRule
-from stadimeter.core.rules.keeping import Turn, carried_over, turn
 from support.observing import Rehearsal
 
 NEAR = AlarmRule(
@@ -47,25 +49,25 @@ def turns(run, *distances_m, **how):
     for distance_m in distances_m:
         before = run.state
         run.see(distance_m, **how)
-        found.append(turn(before, run.state))
+        found.append(change(before, run.state))
     return found
 
 
 def test_a_quiet_scene_is_nothing_to_write_down():
     run = rehearse(NEAR, FAR)
     run.see(3, 3, 3)
-    assert set(turns(run, *[3.0, 3.01, 2.99] * 20)) == {Turn.NOTHING}
+    assert set(turns(run, *[3.0, 3.01, 2.99] * 20)) == {Change.NOTHING}
 
 
 def test_a_timer_that_runs_is_nothing_and_one_that_begins_is_passing():
     run = rehearse(replace(NEAR, on_delay=OnDelay(hold_s=5.0)))
     run.see(3, 3, 3)
     found = turns(run, *[0.6] * 10)
-    assert found.count(Turn.PASSING) == 1
-    assert Turn.LASTING not in found
+    assert found.count(Change.PASSING) == 1
+    assert Change.LASTING not in found
 
 
-@pytest.mark.parametrize(("for_s", "expected"), [(20.0, Turn.PASSING), (0.0, Turn.NOTHING)])
+@pytest.mark.parametrize(("for_s", "expected"), [(20.0, Change.PASSING), (0.0, Change.NOTHING)])
 def test_that_a_target_goes_is_worth_it_if_a_rule_counts_the_time(for_s, expected):
     rule = replace(NEAR, condition=PresenceCondition(seen=False, for_s=for_s), on_delay=OnDelay(hold_s=1e6))
     run = rehearse(rule)
@@ -74,13 +76,13 @@ def test_that_a_target_goes_is_worth_it_if_a_rule_counts_the_time(for_s, expecte
     while run.state.tracks[0].track.is_valid:
         before = run.state
         run.see(None)
-    assert turn(replace(before, rules=run.state.rules), run.state) is expected
+    assert change(replace(before, rules=run.state.rules), run.state) is expected
 
 
 def test_what_people_are_told_of_is_lasting():
     run = rehearse(NEAR)
     run.see(3, 3, 3)
-    assert max(turns(run, 0.6, 0.6)) is Turn.LASTING
+    assert max(turns(run, 0.6, 0.6)) is Change.LASTING
 
 
 def test_what_people_say_is_lasting():
@@ -88,15 +90,16 @@ def test_what_people_say_is_lasting():
     run.see(3, 3, 3)
     before = run.state
     run.tell("shelve", "near", for_s=60)
-    assert turn(before, run.state) is Turn.LASTING
+    assert change(before, run.state) is Change.LASTING
 
 
 def test_every_field_of_what_alarms_remember_is_judged_to_be_lasting_passing_or_nothing():
     looked_at = {"phase", "timers", "unknown_since_s", "is_given_up", "held_from_start", "is_announced_only", "leg"}
-    looked_at |= {"raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "gates", "resumed"}
+    looked_at |= {"raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "inhibits", "resumed"}
+    looked_at |= {"raises_at_s", "is_chattering"}
     assert {field.name for field in fields(AlarmState)} == looked_at
-    gates = {"shelved_until_s", "is_one_shot", "shelved_by", "is_out_of_service", "is_suppressed", "leaves"}
-    assert {field.name for field in fields(Gates)} == gates
+    inhibits = {"shelved_until_s", "is_one_shot", "shelved_by", "is_out_of_service", "is_suppressed", "leaves"}
+    assert {field.name for field in fields(Inhibits)} == inhibits
 
 
 # A changed configuration

@@ -23,20 +23,20 @@ import sqlite3
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from stadimeter.app.deliveries import Undelivered
-from stadimeter.app.keeping.moments import Moment
-from stadimeter.app.keeping.state_file import APPLICATION_ID, Kind, kind_of, put_aside, too_large
+from stadimeter.app.persistence.resumption import Memory, Moment, upgraded
+from stadimeter.app.persistence.state_file import APPLICATION_ID, Kind, kind_of, put_aside, too_large
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
-from stadimeter.core.rules.keeping import Absence, KeptAlarm
+from stadimeter.core.persistence import Absence, KeptAlarm
 from stadimeter.errors import StateError
 
-FORMAT = 1
+FORMAT = 2
+OLDER = (1,)
+"""Formats that are read as well."""
 LOG_PAGES_MAX = 64
 """After so many pages of 4 KiB the log is taken over into the file; it needs little room, and that is seldom."""
 
@@ -71,23 +71,6 @@ Queued = tuple[str, str]
 """Who has not delivered it yet, and what, as JSON."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Memory:
-    """What alarms remembered, and when.
-
-    Attributes:
-        moment: When it was written.
-        alarms: What each alarm remembered.
-        absent: Which targets were out of sight.
-        undelivered: What other programs and people had not got yet, oldest first.
-    """
-
-    moment: Moment
-    alarms: tuple[KeptAlarm, ...]
-    absent: tuple[Absence, ...] = ()
-    undelivered: tuple[Undelivered, ...] = ()
-
-
 class _DamagedError(Exception):
     """The file is not as it was written."""
 
@@ -104,7 +87,6 @@ class AlarmStore:
         is_named: Whether a user has named the file. Then one that is not ours is neither moved nor written.
 
     Attributes:
-        path: The file.
         warning: What was wrong with the file that was found, and what became of it; empty for nothing.
     """
 
@@ -263,7 +245,7 @@ class AlarmStore:
         version, application = _pragma(database, "user_version"), _pragma(database, "application_id")
         if version > FORMAT and application == APPLICATION_ID:
             raise _LaterVersionError(f"written by a later version of stadimeter (format {version}, not {FORMAT})")
-        if version not in {0, FORMAT} or application != APPLICATION_ID:
+        if version not in {0, *OLDER, FORMAT} or application != APPLICATION_ID:
             raise _DamagedError("it is no state file")
         _make_tables(database)
         database.execute("DELETE FROM saved WHERE one <> 1")  # changes nothing, and fails if nothing can be changed
@@ -284,7 +266,7 @@ class AlarmStore:
         if len(saved) != 1 or saved[0][2] != _sha256(saved[0][:2], rows.items(), queue.values()):
             raise _DamagedError("its checksum is wrong")
         try:
-            alarms = tuple(_ROW.validate_json(memory)[0] for memory in rows.values())
+            alarms = tuple(_ROW.validate_json(upgraded(memory))[0] for memory in rows.values())
             undelivered = tuple((name, _ITEM.validate_json(item)) for name, item in queue.values())
             moment, absent = _MOMENT.validate_json(saved[0][0]), _ABSENT.validate_json(saved[0][1])
         except ValidationError as error:
@@ -308,7 +290,7 @@ def _make_tables(database: sqlite3.Connection) -> None:
     missing = [table for table in _TABLES if table not in found]
     for table in missing:
         database.execute(table)
-    if missing:
+    if missing or _pragma(database, "user_version") in OLDER:
         database.execute(f"PRAGMA user_version = {FORMAT}")
 
 

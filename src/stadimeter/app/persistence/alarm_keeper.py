@@ -18,13 +18,12 @@ import time
 from collections.abc import Callable, Iterable
 
 from stadimeter.app.deliveries import Deliveries, Undelivered
-from stadimeter.app.keeping.alarm_store import AlarmStore, Memory
-from stadimeter.app.keeping.moments import Moment
-from stadimeter.app.keeping.resumption import Resumption, resumption_at
+from stadimeter.app.persistence.alarm_store import AlarmStore
+from stadimeter.app.persistence.resumption import Memory, Moment, Resumption, resumption_at
 from stadimeter.app.reporting import SYSTEM_EVENTS
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
-from stadimeter.core.rules.keeping import Turn, absent, kept, turn
+from stadimeter.core.persistence import Change, absent, change, kept
 from stadimeter.errors import StateError
 
 PASSING_EVERY_S = 10.0
@@ -55,8 +54,6 @@ class AlarmKeeper:
     """Lets the alarms of a run remember what those of earlier runs did.
 
     Args:
-        store: The file.
-        moment_of: Returns this moment.
         deliveries: Knows what other programs and people have not got yet; None if nobody tells them anything.
 
     Attributes:
@@ -89,9 +86,6 @@ class AlarmKeeper:
 
         A file that cannot be used keeps no run from beginning.
 
-        Args:
-            now_s: The run's clock.
-
         Returns:
             What the run takes over from an earlier one; None if there is nothing.
         """
@@ -113,11 +107,6 @@ class AlarmKeeper:
         """Take in a cycle, after its messages are on their way and before anybody sees it.
 
         Never waits for the disk, but a moment if there is an alarm that others have not got yet.
-
-        Args:
-            before: What was remembered before it.
-            after: What was remembered after it.
-            events: What happened in it.
         """
         self._latest = after
         if any(event.kind not in SYSTEM_EVENTS for event in events) and self._undelivered():
@@ -125,21 +114,17 @@ class AlarmKeeper:
             with self._turned:
                 self._turned.wait_for(lambda: self._newest is None and not self._is_writing, ALARM_WAIT_S)
             return
-        found = turn(before, after)
-        if found is Turn.NOTHING and not self._is_owed:
+        found = change(before, after)
+        if found is Change.NOTHING and not self._is_owed:
             return
         now_s = after.now_s or 0.0
-        if found is Turn.LASTING or now_s - self._submitted_s >= PASSING_EVERY_S:
+        if found is Change.LASTING or now_s - self._submitted_s >= PASSING_EVERY_S:
             self.keep(after)
         else:
             self._is_owed = True
 
     def keep(self, state: State) -> None:
-        """Have a state written, as soon as the disk can. Never waits for it.
-
-        Args:
-            state: What is remembered now.
-        """
+        """Have a state written, as soon as the disk can. Never waits for it."""
         if self._thread is None or state.now_s is None:
             return
         self._is_owed, self._submitted_s = False, state.now_s
@@ -152,9 +137,6 @@ class AlarmKeeper:
 
         Call it when messenger and notifiers are closed: then it is known what they could not deliver. Does nothing if
         it was called before, in whatever thread.
-
-        Args:
-            state: What is remembered.
 
         Returns:
             What went wrong, in words; empty for nothing.

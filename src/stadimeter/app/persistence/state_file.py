@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Mapping
 from enum import Enum, auto
 from pathlib import Path
 
@@ -18,6 +19,8 @@ APPLICATION_ID = 0x53746164
 
 SIZE_MAX = 32 * 2**20
 """A full state file has about 2 MiB, with the longest texts ten. What is larger we did not write, and do not read."""
+
+ENDING = ".sqlite3"
 
 BESIDE = ("-wal", "-shm", "-journal")
 """What SQLite keeps beside a file."""
@@ -99,3 +102,22 @@ def put_aside(path: Path, why: str) -> Path:
     except OSError as error:
         raise StateError(f"{path} cannot be put aside: {error.strerror or error}") from error
     return aside
+
+
+def state_file(configuration: Path, environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return the state file of a configuration, named after it; None for a user without a home.
+
+    It is in ``$STATE_DIRECTORY``, which systemd makes for a service; else in ``$XDG_STATE_HOME/stadimeter``, by default
+    ``~/.local/state/stadimeter``.
+    """
+    name = f"{configuration.stem}{ENDING}"
+    for_service = environ.get("STATE_DIRECTORY", "").split(":")[0]
+    if for_service:
+        return Path(for_service) / name
+    of_user = environ.get("XDG_STATE_HOME")
+    if of_user:
+        return Path(of_user) / "stadimeter" / name
+    try:
+        return Path.home() / ".local" / "state" / "stadimeter" / name
+    except RuntimeError:  # no home
+        return None

@@ -1,0 +1,365 @@
+"""What an alarm does when its state changes and while it stands: events, notifications, steps, outputs, inhibits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from stadimeter.core.alarms import machine
+from stadimeter.core.alarms.machine import AlarmState, Phase, Trigger
+from stadimeter.core.alarms.state import NO_INHIBITS, Leg
+from stadimeter.core.conditions import verdict as conditions
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.decision import Event, EventKind, Notice, Severity
+from stadimeter.core.rule import ROUNDING_S, AlarmRule, Pattern, SequenceStep
+from stadimeter.core.rules.request import LevelRequest, Request, TwistRequest
+from stadimeter.core.track import Track
+
+_GOOD_NEWS = frozenset(
+    {
+        EventKind.MEASUREMENT_BACK,
+        EventKind.UNSHELVED,
+        EventKind.UNSUPPRESSED,
+        EventKind.IN_SERVICE,
+        EventKind.CALMED,
+    }
+)
+_NO_TRACK = Track(target="")
+
+
+class Evaluation:
+    """One evaluation of an alarm, in one cycle: its state so far, and what has happened.
+
+    Attributes:
+        is_first: Whether no other alarm of its group has been raised.
+        events: What happened, in order. All of it at the time of the cycle.
+        notices: What is to be sent.
+    """
+
+    __slots__ = ("events", "is_first", "known", "notices", "rule", "state")
+
+    def __init__(self, rule: AlarmRule, state: AlarmState, known: Known, *, is_first: bool = False) -> None:
+        self.rule = rule
+        self.state = state
+        self.known = known
+        self.is_first = is_first
+        self.events: tuple[Event, ...] = ()
+        self.notices: tuple[Notice, ...] = ()
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether anything keeps the alarm from acting and from notifying people."""
+        inhibits = self.state.inhibits
+        if inhibits is NO_INHIBITS:
+            return self.rule.observe
+        return (
+            self.rule.observe
+            or inhibits.is_suppressed
+            or inhibits.is_out_of_service
+            or inhibits.shelved_until_s is not None
+        )
+
+    @property
+    def has_patterns(self) -> bool:
+        """Whether a level that the alarm asks for changes by itself."""
+        return self.rule.pattern is not None or any(step.pattern is not None for step in self.rule.sequence)
+
+    def change(self, **fields: Any) -> None:
+        """Remember something that is no transition."""
+        self.state = replace(self.state, **fields)
+
+    def go(self, state: AlarmState, reason: str = "", by: str = "") -> None:
+        """Go to the state that the machine gives, and report a raise, a return, or chattering.
+
+        Args:
+            reason: Why; empty for the figures of the condition.
+            by: Who caused it.
+        """
+        before, self.state = self.state, state
+        if state is before:
+            return
+        if state.is_chattering is not before.is_chattering:
+            self._report_chattering()
+        if state.is_active is not before.is_active:
+            reason = reason or in_words(self.rule, replace(state, phase=before.phase), self.known)
+            _begin(self, reason) if state.is_active else _end(self, reason, by)
+        is_over = state.phase is Phase.NORMAL and before.phase not in {Phase.NORMAL, Phase.PENDING}
+        if is_over and self.state.inhibits.is_one_shot:
+            unshelve(self, "the alarm has returned to normal")
+
+    def add_event(self, kind: EventKind, reason: str, *, notify: bool, by: str = "") -> Event:
+        """Add an event, and return it."""
+        track = self.known.tracks.get(self.rule.target, _NO_TRACK)
+        event = Event(
+            kind=kind,
+            source=self.rule.name,
+            at_s=self.known.now_s,
+            severity=Severity.INFO if kind in _GOOD_NEWS else self.rule.severity,
+            reason=reason,
+            distance_m=track.distance_m if track.is_valid else None,
+            sigma_m=track.sigma_m if track.is_valid else None,
+            notify=notify,
+            first_out=self.is_first and kind is EventKind.RAISED,
+            by=by,
+        )
+        self.events += (event,)
+        return event
+
+    def _report_chattering(self) -> None:
+        if self.state.is_chattering:
+            most = self.rule.raises_per_minute_max
+            reason = f"raised {most} times within a minute, the limit; it stays active until it has calmed down"
+            self.add_event(EventKind.CHATTERING, reason, notify=not self.is_quiet)
+        else:
+            self.add_event(EventKind.CALMED, "it no longer comes too often", notify=False)
+
+
+def _begin(evaluation: Evaluation, reason: str) -> None:
+    now_s, state = evaluation.known.now_s, evaluation.state
+    may_notify = not evaluation.is_quiet and now_s >= _cooled_down_at_s(evaluation)
+    reason = f"so from the start: {reason}" if state.held_from_start else reason
+    event = evaluation.add_event(EventKind.RAISED, reason, notify=may_notify)
+    evaluation.change(
+        raised_at_s=now_s,
+        reported_at_s=now_s,
+        notified_at_s=now_s if may_notify else state.notified_at_s,
+        owes_notice=not may_notify,
+        leg=Leg(on="raised", began_s=now_s, event=event),
+    )
+
+
+def _end(evaluation: Evaluation, reason: str, by: str) -> None:
+    may_notify = not evaluation.is_quiet and not evaluation.state.owes_notice
+    event = evaluation.add_event(EventKind.CLEARED, reason, notify=may_notify, by=by)
+    evaluation.change(
+        raised_at_s=None,
+        reported_at_s=None,
+        owes_notice=False,
+        is_announced_only=False,
+        leg=Leg(on="cleared", began_s=evaluation.known.now_s, event=event),
+    )
+
+
+def stand(evaluation: Evaluation) -> None:
+    """Let time pass for an alarm: inhibits may end, a re-alarm or a step may be due."""
+    _suppress(evaluation)
+    until_s = evaluation.state.inhibits.shelved_until_s
+    if until_s is not None and evaluation.known.now_s >= until_s:
+        unshelve(evaluation, "the time is over")
+    if evaluation.state.is_active:
+        _report_again(evaluation)
+    _send(evaluation)
+
+
+def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: frozenset[str]) -> tuple[Request, ...]:
+    """Return what an alarm wants of outputs.
+
+    Args:
+        turn: The alarm.
+        before: What it wanted in the cycle before; returned if that is the same.
+        bases: The names of the outputs that are bases.
+
+    Returns:
+        At most one request for each output.
+    """
+    if evaluation.is_quiet or evaluation.state.has_let_go or evaluation.state.is_announced_only:
+        return ()
+    if not evaluation.rule.sequence and (
+        not evaluation.state.is_active or (before and evaluation.rule.pattern is None)
+    ):
+        return before if evaluation.state.is_active else ()  # it asks for nothing, or always for the same
+    wanted = {request.output: request for request in _requests(evaluation, bases)}
+    requests = tuple(wanted.values())
+    return before if requests == before else requests
+
+
+def due_s(evaluation: Evaluation) -> float:
+    """Return when an alarm must be evaluated again though nothing else happens; infinite for never."""
+    state, rule, known = evaluation.state, evaluation.rule, evaluation.known
+    due = min(conditions.due_s(rule.condition, known), machine.due_s(rule, state, known.now_s))
+    if rule.suppress_when is not None:
+        due = min(due, conditions.due_s(rule.suppress_when, known))
+    if state.inhibits.shelved_until_s is not None:
+        due = min(due, state.inhibits.shelved_until_s)
+    if state.is_active:
+        if rule.realarm_s is not None and state.reported_at_s is not None:
+            due = min(due, state.reported_at_s + rule.realarm_s)
+        if state.owes_notice and not evaluation.is_quiet:
+            due = min(due, _cooled_down_at_s(evaluation))
+    return min(due, _sequence_due_s(evaluation))
+
+
+def _cooled_down_at_s(evaluation: Evaluation) -> float:
+    notified_at_s = evaluation.state.notified_at_s
+    return -math.inf if notified_at_s is None else notified_at_s + evaluation.rule.cooldown_s
+
+
+def _suppress(evaluation: Evaluation) -> None:
+    """Judge what suppresses the alarm. What cannot be known suppresses nothing: an alarm must not be quiet by guess."""
+    condition, inhibits = evaluation.rule.suppress_when, evaluation.state.inhibits
+    if condition is None:
+        return
+    verdict = conditions.judge(condition, evaluation.known, inhibits.leaves, is_active=inhibits.is_suppressed)
+    is_suppressed = verdict.value is True
+    if is_suppressed is not inhibits.is_suppressed or verdict.held != inhibits.leaves:
+        evaluation.change(inhibits=replace(inhibits, is_suppressed=is_suppressed, leaves=verdict.held))
+    if is_suppressed is not inhibits.is_suppressed:
+        words = conditions.in_words(condition, evaluation.known, inhibits.leaves, is_active=inhibits.is_suppressed)
+        kind = EventKind.SUPPRESSED if is_suppressed else EventKind.UNSUPPRESSED
+        evaluation.add_event(kind, words, notify=False)
+
+
+def unshelve(evaluation: Evaluation, reason: str, by: str = "") -> None:
+    """End the shelving of an alarm.
+
+    Args:
+        by: Who ended it; empty if it ended by itself.
+    """
+    inhibits = replace(evaluation.state.inhibits, shelved_until_s=None, is_one_shot=False, shelved_by="")
+    evaluation.change(inhibits=inhibits)
+    evaluation.add_event(EventKind.UNSHELVED, reason, notify=False, by=by)
+
+
+def _report_again(evaluation: Evaluation) -> None:
+    """Report an alarm that stands: since people were not notified yet, or since it has stood for long."""
+    state, now_s, realarm_s = evaluation.state, evaluation.known.now_s, evaluation.rule.realarm_s
+    if state.raised_at_s is None or state.reported_at_s is None:
+        return
+    still = f"still active after {now_s - state.raised_at_s:.1f} s"
+    may_notify = not evaluation.is_quiet and now_s >= _cooled_down_at_s(evaluation)
+    if state.owes_notice and may_notify:
+        _realarm(evaluation, f"{still}, and not notified before", may_notify=True)
+    elif realarm_s is not None and now_s - state.reported_at_s >= realarm_s:
+        _realarm(evaluation, still, may_notify=may_notify)
+        if evaluation.rule.needs_ack:
+            evaluation.go(machine.fire(evaluation.state, Trigger.REALARM))
+
+
+def _realarm(evaluation: Evaluation, reason: str, *, may_notify: bool) -> None:
+    """Report an alarm again. One of which nobody may be notified now does not begin its steps anew."""
+    now_s, state = evaluation.known.now_s, evaluation.state
+    event = evaluation.add_event(EventKind.REALARMED, reason, notify=may_notify)
+    evaluation.change(
+        reported_at_s=now_s,
+        notified_at_s=now_s if may_notify else state.notified_at_s,
+        owes_notice=state.owes_notice and not may_notify,
+        leg=Leg(on="raised", began_s=now_s, event=event) if may_notify else state.leg,
+    )
+
+
+def _send(evaluation: Evaluation) -> None:
+    """Send what is due. What is due while the alarm is quiet is not sent later either: by then it is no news."""
+    leg, now_s = evaluation.state.leg, evaluation.known.now_s
+    if leg is None or not evaluation.rule.sequence:
+        return
+    due = [position for position, step in _unsent(evaluation) if now_s + ROUNDING_S >= leg.began_s + step.after_s]
+    if not due:
+        return
+    evaluation.change(leg=replace(leg, sent=(*leg.sent, *due)))
+    if evaluation.is_quiet or not leg.event.notify:
+        return
+    for position in due:
+        step = evaluation.rule.sequence[position]
+        if not (step.only_unacknowledged and evaluation.state.is_acknowledged):
+            event = _as_of_now(leg.event, evaluation)
+            evaluation.notices += (Notice(rule=evaluation.rule.name, step=position, event=event),)
+
+
+def _as_of_now(event: Event, evaluation: Evaluation) -> Event:
+    """Return an event with the figures of this moment: a step that comes late tells what is, not what was."""
+    track = evaluation.known.tracks.get(evaluation.rule.target)
+    if track is None or not track.is_valid:
+        return replace(event, distance_m=None, sigma_m=None)
+    return replace(event, distance_m=track.distance_m, sigma_m=track.sigma_m)
+
+
+def _unsent(evaluation: Evaluation) -> Iterator[tuple[int, SequenceStep]]:
+    leg = evaluation.state.leg
+    if leg is None:
+        return
+    for position, step in enumerate(evaluation.rule.sequence):
+        if step.send is not None and step.on == leg.on and position not in leg.sent:
+            yield position, step
+
+
+def _sequence_due_s(evaluation: Evaluation) -> float:
+    """Return when the next step of the sequence begins or ends."""
+    leg, now_s = evaluation.state.leg, evaluation.known.now_s
+    if leg is None or not evaluation.rule.sequence:
+        return math.inf
+    due = [leg.began_s + step.after_s for _, step in _unsent(evaluation)]
+    for step in evaluation.rule.sequence:
+        if step.output is not None and step.on == leg.on:
+            due += [leg.began_s + step.after_s, leg.began_s + step.after_s + step.for_s]
+    return min((at_s for at_s in due if at_s > now_s + ROUNDING_S), default=math.inf)
+
+
+def _requests(evaluation: Evaluation, bases: frozenset[str]) -> Iterator[Request]:
+    """Yield what the alarm wants; of several for one output, the later counts."""
+    rule, state, leg = evaluation.rule, evaluation.state, evaluation.state.leg
+    if leg is None:
+        return
+    since_s = evaluation.known.now_s - (state.raised_at_s if state.raised_at_s is not None else leg.began_s)
+    if rule.output is not None and state.is_active:
+        yield _request(evaluation, rule.output, rule.level, rule.pattern, since_s, is_base=rule.output in bases)
+    if state.is_active is not (leg.on == "raised"):
+        return
+    since_s = evaluation.known.now_s - leg.began_s + ROUNDING_S
+    for step in rule.sequence:
+        lasts_s = step.for_s if leg.on == "raised" or math.isfinite(step.for_s) else 0.0
+        if step.output is None or step.on != leg.on or not step.after_s <= since_s < step.after_s + lasts_s:
+            continue
+        if not (step.only_unacknowledged and state.is_acknowledged):
+            is_base = step.output in bases
+            yield _request(evaluation, step.output, step.level, step.pattern, since_s - step.after_s, is_base=is_base)
+
+
+def _request(
+    evaluation: Evaluation, output: str, level: float, pattern: Pattern | None, since_s: float, *, is_base: bool
+) -> Request:
+    rule = evaluation.rule
+    if is_base:
+        return TwistRequest(rule=rule.name, output=output, priority=rule.priority, linear_mps=0.0, angular_radps=0.0)
+    level = level if pattern is None else pattern.level(since_s)
+    return LevelRequest(rule=rule.name, output=output, priority=rule.priority, level=level)
+
+
+# ---- In words ----
+
+
+def why(rule: AlarmRule, state: AlarmState, known: Known) -> str:
+    """Return why an alarm does what it does, after a cycle, in words with figures."""
+    if state.unknown_since_s is None:
+        return in_words(rule, state, known)
+    is_held = state.is_active and not state.has_let_go
+    is_held = is_held and machine.decided_by_policy(rule, state, known.now_s) is None
+    return f"{'held: ' if is_held else ''}{missing_in_words(rule, state, known)}: {in_words(rule, state, known)}"
+
+
+def in_words(rule: AlarmRule, state: AlarmState, known: Known) -> str:
+    """Return the figures behind the condition of an alarm."""
+    return conditions.in_words(rule.condition, known, state.timers.leaves, is_active=state.is_judged_by_its_end)
+
+
+def missing_in_words(rule: AlarmRule, state: AlarmState, known: Known) -> str:
+    """Return what is missing to judge by, for how long, and what it counts as. It need not be the rule's own target."""
+    away_s = 0.0 if state.unknown_since_s is None else known.now_s - state.unknown_since_s
+    seen = "not known" if known.tracks[rule.target].is_valid else "not seen"
+    return f"{seen} for {away_s:.1f} s{policy_in_words(rule, state, known.now_s)}"
+
+
+def policy_in_words(rule: AlarmRule, state: AlarmState, now_s: float) -> str:
+    """Return what not seeing counts as, such as ``, which counts as danger``; empty while it counts as nothing."""
+    decided = machine.decided_by_policy(rule, state, now_s)
+    return "" if decided is None else ", which counts as danger" if decided else ", which counts as over"
+
+
+def dismissed(rule: AlarmRule, state: AlarmState, known: Known, reason: str) -> tuple[Event, ...]:
+    """Return the event of an alarm that ceases to be, with its rule: that it cleared, if it was active."""
+    evaluation = Evaluation(rule, state, known)
+    if state.is_active:
+        may_notify = not evaluation.is_quiet and not state.owes_notice
+        evaluation.add_event(EventKind.CLEARED, reason, notify=may_notify)
+    return evaluation.events

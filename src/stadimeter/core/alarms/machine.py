@@ -1,0 +1,400 @@
+"""The state machine of an alarm: its states, what triggers a change, and every transition. Nothing else sets a phase.
+
+::
+
+    normal ──holds──▶ pending ──on-delay──▶ raised ──ends──▶ clearing ──off-delay──▶ normal
+                                            ▲   ▲                │ │
+                                            │   └──holds again───┘ ├──▶ latched, until it is reset
+                                            └─────── on-delay ─────┴──▶ RTN-unack, until it is acknowledged
+
+States as in ISA-18.2 and OPC 10000-9, 5.8. A raised, clearing or latched alarm is unacknowledged or acknowledged; one
+that needs no acknowledgement is acknowledged at once. Pending and clearing are the on-delay and the off-delay.
+
+All is a function of rule, state and time. Inhibits (shelved, suppressed, out of service) are beside the machine, so an
+alarm is in the right phase when they end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from stadimeter.core.alarms.state import NO_INHIBITS, NO_TIMERS, Inhibits, Leg, Resumed, Sample, Timers
+from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
+
+MINUTE_S = 60.0
+
+
+class Phase(StrEnum):
+    """Where an alarm is."""
+
+    NORMAL = "normal"
+    PENDING = "pending"
+    """Its condition holds, but not yet for the on-delay."""
+    UNACKNOWLEDGED = "unacknowledged"
+    ACKNOWLEDGED = "acknowledged"
+    CLEARING_UNACKNOWLEDGED = "clearing_unacknowledged"
+    """Active; its condition has ended, but not yet for the off-delay."""
+    CLEARING = "clearing"
+    LATCHED_UNACKNOWLEDGED = "latched_unacknowledged"
+    """Active; its condition has ended for good. It must be acknowledged and then reset."""
+    LATCHED = "latched"
+    RTN_UNACKNOWLEDGED = "rtn_unacknowledged"
+    """Returned to normal, no longer active, and still to be acknowledged."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> Phase | None:
+        """Return the phase that an earlier version has written under another name."""
+        return {"inactive": cls.NORMAL, "active": cls.ACKNOWLEDGED, "returned": cls.RTN_UNACKNOWLEDGED}.get(str(value))
+
+
+class Trigger(StrEnum):
+    """What happens to an alarm."""
+
+    HOLDS = "holds"
+    """Its condition holds in a sample."""
+    ENDS = "ends"
+    """Its condition does not hold in a sample."""
+    RAISE = "raise"
+    """The on-delay is over, and the rule needs an acknowledgement."""
+    RAISE_ACKNOWLEDGED = "raise acknowledged"
+    """The on-delay is over, and the rule needs none."""
+    CLEAR = "clear"
+    """The off-delay is over."""
+    LATCH = "latch"
+    """The off-delay is over, or the target has been out of sight for long, and the rule latches."""
+    ACKNOWLEDGE = "acknowledge"
+    RESET = "reset"
+    REALARM = "realarm"
+    """It has stood for so long that it must be acknowledged again."""
+
+
+_P, _T = Phase, Trigger
+TRANSITIONS: Mapping[Phase, Mapping[Trigger, Phase]] = {
+    _P.NORMAL: {
+        _T.HOLDS: _P.PENDING,
+        _T.RAISE: _P.UNACKNOWLEDGED,
+        _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED,
+    },
+    _P.PENDING: {
+        _T.ENDS: _P.NORMAL,
+        _T.RAISE: _P.UNACKNOWLEDGED,
+        _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED,
+    },
+    _P.UNACKNOWLEDGED: {
+        _T.ENDS: _P.CLEARING_UNACKNOWLEDGED,
+        _T.CLEAR: _P.RTN_UNACKNOWLEDGED,
+        _T.LATCH: _P.LATCHED_UNACKNOWLEDGED,
+        _T.ACKNOWLEDGE: _P.ACKNOWLEDGED,
+    },
+    _P.ACKNOWLEDGED: {
+        _T.ENDS: _P.CLEARING,
+        _T.CLEAR: _P.NORMAL,
+        _T.LATCH: _P.LATCHED,
+        _T.REALARM: _P.UNACKNOWLEDGED,
+    },
+    _P.CLEARING_UNACKNOWLEDGED: {
+        _T.HOLDS: _P.UNACKNOWLEDGED,
+        _T.CLEAR: _P.RTN_UNACKNOWLEDGED,
+        _T.LATCH: _P.LATCHED_UNACKNOWLEDGED,
+        _T.ACKNOWLEDGE: _P.CLEARING,
+    },
+    _P.CLEARING: {
+        _T.HOLDS: _P.ACKNOWLEDGED,
+        _T.CLEAR: _P.NORMAL,
+        _T.LATCH: _P.LATCHED,
+        _T.REALARM: _P.CLEARING_UNACKNOWLEDGED,
+    },
+    _P.LATCHED_UNACKNOWLEDGED: {
+        _T.HOLDS: _P.UNACKNOWLEDGED,
+        _T.ACKNOWLEDGE: _P.LATCHED,
+    },
+    _P.LATCHED: {
+        _T.HOLDS: _P.ACKNOWLEDGED,
+        _T.RESET: _P.NORMAL,
+        _T.REALARM: _P.LATCHED_UNACKNOWLEDGED,
+    },
+    _P.RTN_UNACKNOWLEDGED: {
+        _T.RAISE: _P.UNACKNOWLEDGED,
+        _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED,
+        _T.ACKNOWLEDGE: _P.NORMAL,
+    },
+}
+"""Where a trigger leads from a phase. A trigger that is not there changes nothing."""
+
+ACTIVE = frozenset(Phase) - {Phase.NORMAL, Phase.PENDING, Phase.RTN_UNACKNOWLEDGED}
+"""The alarm is active: it drives its output."""
+
+TO_ACKNOWLEDGE = frozenset(phase for phase in Phase if phase.value.endswith("unacknowledged"))
+"""The alarm waits for an acknowledgement."""
+
+LATCHED = frozenset({Phase.LATCHED_UNACKNOWLEDGED, Phase.LATCHED})
+"""Only a reset ends the alarm; or its condition holds again."""
+
+JUDGED_BY_ITS_END = ACTIVE - LATCHED
+"""The condition is judged by what ends it. One that latched has ended: to hold again it must begin again."""
+
+_HOLDING = frozenset({Phase.UNACKNOWLEDGED, Phase.ACKNOWLEDGED})
+
+
+def after(phase: Phase, trigger: Trigger) -> Phase:
+    """Return the phase that a trigger leads to, or the same phase."""
+    return TRANSITIONS[phase].get(trigger, phase)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlarmState:
+    """What an alarm remembers. Times are on the run's clock."""
+
+    phase: Phase = Phase.NORMAL
+    timers: Timers = NO_TIMERS
+    unknown_since_s: float | None = None
+    """Since when there is nothing to judge by; None while there is."""
+    is_given_up: bool = False
+    """There has been nothing to judge by for so long that it was reported, and that the output was let go."""
+    held_from_start: bool = True
+    """The condition has held in every sample of the run so far."""
+    is_announced_only: bool = False
+    """It was raised by the first sight of the target, and must not move its output."""
+    raised_at_s: float | None = None
+    reported_at_s: float | None = None
+    """When it was raised or last reported again."""
+    notified_at_s: float | None = None
+    """When people were last notified of it."""
+    owes_notice: bool = False
+    """It was raised, and people could not be notified yet."""
+    raises_at_s: tuple[float, ...] = ()
+    """When it was raised within the last minute before the newest raise, oldest first."""
+    is_chattering: bool = False
+    """It came too often within a minute, and does not clear before it has calmed down."""
+    leg: Leg | None = None
+    inhibits: Inhibits = field(default=NO_INHIBITS)
+    resumed: Resumed | None = None
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it is raised, clearing or latched. This is the one answer to whether an alarm is active."""
+        return self.phase in ACTIVE
+
+    @property
+    def is_acknowledged(self) -> bool:
+        """Whether it was acknowledged, or need not be."""
+        return self.phase not in TO_ACKNOWLEDGE
+
+    @property
+    def is_judged_by_its_end(self) -> bool:
+        """Whether the condition is judged by what ends it."""
+        return self.phase in JUDGED_BY_ITS_END
+
+    @property
+    def has_let_go(self) -> bool:
+        """Whether the output went to its safe value, since nothing confirms the alarm. A latch needs none to."""
+        return self.is_given_up and self.phase not in LATCHED
+
+
+def fire(state: AlarmState, trigger: Trigger) -> AlarmState:
+    """Return an alarm after a trigger."""
+    phase = after(state.phase, trigger)
+    return state if phase is state.phase else replace(state, phase=phase)
+
+
+def is_settled(state: AlarmState, holds: bool, leaves: tuple[bool, ...]) -> bool:
+    """Return whether a sample changes nothing: it is like the one before, `leaves` included, and no timer runs."""
+    timers = state.timers
+    if state.resumed is not None or not timers.was_judged or holds is not timers.held_last or leaves != timers.leaves:
+        return False
+    if holds:
+        return state.phase in _HOLDING and timers.ended_s == 0.0
+    if state.phase in LATCHED:
+        return True
+    return not state.is_active and timers.held_s == 0.0 and True not in timers.recent
+
+
+def take_sample(
+    rule: AlarmRule, state: AlarmState, sample: Sample, holds: bool, leaves: tuple[bool, ...], *, now_s: float
+) -> AlarmState:
+    """Return an alarm after a sample for which its condition is known.
+
+    Timers run on the capture times of the frames that were judged, so a recording gives the same alarms. A frame to the
+    contrary sets a timer back by its own time instead of to zero: under noise a timer that restarts may never end.
+    """
+    # Time between two samples counts only if both were judged. What held before a restart and holds now has held in it.
+    if state.resumed is None:
+        since_s = sample.since_s if state.timers.was_judged else 0.0
+    else:
+        since_s = max(0.0, sample.at_s - state.resumed.from_s) if holds is state.timers.held_last else 0.0
+        state = replace(state, resumed=None)
+    if state.held_from_start and not holds:
+        state = replace(state, held_from_start=False)
+    timers = Timers(held_last=holds, was_judged=True, leaves=leaves)
+    if state.phase in LATCHED:
+        state = replace(state, timers=timers)
+        return fire(state, Trigger.HOLDS) if holds else state
+    if state.is_active:
+        return _while_active(rule, state, timers, since_s, now_s)
+    return _while_normal(rule, state, timers, since_s, now_s)
+
+
+def _while_normal(rule: AlarmRule, state: AlarmState, timers: Timers, since_s: float, now_s: float) -> AlarmState:
+    """Count towards the on-delay: in seconds, or in frames of the newest ones."""
+    before, delay, holds = state.timers, rule.on_delay, timers.held_last
+    held_s = before.held_s + since_s * before.held_last if holds else max(0.0, before.held_s - since_s)
+    recent = (*before.recent, holds)[-delay.of_frames :] if delay.of_frames else ()
+    state = replace(state, timers=replace(timers, held_s=held_s, recent=recent))
+    if holds and held_s >= delay.hold_s and sum(recent) >= delay.frames:
+        return _raise(rule, state, now_s)
+    return fire(state, Trigger.HOLDS if holds else Trigger.ENDS)
+
+
+def _while_active(rule: AlarmRule, state: AlarmState, timers: Timers, since_s: float, now_s: float) -> AlarmState:
+    """Count towards the off-delay."""
+    ended_s, holds = state.timers.ended_s, timers.held_last
+    if holds and state.is_chattering and ended_s >= rule.off_delay_s and state.phase not in _HOLDING:
+        # Without the governor it would have cleared, and would be raised anew: that counts towards the next minute.
+        state, ended_s = replace(state, raises_at_s=_with_raise(rule, state, now_s)), 0.0
+    ended_s = max(0.0, ended_s - since_s) if holds else ended_s + since_s
+    state = fire(replace(state, timers=replace(timers, ended_s=ended_s)), Trigger.HOLDS if holds else Trigger.ENDS)
+    return state if holds else _clear_when_due(rule, state, ended_s, now_s)
+
+
+def _raise(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
+    timers = state.timers
+    raised = replace(
+        state,
+        timers=Timers(held_last=timers.held_last, was_judged=timers.was_judged, leaves=timers.leaves),
+        is_announced_only=state.held_from_start and not rule.act_at_start,
+        raises_at_s=_with_raise(rule, state, now_s),
+    )
+    return fire(raised, Trigger.RAISE if rule.needs_ack else Trigger.RAISE_ACKNOWLEDGED)
+
+
+def _clear_when_due(rule: AlarmRule, state: AlarmState, ended_s: float, now_s: float) -> AlarmState:
+    """Clear or latch an alarm whose off-delay is over, unless it chatters."""
+    if ended_s < rule.off_delay_s:
+        return state
+    if not rule.latch and _is_too_frequent(rule, state, now_s):
+        return state if state.is_chattering else replace(state, is_chattering=True)
+    over = replace(state, timers=Timers(was_judged=state.timers.was_judged, leaves=state.timers.leaves))
+    return fire(over, Trigger.LATCH if rule.latch else Trigger.CLEAR)
+
+
+def anew(state: AlarmState, now_s: float) -> AlarmState:
+    """Return an alarm whose timers begin anew, after time in which the program stood still.
+
+    Neither a delay nor the time out of sight may be satisfied by time that nobody observed.
+    """
+    timers = Timers(held_last=state.timers.held_last, leaves=state.timers.leaves)
+    resumed = None if state.resumed is None else replace(state.resumed, from_s=math.inf)
+    unknown_since_s = None if state.unknown_since_s is None else now_s
+    if (timers, resumed, unknown_since_s) == (state.timers, state.resumed, state.unknown_since_s):
+        return state
+    return replace(state, timers=timers, resumed=resumed, unknown_since_s=unknown_since_s)
+
+
+# Chattering: too many raises within a minute.
+# An alarm that was raised as often as it may within the last minute does not clear: it stays active, so it cannot be
+# raised again. While it chatters, each time that it would have come again counts too. It has calmed down when these and
+# the raises are fewer within a minute than the limit; then it clears like any other.
+
+
+def _with_raise(rule: AlarmRule, state: AlarmState, now_s: float) -> tuple[float, ...]:
+    """Return the times of the newest raises, as many as may be within a minute."""
+    most = rule.raises_per_minute_max
+    return (*state.raises_at_s, now_s)[-most:] if most else ()
+
+
+def _is_too_frequent(rule: AlarmRule, state: AlarmState, now_s: float) -> bool:
+    """Return whether it came within the last minute as often as it may."""
+    times_s, most = state.raises_at_s, rule.raises_per_minute_max
+    return 0 < most <= len(times_s) and times_s[-most] + MINUTE_S > now_s + ROUNDING_S
+
+
+def calmed(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
+    """Return an alarm that no longer chatters if it has calmed down."""
+    if not state.is_chattering or _is_too_frequent(rule, state, now_s):
+        return state
+    return replace(state, is_chattering=False)
+
+
+def calms_s(rule: AlarmRule, state: AlarmState) -> float:
+    """Return when a chattering alarm calms down, if it does not come again; infinite if it does not chatter."""
+    return state.raises_at_s[-rule.raises_per_minute_max] + MINUTE_S if state.is_chattering else math.inf
+
+
+# Nothing to judge by: a target out of sight, or another rule of which nothing is known.
+# For the grace nothing changes and timers stand still. Then `lost.policy` decides: `clear` counts as not holding, and
+# the off-delay runs; `assert` counts as holding; `hold` leaves the alarm as it was. After `fault_after` a held alarm is
+# reported, and lets its output go; one that latches is latched, and can be reset.
+
+
+def decided_by_policy(rule: AlarmRule, state: AlarmState, now_s: float) -> bool | None:
+    """Return whether the condition counts as holding while there is nothing to judge by; None for unknown."""
+    if state.unknown_since_s is None or now_s - state.unknown_since_s + ROUNDING_S < rule.lost.grace_s:
+        return None
+    return _BY_POLICY[rule.lost.policy]
+
+
+_BY_POLICY = {LostPolicy.HOLD: None, LostPolicy.CLEAR: False, LostPolicy.ASSERT: True}
+
+
+def take_nothing(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
+    """Return an alarm after a cycle with nothing to judge by."""
+    since_s = state.unknown_since_s
+    if since_s is None:
+        since_s = now_s
+        state = replace(state, unknown_since_s=now_s)
+    away_s = now_s - since_s + ROUNDING_S
+    decided = decided_by_policy(rule, state, now_s)
+    if away_s >= rule.lost.grace_s and state.timers.is_running and (decided is not False or not state.is_active):
+        # What was counted before the grace is too old to go on with. An off-delay goes on: not seeing counts as ended.
+        state = replace(state, timers=Timers(was_judged=state.timers.was_judged, leaves=state.timers.leaves))
+    if decided is True:
+        return _assert(rule, state, now_s)
+    if not state.is_judged_by_its_end:
+        return state
+    if decided is False:
+        return _clear_when_due(rule, fire(state, Trigger.ENDS), ended_s(rule, state, now_s), now_s)
+    if away_s >= rule.lost.fault_after_s and not state.is_given_up:
+        state = replace(state, is_given_up=True)
+        return fire(state, Trigger.LATCH) if rule.latch else state
+    return state
+
+
+def _assert(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
+    if not state.is_active:
+        # Every part counts as holding, and not seeing is a danger of its own: it acts.
+        timers = replace(state.timers, leaves=())
+        return _raise(rule, replace(state, timers=timers, held_from_start=False), now_s)
+    if state.is_announced_only or state.is_given_up:
+        state = replace(state, is_announced_only=False, is_given_up=False)
+    return fire(state, Trigger.HOLDS)
+
+
+def ended_s(rule: AlarmRule, state: AlarmState, now_s: float) -> float:
+    """Return for how long the condition has ended, time out of sight that counts as ended included."""
+    if state.unknown_since_s is None or decided_by_policy(rule, state, now_s) is not False:
+        return state.timers.ended_s
+    return state.timers.ended_s + now_s - state.unknown_since_s - rule.lost.grace_s + ROUNDING_S
+
+
+def back_in_sight(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
+    """Return an alarm for which there is something to judge by again. Coming back raises nothing by itself."""
+    if state.unknown_since_s is None:
+        return state
+    # The time out of sight counts for no other timer, so the next sample starts counting anew.
+    ended = ended_s(rule, state, now_s) if state.is_active else 0.0
+    timers = replace(state.timers, was_judged=False, ended_s=ended)
+    return replace(state, unknown_since_s=None, is_given_up=False, timers=timers)
+
+
+def due_s(rule: AlarmRule, state: AlarmState, now_s: float) -> float:
+    """Return when a timer fires though no sample comes; infinite for never."""
+    due = calms_s(rule, state)
+    if state.unknown_since_s is None:
+        return due
+    grace_s = state.unknown_since_s + rule.lost.grace_s
+    clear_s = grace_s + rule.off_delay_s - state.timers.ended_s
+    times_s = (grace_s, clear_s, state.unknown_since_s + rule.lost.fault_after_s)
+    return min(due, *[at_s if at_s > now_s + ROUNDING_S else math.inf for at_s in times_s])

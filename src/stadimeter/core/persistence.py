@@ -1,0 +1,235 @@
+"""What alarms remember, beyond the end of a run: a snapshot of them, and how a later run restores it.
+
+An alarm keeps its memory as long as its rule means the same. A rule that was changed in any way is another rule.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from enum import Enum, IntEnum
+from typing import Any, TypeVar
+
+from stadimeter.core.alarms.alarm import AlarmStep, new_alarm, with_state
+from stadimeter.core.alarms.machine import AlarmState, Phase
+from stadimeter.core.alarms.state import Resumed, Timers
+from stadimeter.core.condition import PresenceCondition, leaves
+from stadimeter.core.decide import State
+from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rules.judging import with_steps
+from stadimeter.core.tracking.life_cycle import TrackState
+
+_T = TypeVar("_T")
+
+_TIME = re.compile(r"(?:.*_)?(?:at|until|since|from|began)_s")
+"""How the names of times on the run's clock end. What ends otherwise is a duration, or no time at all."""
+
+_SHORTLY = {
+    Phase.PENDING: Phase.NORMAL,
+    Phase.CLEARING: Phase.ACKNOWLEDGED,
+    Phase.CLEARING_UNACKNOWLEDGED: Phase.UNACKNOWLEDGED,
+}
+"""Phases that noise leads into and out of, and what an alarm is apart from that."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeptAlarm:
+    """What an alarm remembers."""
+
+    rule: str
+    meaning: str
+    """Tells rules apart that do not mean the same."""
+    state: AlarmState
+    is_first_out: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Absence:
+    """A target that is out of sight. Some conditions go by how long it has been."""
+
+    target: str
+    since_s: float
+
+
+class Change(IntEnum):
+    """How much a cycle has changed of what alarms remember, least first."""
+
+    NOTHING = 0
+    """Nothing, or no more than a timer that runs."""
+    PASSING = 1
+    """Something that noise may change several times a second: a timer began, a target went out of sight."""
+    LASTING = 2
+    """Something that people were notified of, or have commanded."""
+
+
+def meaning_of(rule: AnyRule) -> str:
+    """Return what tells rules apart that do not mean the same, in 64 hexadecimal digits.
+
+    What is as it is by default does not count, so a later version with more to configure finds the same meaning.
+    """
+    return hashlib.sha256(_canonical(rule).encode()).hexdigest()
+
+
+def _canonical(value: object) -> str:
+    if is_dataclass(value):
+        written = (
+            f"{each.name}={_canonical(getattr(value, each.name))}" for each in fields(value) if _is_set(value, each)
+        )
+        return f"{type(value).__name__}({', '.join(written)})"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_canonical, value))})"
+    return repr(value.value) if isinstance(value, Enum) else repr(value)
+
+
+def _is_set(value: object, field: Any) -> bool:
+    """Return whether a field is not as it is by default."""
+    default = field.default_factory() if field.default_factory is not MISSING else field.default
+    return bool(getattr(value, field.name) != default)
+
+
+def kept(state: State) -> tuple[KeptAlarm, ...]:
+    """Return a snapshot of the alarms of a run, in the order of the configuration."""
+    return tuple(
+        KeptAlarm(rule=rule.name, meaning=meaning_of(rule), state=step.state, is_first_out=step.trace.first_out)
+        for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
+        if isinstance(step, AlarmStep)
+    )
+
+
+def absent(state: State) -> tuple[Absence, ...]:
+    """Return which targets are out of sight."""
+    tracks = [each.track for each in state.tracks]
+    return tuple(
+        Absence(target=track.target, since_s=track.since_s)
+        for track in tracks
+        if track.since_s is not None and not track.is_valid
+    )
+
+
+def change(before: State, after: State) -> Change:
+    """Return the greatest change of what alarms remember that a cycle has made, by the same rules."""
+    found = Change.PASSING if _begins_an_absence(before, after) else Change.NOTHING
+    if before.rules.steps is after.rules.steps:
+        return found
+    for last, step in zip(before.rules.steps, after.rules.steps, strict=True):
+        if step is not last and isinstance(step, AlarmStep) and isinstance(last, AlarmStep):
+            found = max(found, _change(last.state, step.state))
+    return found
+
+
+def _begins_an_absence(before: State, after: State) -> bool:
+    """Return whether a target went out of sight that a rule counts the time of."""
+    gone = any(
+        last.track.is_valid and not now.track.is_valid for last, now in zip(before.tracks, after.tracks, strict=True)
+    )
+    return gone and any(
+        isinstance(leaf, PresenceCondition) and leaf.for_s > 0
+        for rule in after.plan.rules
+        if isinstance(rule, AlarmRule)
+        for leaf in leaves(rule.condition)
+    )
+
+
+def _change(before: AlarmState, after: AlarmState) -> Change:
+    if before is after:
+        return Change.NOTHING
+    if _lasting(before) != _lasting(after):
+        return Change.LASTING
+    return Change.PASSING if _passing(before) != _passing(after) else Change.NOTHING
+
+
+def _lasting(state: AlarmState) -> tuple[object, ...]:
+    inhibits = state.inhibits
+    return (
+        _SHORTLY.get(state.phase, state.phase),
+        state.is_announced_only,
+        state.raised_at_s,
+        state.reported_at_s,
+        state.notified_at_s,
+        state.owes_notice,
+        state.is_chattering,
+        state.leg,
+        inhibits.shelved_until_s,
+        inhibits.is_one_shot,
+        inhibits.shelved_by,
+        inhibits.is_out_of_service,
+    )
+
+
+def _passing(state: AlarmState) -> tuple[object, ...]:
+    is_unknown = state.unknown_since_s is None
+    raises_s, is_suppressed = state.raises_at_s, state.inhibits.is_suppressed
+    return state.phase, is_unknown, state.is_given_up, state.held_from_start, is_suppressed, raises_s
+
+
+def restored(
+    state: State,
+    memories: Iterable[KeptAlarm],
+    absences: Iterable[Absence] = (),
+    *,
+    shift_s: float,
+    from_s: float,
+    now_s: float,
+) -> State:
+    """Return the state of a run that begins, its alarms remembering what those of an earlier run did.
+
+    Args:
+        state: The state of a run that has not begun.
+        memories: What the earlier alarms remembered. What means something else now is passed over.
+        shift_s: What to add to a time on the earlier run's clock.
+        from_s: As of when they remembered it, on this run's clock.
+    """
+    by_rule = {memory.rule: memory for memory in memories}
+    moved = _Move(shift_s=shift_s, from_s=from_s, now_s=now_s)
+    steps, first_out = list(state.rules.steps), {}
+    for index, rule in enumerate(state.plan.rules):
+        memory = by_rule.get(rule.name)
+        if memory is None or not isinstance(rule, AlarmRule) or memory.meaning != meaning_of(rule):
+            continue
+        steps[index] = with_state(rule, new_alarm(rule), moved.of(rule, memory.state))
+        if memory.is_first_out:
+            first_out[rule.group] = rule.name
+    since_s = {absence.target: absence.since_s + shift_s for absence in absences}
+    tracks = tuple(_absent_since(tracked, since_s.get(tracked.track.target)) for tracked in state.tracks)
+    return replace(state, tracks=tracks, rules=with_steps(state.plan, tuple(steps), first_out))
+
+
+def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
+    return tracked if since_s is None else replace(tracked, track=replace(tracked.track, since_s=since_s))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Move:
+    """From an earlier run to this one."""
+
+    shift_s: float
+    from_s: float
+    now_s: float
+
+    def of(self, rule: AlarmRule, state: AlarmState) -> AlarmState:
+        """Return what an alarm remembers, as of the beginning of this run."""
+        before = shifted(state, self.shift_s)
+        from_s = before.resumed.from_s if before.resumed is not None else self.from_s
+        timers = before.timers
+        if before.unknown_since_s is not None:
+            from_s = math.inf  # time out of sight counts for no timer
+            if self.now_s - before.unknown_since_s >= rule.lost.grace_s:
+                timers = Timers(leaves=timers.leaves)
+        return replace(before, timers=timers, resumed=Resumed(from_s=from_s, at_s=self.now_s))
+
+
+def shifted(value: _T, shift_s: float) -> _T:
+    """Return what was remembered, a dataclass with others in it, with every time shifted to another clock."""
+    if not is_dataclass(value) or isinstance(value, type) or shift_s == 0:
+        return value
+    moved = {field.name: _shifted(field.name, getattr(value, field.name), shift_s) for field in fields(value)}
+    return replace(value, **moved)
+
+
+def _shifted(name: str, value: Any, shift_s: float) -> Any:
+    if not _TIME.fullmatch(name) or value is None:
+        return shifted(value, shift_s)
+    return tuple([at_s + shift_s for at_s in value]) if isinstance(value, tuple) else value + shift_s

@@ -1,0 +1,73 @@
+"""Reload: what alarms remember when their configuration is changed while they run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from stadimeter.core.alarms.actions import dismissed
+from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.decide import State
+from stadimeter.core.decision import Event
+from stadimeter.core.plan import Plan
+from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rules.judging import RuleStep, not_judged_yet, with_steps
+
+REMOVED = "removed from the configuration"
+CHANGED = "its rule was changed in the configuration"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TakenOver:
+    """A state that goes on with other rules, and what became of which rule."""
+
+    state: State
+    kept: tuple[str, ...]
+    """The rules that mean the same as before."""
+    changed: tuple[str, ...]
+    """Those that mean something else now. They begin anew."""
+    added: tuple[str, ...]
+    removed: tuple[str, ...]
+
+
+def carried_over(state: State, plan: Plan) -> TakenOver:
+    """Return a run that goes on with other rules, between two cycles.
+
+    Rules that mean the same go on as if nothing had happened. An alarm whose rule is removed or changed, and that was
+    active, clears; the next decision holds the event. What it wanted of outputs is not wanted any more.
+
+    Args:
+        plan: The new rules, with the targets and outputs of the old.
+    """
+    old = {rule.name: (rule, step) for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)}
+    is_kept = {rule.name: rule == old[rule.name][0] for rule in plan.rules if rule.name in old}
+    steps = tuple(
+        old[rule.name][1] if is_kept.get(rule.name) else new
+        for rule, new in zip(plan.rules, not_judged_yet(plan).steps, strict=True)
+    )
+    first_out = {group: name for group, name in state.rules.first_out.items() if is_kept.get(name)}
+    removed = tuple(name for name in old if name not in is_kept)
+    gone = dict.fromkeys(removed, REMOVED) | {name: CHANGED for name, same in is_kept.items() if not same}
+    return TakenOver(
+        state=replace(
+            state,
+            plan=plan,
+            rules=with_steps(plan, steps, first_out),
+            due=state.due + _cleared(state, old, gone),
+        ),
+        kept=tuple(name for name, same in is_kept.items() if same),
+        changed=tuple(name for name, same in is_kept.items() if not same),
+        added=tuple(rule.name for rule in plan.rules if rule.name not in old),
+        removed=removed,
+    )
+
+
+def _cleared(state: State, old: Mapping[str, tuple[AnyRule, RuleStep]], gone: Mapping[str, str]) -> tuple[Event, ...]:
+    now_s = 0.0 if state.now_s is None else state.now_s
+    known = Known(tracks={each.track.target: each.track for each in state.tracks}, now_s=now_s)
+    events: tuple[Event, ...] = ()
+    for name, (rule, step) in old.items():
+        if name in gone and isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
+            events += dismissed(rule, step.state, known, gone[name])
+    return events
