@@ -50,7 +50,7 @@ class Row:
     what: str
     rules: int
     cost_us: float
-    restless: int
+    active: int
     bytes_a_rule: float
 
 
@@ -150,7 +150,7 @@ def measure(what: str, rules: tuple[AnyRule, ...], way: Way, frames: int = FRAME
         what=what,
         rules=len(rules),
         cost_us=cost_s * 1e6,
-        restless=len(states["with"].rules.restless),
+        active=len(states["with"].rules.quiescence.active),
         bytes_a_rule=used_bytes / max(1, len(rules)),
     )
 
@@ -171,7 +171,7 @@ def part(frames: int = FRAMES) -> Part:
     """Return the part of the report."""
     rows = measure_all(frames)
     costs = {(row.what, row.rules): row.cost_us for row in rows}
-    lines = [[r.what, f"{r.rules}", f"{r.cost_us:.1f}", f"{r.restless}", f"{r.bytes_a_rule:.0f}"] for r in rows]
+    lines = [[r.what, f"{r.rules}", f"{r.cost_us:.1f}", f"{r.active}", f"{r.bytes_a_rule:.0f}"] for r in rows]
     return Part(
         title="Rules by the thousand",
         text=f"{__doc__.partition('. Run')[0]}.\n\n"

@@ -9,8 +9,8 @@ from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import OutputTrace, SafetyMode
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
+from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 from stadimeter.core.rules.limits import limited_twist, slewed_level
-from stadimeter.core.rules.request import LevelRequest, Request, TwistRequest
 from stadimeter.core.safety import SafetyState
 
 NOBODY = "nothing is asked of it"

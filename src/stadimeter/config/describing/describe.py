@@ -6,14 +6,13 @@ import math
 from collections.abc import Iterator
 
 from stadimeter.config.describing.alarms import consequences, rhythm
-from stadimeter.config.describing.conditions import begins, ends, length, needs_figures
+from stadimeter.config.describing.conditions import begins, ends, needs_figures
 from stadimeter.config.describing.ramps import strength
 from stadimeter.config.loader import Configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnDelay, RampRule
-
-__all__ = ["describe", "length"]
+from stadimeter.core.words import length
 
 _VERBS = {"vibration-motor": "vibrates", "buzzer": "buzzes", "led": "lights", "relay": "switches on"}
 """What an actuator does when it acts, by its driver."""

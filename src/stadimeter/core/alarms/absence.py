@@ -78,11 +78,11 @@ def _follow_policy(turn: AlarmTurn, away_s: float) -> None:
     if policy is LostPolicy.CLEAR and is_holding:
         clear_alarm(turn, now_s, reason)
     elif policy is LostPolicy.ASSERT and not is_holding:
-        turn.change(held_from_start=False)
+        # Every part counts as holding, whatever it did when it could last be judged.
+        turn.change(held_from_start=False, timers=replace(turn.state.timers, leaves=()))
         if state.phase in LATCHED:
             turn.trigger(Trigger.HOLDS)
         else:
-            turn.change(timers=replace(turn.state.timers, leaves=()))  # every part counts as holding
             raise_alarm(turn, now_s, reason)
     elif policy is LostPolicy.ASSERT and state.is_announced_only:  # not seeing is a danger of its own: it acts
         turn.change(is_announced_only=False)

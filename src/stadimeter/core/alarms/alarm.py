@@ -17,11 +17,12 @@ from stadimeter.core.alarms.table import LATCHED, Phase
 from stadimeter.core.alarms.timing import Sample, begun_anew, has_timers, is_settled, judge_sample
 from stadimeter.core.alarms.turn import AlarmTurn
 from stadimeter.core.alarms.words import JUDGED_BY_ITS_END
+from stadimeter.core.condition import Condition
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Event, Notice, RuleStatus
 from stadimeter.core.rule import AlarmRule, LostPolicy
-from stadimeter.core.rules.step import Step, trace_of
+from stadimeter.core.rule_step import Step, trace_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +97,14 @@ def step_alarm(
     return _stepped(before, turn, bases, holds=verdict.value)
 
 
+def judged_by(rule: AlarmRule, state: AlarmState) -> tuple[tuple[Condition, tuple[bool, ...], bool], ...]:
+    """Return the conditions that an alarm is judged by, what it remembers of their parts, and whether they are on."""
+    own = rule.condition, state.timers.leaves, state.phase in JUDGED_BY_ITS_END
+    if rule.suppress_when is None:
+        return (own,)
+    return own, (rule.suppress_when, state.gates.leaves, state.gates.is_suppressed)
+
+
 def _stepped(before: AlarmStep, turn: AlarmTurn, bases: frozenset[str], *, holds: bool | None) -> Stepped:
     rule, state = turn.rule, turn.state
     status = _status(state, holds=holds)
@@ -118,23 +127,17 @@ def _stays(
     state = before.state
     if verdict.value is None or state.is_active or state.leg is not None or rule.suppress_when is not None:
         return False
-    if state.unknown_since_s is not None or state.gates is not NO_GATES or before.rests:
+    if state.unknown_since_s is not None or state.gates is not NO_GATES or not before.rests:
         return False
     if before.trace.status is not RuleStatus.IDLE or known.now_s >= before.due_s:
         return False
-    if sample is not None and not is_settled(state, verdict.value, verdict.held):
-        return False
-    return not conditions.rests(rule.condition, known, state.timers.leaves, is_active=False)
+    return sample is None or is_settled(state, verdict.value, verdict.held)
 
 
 def _rests(turn: AlarmTurn, *, holds: bool | None) -> bool:
-    """Return whether nothing changes until a figure crosses a limit, a target comes or goes, or it is due."""
+    """Return whether nothing changes while the verdicts of its conditions stay as they are, and until it is due."""
     rule, state = turn.rule, turn.state
     if state.resumed is not None:
-        return False
-    if rule.suppress_when is not None and not conditions.rests(
-        rule.suppress_when, turn.known, state.gates.leaves, is_active=state.gates.is_suppressed
-    ):
         return False
     if state.leg is not None and state.is_active and turn.has_patterns:
         return False
@@ -142,13 +145,8 @@ def _rests(turn: AlarmTurn, *, holds: bool | None) -> bool:
         policy = rule.lost.policy
         is_silent = not state.is_active and policy is not LostPolicy.ASSERT
         is_held = state.is_given_up and policy is LostPolicy.HOLD
-        is_active = state.phase in JUDGED_BY_ITS_END
-        is_still = conditions.rests(rule.condition, turn.known, state.timers.leaves, is_active=is_active)
-        return is_still and ((is_silent and not has_timers(state.timers)) or is_held)
-    is_active = state.phase in JUDGED_BY_ITS_END
-    return is_settled(state, holds, state.timers.leaves) and conditions.rests(
-        rule.condition, turn.known, state.timers.leaves, is_active=is_active
-    )
+        return (is_silent and not has_timers(state.timers)) or is_held
+    return is_settled(state, holds, state.timers.leaves)
 
 
 _STATUS = {

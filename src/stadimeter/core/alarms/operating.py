@@ -13,7 +13,7 @@ from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import EventKind, Severity
 from stadimeter.core.operator import Answer, OperatorAction, OperatorCommand
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.rules.words import duration
+from stadimeter.core.words import duration
 
 Refusal = str
 """Why something is not done; empty if it is."""

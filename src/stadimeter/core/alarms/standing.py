@@ -12,7 +12,7 @@ from stadimeter.core.alarms.turn import AlarmTurn
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.decision import Event, EventKind, Notice
 from stadimeter.core.rule import ROUNDING_S, Pattern, SequenceStep
-from stadimeter.core.rules.request import LevelRequest, Request, TwistRequest
+from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 
 
 def begin(turn: AlarmTurn, at_s: float, reason: str) -> None:
@@ -89,7 +89,7 @@ def requests_of(turn: AlarmTurn, before: tuple[Request, ...], bases: frozenset[s
 
 
 def due_s(turn: AlarmTurn) -> float:
-    """Return when an alarm must be looked at again, though nothing else happens.
+    """Return when a timer of an alarm fires; those of its conditions are theirs.
 
     Args:
         turn: The alarm.
@@ -98,9 +98,7 @@ def due_s(turn: AlarmTurn) -> float:
         On the run's clock; infinite for never.
     """
     state, rule = turn.state, turn.rule
-    due = conditions.due_s(rule.condition, turn.known)
-    if rule.suppress_when is not None:
-        due = min(due, conditions.due_s(rule.suppress_when, turn.known))
+    due = math.inf
     if state.gates.shelved_until_s is not None:
         due = min(due, state.gates.shelved_until_s)
     if state.is_active:

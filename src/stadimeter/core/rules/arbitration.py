@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
 
 from stadimeter.core.plan import BaseOutput, Output
-from stadimeter.core.rules.request import LevelRequest, Request, TwistRequest
+from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 
 Wanted = Mapping[str, Sequence[Request]]
 """For each output that anybody wants something of, the requests for it, the winner first."""

@@ -14,8 +14,9 @@ from stadimeter.core.alarms.state import AlarmState
 from stadimeter.core.alarms.table import LATCHED, Phase
 from stadimeter.core.alarms.words import in_words, is_judged_by_its_end
 from stadimeter.core.conditions import verdict as conditions
-from stadimeter.core.conditions.evidence import Evidence, evidence
 from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.leaf import Evidence
+from stadimeter.core.conditions.verdict import evidence
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.judging import RuleStep

@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stadimeter.core.conditions.verdict import no_figures, quantity_of
+from stadimeter.core.conditions.figures import no_figures, quantity_of
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import FollowRule
-from stadimeter.core.rules.request import TwistRequest
-from stadimeter.core.rules.step import Step, trace_of
-from stadimeter.core.rules.words import metres
+from stadimeter.core.rule_step import Step, TwistRequest, trace_of
 from stadimeter.core.track import Track
+from stadimeter.core.words import metres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,8 +23,8 @@ from stadimeter.core.decide import State
 from stadimeter.core.decision import Event, RuleStatus
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule_step import trace_of
 from stadimeter.core.rules.judging import RuleStep, not_judged_yet, with_steps
-from stadimeter.core.rules.step import trace_of
 from stadimeter.core.tracking.life_cycle import TrackState
 
 REMOVED = "removed from the configuration"

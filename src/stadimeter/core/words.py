@@ -1,0 +1,37 @@
+"""Figures in the words that rules give."""
+
+from __future__ import annotations
+
+FOOT_M = 0.3048
+_DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
+
+
+def metres(value_m: float, sigma_m: float) -> str:
+    """Return a distance such as ``2.43 m ± 0.04``, to the centimetre, or to the millimetre if it is that sure."""
+    digits = 2 if sigma_m >= 0.01 else 3
+    return f"{value_m:.{digits}f} m ± {sigma_m:.{digits}f}"
+
+
+def length(value_m: float) -> str:
+    """Return a length in metres and in feet, such as ``3.05 m (10.0 ft)``."""
+    return f"{value_m:.2f} m ({value_m / FOOT_M:.1f} ft)"
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as people write it, to the last bit: ``8 h``, ``30 min`` or ``90.5 s``."""
+    for unit, unit_s, least_s in (("h", 3600, 3600), ("min", 60, 120)):
+        if seconds >= least_s and seconds % unit_s == 0:
+            return f"{seconds / unit_s:g} {unit}"
+    return f"{seconds:g} s"
+
+
+def time_of_day(second: float) -> str:
+    """Return seconds since midnight as ``22:30``, or as ``22:30:15`` if they are not a whole minute."""
+    minutes, seconds = divmod(int(second), 60)
+    whole = f"{minutes // 60 % 24:02d}:{minutes % 60:02d}"
+    return f"{whole}:{seconds:02d}" if seconds else whole
+
+
+def day(weekday: int) -> str:
+    """Return the name of a weekday, 0 for Monday."""
+    return _DAYS[weekday]
