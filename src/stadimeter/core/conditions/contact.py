@@ -186,35 +186,31 @@ class TimeToContactCondition(Leaf):
         left_m = approach.distance_m - self.contact_m - approach.closing_mps * within_s
         return probability_below(0.0, left_m, approach.sigma_after_m(within_s))
 
-    def figures(self) -> tuple[Figure, ...]:
-        """Return the time, what is known of the speed, and the earliest time that is plausible."""
+    def figures(self) -> tuple[Figure, Figure]:
+        """Return the time, and the earliest time that is plausible while the time is not known."""
         sigmas = self.sigmas_that_count
         return (
             Figure(_time_s, (self.target, self.contact_m)),
-            Figure(_pace, (self.target, self.closing_min_mps, sigmas)),
-            Figure(_earliest_s, (self.target, self.contact_m, sigmas)),
+            Figure(_earliest_s, (self.target, self.contact_m, self.closing_min_mps, sigmas)),
         )
 
     def rest(self, known: Known, is_on: bool) -> Rest | None:
-        """Return for how long it stays as it is: while as much is known of the speed, and a time is on one side."""
+        """Return for how long it stays as it is: while its times are on the side of their thresholds where they are."""
         approach = approach_of(known.tracks[self.target])
-        time, pace_figure, earliest = self.figures()
+        time, earliest = self.figures()
         if approach is None:
-            return Rest(((pace_figure, UNKNOWN, UNKNOWN),))
-        pace = self._pace(approach)
-        still = pace_figure, float(pace), float(pace)
-        if pace is Pace.SLOW:
-            return Rest((still,))
-        if pace is Pace.UNSURE:  # false beyond this time, unknown before it
+            return Rest(((earliest, UNKNOWN, UNKNOWN),))
+        earliest_s = _earliest(approach, self.contact_m, self.closing_min_mps, self.sigmas_that_count)
+        if earliest_s != _KNOWN_S:  # false beyond this time, unknown before it
             limit_s = self.below_s + self.deadband_s
-            is_far = approach.earliest_s(self.contact_m, self.sigmas_that_count) > limit_s
-            return Rest((still, (earliest, *(_later_than(limit_s) if is_far else (-_LAST, limit_s)))))
+            before = (math.nextafter(_KNOWN_S, math.inf), limit_s)
+            return Rest(((earliest, *(_later_than(limit_s) if earliest_s > limit_s else before)),))
         is_usual = self.probability_on is None or self.probability_off <= 0.5 <= self.probability_on
         time_s = approach.time_s(self.contact_m)
         if not is_usual or not (time_s < self.below_s if is_on else time_s > self.below_s):
             return None
-        side = (-_LAST, math.nextafter(self.below_s, -math.inf)) if is_on else _later_than(self.below_s)
-        return Rest((still, (time, *side)))
+        side = (_KNOWN_S, math.nextafter(self.below_s, -math.inf)) if is_on else _later_than(self.below_s)
+        return Rest(((earliest, _KNOWN_S, _KNOWN_S), (time, *side)))
 
     def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:
         """Return the figures behind `holds`; see `Leaf.in_words`."""
@@ -296,8 +292,8 @@ class TimeToContactCondition(Leaf):
                 yield {sure: NO}
 
 
-_LAST = math.nextafter(math.inf, 0.0)
-"""The largest number; its negative is above `UNKNOWN`."""
+_KNOWN_S = -math.nextafter(math.inf, 0.0)
+"""In place of an earliest time, while the time itself is known: the least number above `UNKNOWN`."""
 
 
 def _later_than(time_s: float) -> tuple[float, float]:
@@ -309,14 +305,17 @@ def _time_s(known: Known, target: str, contact_m: float) -> float:
     return UNKNOWN if approach is None else approach.time_s(contact_m)
 
 
-def _pace(known: Known, target: str, closing_min_mps: float, speed_sigmas: float) -> float:
+def _earliest_s(known: Known, target: str, contact_m: float, closing_min_mps: float, speed_sigmas: float) -> float:
     approach = approach_of(known.tracks[target])
-    return UNKNOWN if approach is None else float(pace_of(approach, closing_min_mps, speed_sigmas))
+    return UNKNOWN if approach is None else _earliest(approach, contact_m, closing_min_mps, speed_sigmas)
 
 
-def _earliest_s(known: Known, target: str, contact_m: float, speed_sigmas: float) -> float:
-    approach = approach_of(known.tracks[target])
-    return UNKNOWN if approach is None else approach.earliest_s(contact_m, speed_sigmas)
+def _earliest(approach: Approach, contact_m: float, closing_min_mps: float, speed_sigmas: float) -> float:
+    """Return the earliest time that is plausible: infinite for a target that does not come."""
+    pace = pace_of(approach, closing_min_mps, speed_sigmas)
+    if pace is Pace.UNSURE:
+        return approach.earliest_s(contact_m, speed_sigmas)
+    return math.inf if pace is Pace.SLOW else _KNOWN_S
 
 
 def _seconds(duration_s: float) -> str:
