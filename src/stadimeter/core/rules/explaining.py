@@ -57,9 +57,6 @@ def explain(decision: Decision, name: str) -> Explanation:
         decision: What was decided at that moment, as `stadimeter.core.decide.decide` returned it.
         name: The rule.
 
-    Returns:
-        The explanation.
-
     Raises:
         KeyError: There is no such rule.
         TypeError: The decision was read from a file, and does not know its reasons; decide again.

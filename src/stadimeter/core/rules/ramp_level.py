@@ -29,9 +29,6 @@ def ramp_level(rule: RampRule, value_m: float, sigma_m: float, noise_m: float, *
         sigma_m: Its standard deviation; the bias is within that.
         noise_m: The part of that which differs from frame to frame.
         is_on: Whether the output is above zero now.
-
-    Returns:
-        From 0 to 1.
     """
     if rule.bias == "neutral":
         level = _level(rule, value_m)
