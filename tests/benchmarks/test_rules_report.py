@@ -8,7 +8,7 @@ def test_rules_that_none_crosses_rest_and_the_others_do_not():
 
     beyond = rule_scale.measure("thresholds", rule_scale.thresholds(50), rule_scale.standing(12.0), frames=30)
     amid = rule_scale.measure("mixed", rule_scale.mixed(50), rule_scale.rolling, frames=60)
-    assert (beyond.rules, beyond.restless) == (50, 0)
+    assert (beyond.rules, beyond.active) == (50, 0)
     assert amid.rules == 50
     assert amid.bytes_a_rule > 0
 

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.plan import BaseOutput, LevelOutput
-from stadimeter.core.rules.arbitration import arbitrate
-from stadimeter.core.rules.request import LevelRequest, TwistRequest
+from stadimeter.core.rule_step import LevelRequest, TwistRequest
+from stadimeter.core.rules.arbitration import arbitrate, rearranged
 
 RESTRICTIVE = {"base": BaseOutput(name="base", combine="most_restrictive")}
 speeds = st.floats(-2, 2)
@@ -96,3 +96,31 @@ def test_lower_equals_below_a_single_winner_are_not_combined():
 
 def test_a_combined_request_is_for_the_same_output():
     assert arbitrate([twist("a", 0.4), twist("b", 0.2)], RESTRICTIVE)["base"][0].output == "base"
+
+
+few_requests = st.lists(
+    st.builds(
+        lambda number, output, priority, level: (number, output, priority, level),
+        st.integers(0, 9),
+        st.sampled_from(["motor", "lamp"]),
+        st.integers(0, 3),
+        st.sampled_from([0.2, 0.8]),
+    ),
+    max_size=8,
+    unique_by=lambda each: each[:2],
+)
+
+
+@given(few_requests, few_requests)
+def test_rearranging_a_few_requests_gives_what_sorting_all_of_them_gives(before, after):
+    def made(pairs):
+        return {LevelRequest(rule=f"r{n}", output=o, priority=p, level=v) for n, o, p, v in pairs}
+
+    positions = {f"r{number}": number for number in range(10)}
+    was, now = made(before), made(after)
+
+    def in_order(found):
+        return sorted(found, key=lambda request: positions[request.rule])
+
+    wanted = rearranged(arbitrate(in_order(was)), was - now, now - was, positions)
+    assert wanted == dict(arbitrate(in_order(now)))

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.condition import DistanceCondition, SeparationCondition, TimeToContactCondition
-from stadimeter.core.conditions.evidence import evidence
 from stadimeter.core.conditions.known import Known
-from stadimeter.core.conditions.verdict import in_words, judge
+from stadimeter.core.conditions.verdict import evidence, in_words, judge
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Tracking

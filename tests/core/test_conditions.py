@@ -18,10 +18,9 @@ from stadimeter.core.condition import (
     SeparationCondition,
     TimeToContactCondition,
 )
+from stadimeter.core.conditions.figures import probability_between
 from stadimeter.core.conditions.known import Known
-from stadimeter.core.conditions.probability import probability_between
-from stadimeter.core.conditions.thresholds import widened_limits
-from stadimeter.core.conditions.verdict import due_s, in_words, judge, judged_by_cycle, rests
+from stadimeter.core.conditions.verdict import in_words, judge, judged_by_cycle, rest_of
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
 
@@ -94,7 +93,7 @@ def test_without_the_target_nothing_is_known(condition, status, is_active):
     tracks = track(0.5, status=status, reason="no blob"), track(target="tag")
     assert holds(condition, *tracks, is_active=is_active) is None
     assert words(condition, *tracks, is_active=is_active) == f"ball is {status.value}: no blob"
-    assert rests(condition, known(*tracks), (), is_active=is_active)
+    assert rest_of(condition, known(*tracks), (), is_active=is_active) is not None
 
 
 @pytest.mark.parametrize("condition", FIGURES)
@@ -128,8 +127,8 @@ def test_plain_comparison_is_there_for_who_wants_it():
 
 def test_the_deadband_grows_with_the_standard_deviation():
     far = replace(NEAR, below_m=8.0)
-    _, near_limit = widened_limits(NEAR, 1.0, 0.01)
-    _, far_limit = widened_limits(far, 8.0, 0.64)
+    _, near_limit = NEAR.widened_limits(1.0, 0.01)
+    _, far_limit = far.widened_limits(8.0, 0.64)
     assert near_limit == pytest.approx(1.03)
     assert far_limit == pytest.approx(9.92)
 
@@ -146,7 +145,7 @@ def test_a_target_that_goes_through_a_band_between_two_frames_was_in_it(first_m,
     assert words(band, track(then_m), **now) == (
         f"passed through between two frames: {first_m:.2f} m, then {then_m:.2f} m"
     )
-    assert not rests(band, known(track(then_m), **now), (), is_active=False)
+    assert rest_of(band, known(track(then_m), **now), (), is_active=False) is None
     assert holds(band, track(then_m), is_active=True, **now) is False
 
 
@@ -179,9 +178,9 @@ def test_seen_for_a_time_begins_when_the_time_is_over():
     long_seen = PresenceCondition(seen=True, for_s=5.0, target="ball")
     at_7 = track(since_s=7.0)
     assert holds(long_seen, at_7, now_s=11.99) is False
-    assert due_s(long_seen, known(at_7, now_s=11.99)) == 12.0
+    assert rest_of(long_seen, known(at_7, now_s=11.99), (), is_active=False).due_s == 12.0
     assert holds(long_seen, at_7, now_s=12.0) is True
-    assert due_s(long_seen, known(at_7, now_s=12.0)) == math.inf
+    assert rest_of(long_seen, known(at_7, now_s=12.0), (), is_active=False).due_s == math.inf
     assert words(long_seen, at_7, now_s=9.0) == "ball is tracking for 2.0 s of 5 s"
 
 
@@ -191,7 +190,7 @@ def test_lost_for_a_time_counts_from_when_it_was_lost():
     assert holds(long_lost, gone, now_s=11.0) is False
     assert holds(long_lost, gone, now_s=12.0) is True
     assert holds(long_lost, track(since_s=0.0), now_s=12.0) is False
-    assert due_s(long_lost, known(track(since_s=0.0))) == math.inf
+    assert rest_of(long_lost, known(track(since_s=0.0)), (), is_active=False).due_s == math.inf
     assert words(long_lost, gone, now_s=8.0) == "ball is lost for 1.0 s of 5 s: no blob"
 
 
@@ -261,14 +260,15 @@ def test_a_target_that_surely_creeps_does_not_come():
     assert holds(SOON, coming(0.3, 0.1, 0.02)) is False
     assert holds(SOON, coming(0.3, -1.0)) is False
     assert words(SOON, coming(0.3, 0.1, 0.02)) == "closing at 0.10 m/s ± 0.02, slower than 0.30 m/s"
-    assert rests(SOON, known(coming(0.3, 0.1, 0.02)), (), is_active=False)
+    assert rest_of(SOON, known(coming(0.3, 0.1, 0.02)), (), is_active=False) is not None
 
 
 def test_a_speed_that_may_be_zero_says_nothing_of_a_target_that_is_near():
     assert holds(SOON, coming(0.3, 0.4, 0.3)) is None
     assert holds(SOON, coming(0.3, 0.2, 0.3)) is None
     assert words(SOON, coming(0.3, 0.4, 0.3)) == "0.30 m ± 0.02, closing at 0.40 m/s ± 0.30: too unsure for a time"
-    assert not rests(SOON, known(coming(0.3, 0.4, 0.3)), (), is_active=False)
+    ((_, _, until_s),) = rest_of(SOON, known(coming(0.3, 0.4, 0.3)), (), is_active=False).intervals
+    assert until_s == SOON.below_s + SOON.deadband_s  # or until the speed is known
 
 
 def test_a_target_so_far_away_that_no_plausible_speed_brings_it_here_does_not_come():
@@ -366,7 +366,7 @@ def test_a_schedule_is_unknown_while_the_clock_is():
     assert holds(NIGHT) is None
     assert words(NIGHT) == "the time of day is not known yet, between 22:00 and 06:00"
     assert words(MONDAY_NIGHT, **at_time(23.5)) == "Monday 23:30, between 22:00 and 06:00 on Monday"
-    assert not rests(NIGHT, known(), (), is_active=False)
+    assert rest_of(NIGHT, known(), (), is_active=False) is None
 
 
 def test_what_goes_by_frames_and_what_goes_by_cycles_is_told_apart():

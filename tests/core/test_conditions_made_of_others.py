@@ -18,7 +18,7 @@ from stadimeter.core.condition import (
     leaves,
 )
 from stadimeter.core.conditions.known import Known
-from stadimeter.core.conditions.verdict import Verdict, due_s, in_words, judge, judged_by_cycle, parts_of, rests
+from stadimeter.core.conditions.verdict import Verdict, in_words, judge, judged_by_cycle, parts_of, rest_of
 from stadimeter.core.track import Track, TrackStatus
 
 VALUES = (True, False, None)
@@ -190,8 +190,8 @@ def test_parts_are_listed_with_how_they_are_judged():
 
 def test_it_is_due_when_its_first_part_is():
     waits = [PresenceCondition(seen=True, for_s=for_s, target="ball") for for_s in (30.0, 12.0, 5.0)]
-    assert due_s(any_of(*waits), seeing()) == 12.0
-    assert due_s(near(), seeing()) == math.inf
+    assert rest_of(any_of(*waits), seeing(), (), is_active=True).due_s == 12.0
+    assert rest_of(near(), seeing(), (), is_active=False).due_s == math.inf
 
 
 def test_one_part_that_goes_by_cycles_makes_the_whole_do_so():
@@ -202,15 +202,15 @@ def test_one_part_that_goes_by_cycles_makes_the_whole_do_so():
 def test_all_rests_while_one_part_surely_does_not_hold():
     night = ScheduleCondition(from_s=79200.0, to_s=21600.0)
     watched = all_of(near("ball"), near("tag"), night)
-    assert rests(watched, seeing(ball=3.0, tag=0.99), (), is_active=False)
-    assert not rests(watched, seeing(ball=0.99, tag=0.99), (), is_active=False)
+    assert rest_of(watched, seeing(ball=3.0, tag=0.99), (), is_active=False) is not None
+    assert rest_of(watched, seeing(ball=0.99, tag=0.99), (), is_active=False) is None
 
 
 def test_while_it_is_active_it_rests_only_if_every_part_does():
     watched = any_of(near("ball"), near("tag"))
-    assert rests(watched, seeing(ball=0.5, tag=3.0), (True, False), is_active=True)
-    assert not rests(watched, seeing(ball=0.5, tag=1.05), (True, True), is_active=True)
-    assert not rests(watched, seeing(ball=0.5, tag=0.99), (True, False), is_active=True)
+    assert rest_of(watched, seeing(ball=0.5, tag=3.0), (True, False), is_active=True) is not None
+    assert rest_of(watched, seeing(ball=0.5, tag=1.05), (True, True), is_active=True) is None
+    assert rest_of(watched, seeing(ball=0.5, tag=0.99), (True, False), is_active=True) is None
 
 
 figures = st.sampled_from([None, 0.5, 0.97, 0.99, 1.0, 1.03, 1.05, 1.08, 2.0])

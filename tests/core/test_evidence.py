@@ -21,9 +21,8 @@ from stadimeter.core.condition import (
     SeparationCondition,
     TimeToContactCondition,
 )
-from stadimeter.core.conditions.evidence import evidence
 from stadimeter.core.conditions.known import Known
-from stadimeter.core.conditions.verdict import judge
+from stadimeter.core.conditions.verdict import evidence, judge
 from stadimeter.core.track import Track, TrackStatus
 
 NEAR = DistanceCondition(below_m=2.0, probability_on=0.8, probability_off=0.5, deadband_sigmas=3.0, target="ball")

@@ -16,7 +16,7 @@ correlations = st.floats(0, 0.95)
 
 def seen(state, distance_m, noise_m):
     """Return what the filter knows after a measurement."""
-    return kalman.update(state, noise_m, *kalman.surprise(state, distance_m, noise_m))
+    return kalman.update(state, noise_m, *kalman.innovation(state, distance_m, noise_m))
 
 
 @given(distances, noises, st.floats(0, 2), st.floats(0, 2), st.floats(0.1, 5))

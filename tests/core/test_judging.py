@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.condition import DistanceCondition, PresenceCondition
-from stadimeter.core.conditions.crossings import crossings_of
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, Lost, LostPolicy, OnDelay, RampRule
 from support.observing import Rehearsal
+from support.random_runs import with_all_active
 
 near_a_limit = st.floats(0.9, 1.1)  # the limits are here as well, so the probability decides
 conditions = st.builds(
@@ -80,8 +80,7 @@ class Compared(Rehearsal):
         seen = tuple(self.unsure(each) for each in observation.measurements)
         observation = replace(observation, measurements=seen)
         decision = super().cycle(observation)
-        everyone = tuple(range(len(self.judged.plan.rules)))
-        restless = replace(self.judged, rules=replace(self.judged.rules, restless=everyone))
+        restless = with_all_active(self.judged)
         self.judged, expected = decide(restless, observation)
         assert decision == expected
         assert dict(decision.reasons) == dict(expected.reasons)
@@ -135,33 +134,16 @@ def many_rules():
 def test_of_many_rules_only_those_near_the_target_do_not_rest():
     rehearsal = many_rules()
     rehearsal.see(*[1.505] * 100)
-    assert len(rehearsal.state.rules.restless) <= 6
+    assert len(rehearsal.state.rules.quiescence.active) <= 6
 
 
 def test_while_the_target_is_out_of_sight_rules_that_are_not_raised_rest():
     rehearsal = many_rules()
     rehearsal.see(*[5.0] * 10, *[None] * 10)
-    assert rehearsal.state.rules.restless == ()
+    assert rehearsal.state.rules.quiescence.active == frozenset()
 
 
 def test_what_did_not_change_is_the_same_object():
     rehearsal = many_rules()
     rehearsal.see(*[1.505] * 100)
     assert rehearsal.decisions[-1][1].rules is rehearsal.decisions[-2][1].rules
-
-
-def test_a_movement_concerns_the_rules_whose_limits_it_touches():
-    plan = many_rules().state.plan
-    (crossings,) = crossings_of(plan.rules)
-    assert crossings.between(0.51, 0.555) == (1, 2)
-    assert crossings.between(0.555, 0.51) == (1, 2)
-    assert crossings.between(0.52, 0.52) == (1,)
-    assert crossings.between(3.0, 9.0) == ()
-
-
-def test_a_figure_that_comes_or_goes_concerns_every_rule():
-    plan = many_rules().state.plan
-    (crossings,) = crossings_of(plan.rules)
-    nan = float("nan")
-    assert crossings.between(nan, 1.0) == crossings.between(1.0, nan) == tuple(range(100))
-    assert crossings.between(nan, nan) == ()

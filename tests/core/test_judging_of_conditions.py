@@ -24,6 +24,7 @@ from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay
 from support.observing import Rehearsal, measured, missed
+from support.random_runs import with_all_active
 
 targets = st.sampled_from(["ball", "tag"])
 sure = {"probability_on": st.sampled_from([None, 0.5, 0.8]), "probability_off": st.sampled_from([0.5, 0.3])}
@@ -124,8 +125,7 @@ class Compared(Rehearsal):
 
     def cycle(self, observation):
         decision = super().cycle(observation)
-        everyone = tuple(range(len(self.judged.plan.rules)))
-        restless = replace(self.judged, rules=replace(self.judged.rules, restless=everyone))
+        restless = with_all_active(self.judged)
         self.judged, expected = decide(restless, observation)
         assert decision == expected
         assert dict(decision.reasons) == dict(expected.reasons)

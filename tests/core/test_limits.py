@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.plan import BaseOutput, LevelOutput
+from stadimeter.core.rule_step import LevelRequest
 from stadimeter.core.rules.arbitration import arbitrate
 from stadimeter.core.rules.limits import limited_speed, limited_twist, slewed_level
-from stadimeter.core.rules.request import LevelRequest
 
 levels = st.floats(0, 1)
 speeds = st.floats(-2, 2)

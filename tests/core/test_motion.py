@@ -34,7 +34,7 @@ def follow(distances_m, seed=3):
 def follow_as_if_always_abrupt(distances_m):
     """Return the states of a filter that expects changes of speed at all times."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(motion, "CALM_SHARE", motion.ABRUPT_SHARE)
+        patch.setattr(motion, "CONSTANT_VELOCITY_SHARE", motion.MANOEUVRING_SHARE)
         return follow(distances_m)
 
 
@@ -47,15 +47,15 @@ def way(*speeds_mps, frames=60, start_m=4.0):
 
 
 def test_a_target_at_rest_and_one_at_a_steady_speed_are_taken_for_calm():
-    assert follow(way(0.0))[-1].calm_share > 0.9
-    assert follow(way(0.6))[-1].calm_share > 0.9
+    assert follow(way(0.0))[-1].constant_share > 0.9
+    assert follow(way(0.6))[-1].constant_share > 0.9
 
 
 def test_a_target_that_starts_at_once_is_followed_within_three_frames():
     distances_m = way(0.0, 2.0, frames=20)
     states = follow(distances_m)
     starts = 21
-    assert min(state.calm_share for state in states[starts : starts + 3]) < 0.1
+    assert min(state.constant_share for state in states[starts : starts + 3]) < 0.1
     for state, distance_m in zip(states[starts + 2 :], distances_m[starts + 2 :], strict=True):
         together = state.estimate()
         assert abs(together.distance_m - distance_m) < 4 * math.sqrt(together.var_distance_m2)
@@ -67,18 +67,18 @@ def test_a_target_at_rest_is_smoothed_more_than_one_filter_could_that_follows_al
 
     together = follow(way(0.0, frames=2000))[100:]
     assert error_m([each.estimate().distance_m for each in together]) < 0.8 * error_m(
-        [each.abrupt.distance_m for each in follow_as_if_always_abrupt(way(0.0, frames=2000))[100:]]
+        [each.manoeuvring.distance_m for each in follow_as_if_always_abrupt(way(0.0, frames=2000))[100:]]
     )
 
 
 @pytest.mark.parametrize("speed_mps", [0.0, 0.5])
 def test_it_states_its_true_error(speed_mps):
-    surprises = []
+    innovations = []
     for seed in range(200):
         distances_m = way(speed_mps, frames=45)
         together = follow(distances_m, seed)[-1].estimate()
-        surprises.append(abs(together.distance_m - distances_m[-1]) / math.sqrt(together.var_distance_m2))
-    inside = sum(surprise < 1.645 for surprise in surprises) / len(surprises)
+        innovations.append(abs(together.distance_m - distances_m[-1]) / math.sqrt(together.var_distance_m2))
+    inside = sum(innovation < 1.645 for innovation in innovations) / len(innovations)
     assert 0.85 <= inside <= 0.97  # of a 90 % interval
 
 
@@ -88,7 +88,7 @@ def test_whatever_is_measured_the_figures_stay_finite_and_both_filters_possible(
     for measured, sigma, step in seen:
         state = motion.predict(state, step, 2.0, correlation)
         assert math.isfinite(motion.compare(state, measured, sigma).sigmas)
-        assert 0 < state.calm_share < 1
+        assert 0 < state.constant_share < 1
         state = motion.update(state, sigma, motion.compare(state, measured, sigma))
         together = state.estimate()
         assert all(map(math.isfinite, together))
@@ -98,8 +98,8 @@ def test_whatever_is_measured_the_figures_stay_finite_and_both_filters_possible(
 
 def test_after_a_long_time_a_target_is_as_calm_as_targets_usually_are():
     for share in (0.01, 0.99):
-        state = motion.start(2.0, 0.01)._replace(calm_share=share)
+        state = motion.start(2.0, 0.01)._replace(constant_share=share)
         later = motion.predict(state, 1000.0, 2.0, 0.6)
-        assert later.calm_share == pytest.approx(
-            motion.CALM_FOR_S / (motion.CALM_FOR_S + motion.ABRUPT_FOR_S), abs=1e-6
+        assert later.constant_share == pytest.approx(
+            motion.CONSTANT_VELOCITY_FOR_S / (motion.CONSTANT_VELOCITY_FOR_S + motion.MANOEUVRING_FOR_S), abs=1e-6
         )

@@ -1,7 +1,6 @@
 """How strongly a ramp acts at a distance."""
 
 import math
-from bisect import bisect
 from dataclasses import replace
 
 import pytest
@@ -9,8 +8,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.rule import RampRule
-from stadimeter.core.rules.ramp import new_ramp, step_ramp, why
-from stadimeter.core.rules.ramp_level import is_flat, limits_m, ramp_level
+from stadimeter.core.rules.ramp import new_ramp, rest_of_ramp, step_ramp, why
+from stadimeter.core.rules.ramp_level import ramp_level
 from stadimeter.core.track import Track, TrackStatus
 
 TABLE = RampRule(
@@ -130,23 +129,24 @@ def test_being_on_never_makes_it_weaker(rule, distance_m, sigma_m):
 
 @settings(suppress_health_check=[HealthCheck.filter_too_much])
 @given(ramps, distances_m, distances_m, sigmas_m, sigmas_m)
-def test_a_ramp_at_rest_gives_the_same_until_one_of_its_limits_is_crossed(rule, one_m, other_m, sigma_m, later_m):
+def test_a_quiescent_ramp_gives_the_same_while_the_distance_is_in_its_interval(rule, one_m, other_m, sigma_m, later_m):
     step = step_ramp(rule, new_ramp(rule), ball(one_m, sigma_m))
-    assume(step.rests)
-    limits = sorted(limits_m(rule))
-    assume(bisect(limits, one_m) == bisect(limits, other_m) and other_m not in limits)
-    assert is_flat(rule, one_m)
+    rest = rest_of_ramp(rule, step, ball(one_m, sigma_m))
+    assume(rest is not None)
+    ((_, low_m, high_m),) = rest.intervals
+    assert low_m <= one_m <= high_m
+    assume(low_m <= other_m <= high_m)
     assert step_ramp(rule, step, ball(other_m, later_m)) is step
 
 
 @given(ramps, distances_m, distances_m, sigmas_m)
-def test_judging_a_ramp_only_when_it_is_awake_gives_the_same_levels(rule, one_m, other_m, sigma_m):
+def test_judging_a_ramp_only_when_it_is_active_gives_the_same_levels(rule, one_m, other_m, sigma_m):
     always = step_ramp(rule, step_ramp(rule, new_ramp(rule), ball(one_m, sigma_m)), ball(other_m, sigma_m))
-    awake = step_ramp(rule, new_ramp(rule), ball(one_m, sigma_m))
-    low_m, high_m = sorted((one_m, other_m))
-    if not awake.rests or any(low_m <= limit_m <= high_m for limit_m in limits_m(rule)):
-        awake = step_ramp(rule, awake, ball(other_m, sigma_m))
-    assert awake.level == always.level
+    active = step_ramp(rule, new_ramp(rule), ball(one_m, sigma_m))
+    rest = rest_of_ramp(rule, active, ball(one_m, sigma_m))
+    if rest is None or not rest.intervals[0][1] <= other_m <= rest.intervals[0][2]:
+        active = step_ramp(rule, active, ball(other_m, sigma_m))
+    assert active.level == always.level
 
 
 def test_a_level_is_never_more_than_one_whatever_is_rounded():

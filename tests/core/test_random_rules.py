@@ -40,6 +40,7 @@ from stadimeter.core.rule import (
     Template,
 )
 from support.observing import measured, missed
+from support.random_runs import with_all_active
 
 TARGETS = ("ball", "tag")
 FRAME_S = 0.1
@@ -297,11 +298,10 @@ def test_every_command_is_within_its_limits_and_its_slew(plan, scenes):
 @fast
 @given(plans, scenes)
 def test_a_rule_that_rests_does_what_it_would_do_if_it_were_judged(plan, scenes):
-    everyone = tuple(range(len(plan.rules)))
     state = judged = initial_state(plan)
     for observation in observations(scenes):
         state, decision = decide(state, observation)
-        restless = replace(judged, rules=replace(judged.rules, restless=everyone))
+        restless = with_all_active(judged)
         judged, expected = decide(restless, observation)
         assert decision == expected
         assert dict(decision.reasons) == dict(expected.reasons)

@@ -6,16 +6,16 @@ from collections.abc import Iterator, Mapping
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.app.field_of_view import FieldOfView, direction_findings
-from stadimeter.config.describing.describe import length
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import DirectionCondition, DistanceCondition
-from stadimeter.core.conditions.probability import probability_between
+from stadimeter.core.conditions.figures import probability_between
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.target import TargetShape
+from stadimeter.core.words import length
 from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.feasibility import RELIABLE_PX, expect, farthest_m
 

@@ -16,8 +16,8 @@ from stadimeter.app.recordings.recorded_configuration import load_recorded
 from stadimeter.cli.exits import NOT_FOUND, told_plainly
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_duration, parse_speed
-from stadimeter.core.durations import rounded_duration
 from stadimeter.core.rule import OnDelay
+from stadimeter.core.words import rounded_duration
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.tuning.candidates import Settings, Tuned, tuned_rule
 from stadimeter.workbench.tuning.noise import Series, series_of

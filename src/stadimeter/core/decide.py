@@ -28,16 +28,11 @@ class State:
     """All that is remembered from one cycle to the next.
 
     Attributes:
-        plan: What the configuration declares.
         now_s: The time of the last cycle; None before the first.
         usual_step_s: From one cycle to the next, as it was lately; 0 before the second.
-        tracks: One for each target of the plan.
-        rules: What the rules of the plan did, and remember.
-        safety: What safety remembers.
-        outputs: What each output of the plan did.
         faults: The outputs that were out of order in the last cycle.
         events: How many events there were in the run.
-        due: Events of what happened between two cycles; they are told in the next one.
+        due: Events of what happened between two cycles; they are part of the next decision.
     """
 
     plan: Plan
@@ -53,14 +48,7 @@ class State:
 
 
 def initial_state(plan: Plan) -> State:
-    """Return the state at the start of a run: nothing seen, every output at its safe value.
-
-    Args:
-        plan: What the configuration declares.
-
-    Returns:
-        The state.
-    """
+    """Return the state at the start of a run: nothing seen, every output at its safe value."""
     return State(
         plan=plan,
         tracks=tuple(new_track(target) for target in plan.targets),
@@ -70,15 +58,7 @@ def initial_state(plan: Plan) -> State:
 
 
 def decide(state: State, observation: Observation) -> tuple[State, Decision]:
-    """Decide what to do in one cycle.
-
-    Args:
-        state: What is remembered.
-        observation: All that is known in this cycle.
-
-    Returns:
-        What to remember, and what to do: one command for each output, the events, and the reasons.
-    """
+    """Return what to remember after one cycle, and what to do: one command for each output, events, and reasons."""
     plan = state.plan
     step_s = 0.0 if state.now_s is None else observation.now_s - state.now_s
     gap_s = step_s if is_gap(step_s, state.usual_step_s, plan.safety) else None

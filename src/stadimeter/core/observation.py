@@ -26,7 +26,6 @@ class OutputFault:
     """An output whose driver failed.
 
     Attributes:
-        output: The name of the actuator or base.
         reason: The driver's words.
     """
 
@@ -59,7 +58,7 @@ class Observation:
         not_for_motion: Why nothing may move on the camera's frames, such as an unknown age; empty if it may.
         output_faults: The outputs that are out of order at the start of the cycle.
         wall: The time of day, if a rule asks for it; None also while the clock is not synchronised.
-        operator_commands: What people have told rules since the cycle before.
+        operator_commands: Operator commands since the cycle before.
     """
 
     now_s: float

@@ -9,8 +9,8 @@ from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import OutputTrace, SafetyMode
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
+from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 from stadimeter.core.rules.limits import limited_twist, slewed_level
-from stadimeter.core.rules.request import LevelRequest, Request, TwistRequest
 from stadimeter.core.safety import SafetyState
 
 NOBODY = "nothing is asked of it"
@@ -18,40 +18,21 @@ NOBODY = "nothing is asked of it"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputStep:
-    """What one output does in one cycle.
-
-    Attributes:
-        command: What it shall do.
-        trace: Who commands it, and why.
-        wanted: What the rules want of it, the winner first.
-    """
+    """What one output does in one cycle."""
 
     command: Command
     trace: OutputTrace
     wanted: Sequence[Request] = ()
+    """What the rules want of it, the winner first."""
 
 
 def new_output(output: Output) -> OutputStep:
-    """Return an output at the start of a run.
-
-    Args:
-        output: The output.
-
-    Returns:
-        Its step before the first cycle: at its safe value.
-    """
+    """Return an output at the start of a run: at its safe value."""
     return OutputStep(command=safe_command(output), trace=OutputTrace(output=output.name, winner="safe", reason=NOBODY))
 
 
 def safe_command(output: Output) -> Command:
-    """Return what an output does when nothing asks for more, or nothing may.
-
-    Args:
-        output: The output.
-
-    Returns:
-        Its safe level; for a base, standing still.
-    """
+    """Return what an output does when nothing asks for more, or nothing may: its safe level; a base stands still."""
     if isinstance(output, BaseOutput):
         return TwistCommand(output=output.name, linear_mps=0.0, angular_radps=0.0)
     return LevelCommand(output=output.name, level=output.safe_level)
@@ -74,9 +55,6 @@ def command_all(
         safety: Whether outputs may act.
         faults: The outputs that are out of order.
         step_s: Time since the cycle before.
-
-    Returns:
-        The commands and the reasons, in the order of the outputs.
     """
     out_of_order = {fault.output: fault.reason for fault in faults}
     no_output_may = safety.reason if safety.mode is not SafetyMode.ACTIVE else ""

@@ -91,14 +91,7 @@ class Pattern:
     times: int = 0
 
     def level(self, since_s: float) -> float:
-        """Return the level some time after the beginning.
-
-        Args:
-            since_s: That time.
-
-        Returns:
-            From 0 to 1.
-        """
+        """Return the level, 0 to 1, some time after the beginning."""
         period_s = sum(for_s for _, for_s in self.steps)
         since_s = max(0.0, since_s) + ROUNDING_S
         if self.times and since_s >= self.times * period_s:

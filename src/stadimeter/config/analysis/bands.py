@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import Any
 
@@ -13,55 +11,10 @@ from stadimeter.config.analysis.regions import beginning_of
 from stadimeter.config.analysis.subject import Subject
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import WrittenCondition
-from stadimeter.core import condition as core
 from stadimeter.core.condition import AllOf, Condition, PresenceCondition
-
-_DEG = 180 / math.pi
 
 _MOST_PAIRS = 2000
 """Pairs of parts that are tried at most to name the two that clash: those of some sixty parts."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Quantity:
-    """The quantity that a simple condition limits.
-
-    Attributes:
-        noun: Such as ``distance``.
-        low: The limit that it must be above; None for none.
-        high: The limit that it must be below; None for none.
-        unit: The unit of these figures, as it is written.
-        is_positive: Whether it cannot be below zero.
-    """
-
-    noun: str
-    low: float | None
-    high: float | None
-    unit: str
-    deadband: float = 0.0
-    is_positive: bool = False
-
-
-def _quantity(leaf: core.Leaf) -> _Quantity | None:
-    match leaf:
-        case core.DistanceCondition():
-            ends = leaf.above_m, leaf.below_m
-            return _lengths(leaf.quantity, *ends, leaf.deadband_m)
-        case core.SeparationCondition():
-            return _lengths("separation", leaf.above_m, leaf.below_m, leaf.deadband_m)
-        case core.DirectionCondition():
-            low, high = (None if end is None else end * _DEG for end in (leaf.above_rad, leaf.below_rad))
-            return _Quantity(noun=leaf.quantity, low=low, high=high, unit="deg", deadband=leaf.deadband_rad * _DEG)
-        case core.ClosingCondition():
-            return _Quantity(noun="closing speed", low=leaf.above_mps, high=leaf.below_mps, unit="m/s")
-        case core.CountCondition(at_least=int(least), at_most=int(most)):
-            return _Quantity(noun="count", low=least - 0.5, high=most + 0.5, unit="")
-        case _:
-            return None
-
-
-def _lengths(noun: str, low_m: float | None, high_m: float | None, deadband_m: float) -> _Quantity:
-    return _Quantity(noun=noun, low=low_m, high=high_m, unit="m", deadband=deadband_m, is_positive=True)
 
 
 def band_errors(subject: Subject) -> Iterator[Finding]:
@@ -77,7 +30,7 @@ def band_errors(subject: Subject) -> Iterator[Finding]:
 def empty_leaves(written: WrittenCondition) -> Iterator[Finding]:
     """Find simple conditions between two limits that are not in order."""
     for leaf in written.leaves():
-        quantity = _quantity(leaf.leaf)
+        quantity = leaf.leaf.band()
         if quantity is None or quantity.low is None or quantity.high is None or quantity.low < quantity.high:
             continue
         if quantity.noun == "count":
@@ -94,7 +47,7 @@ def empty_leaves(written: WrittenCondition) -> Iterator[Finding]:
 
 
 def _without_end(leaf: WrittenCondition) -> Iterator[Finding]:
-    quantity = _quantity(leaf.leaf)
+    quantity = leaf.leaf.band()
     if quantity is None or not quantity.is_positive or quantity.low is None or quantity.high is not None:
         return
     if quantity.deadband >= quantity.low:

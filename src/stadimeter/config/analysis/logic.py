@@ -2,16 +2,22 @@
 
 What cannot be known is neither true nor false, so that a goal may be any of four: true, false, not true (false or
 unknown) and not false.
+
+A situation says where each target is, how long it has been in sight, which rules are active, and what time it is. Each
+of these is one number on an axis of its own, so a set of situations is a box: for each axis a union of intervals. With
+boxes it is exact whether several conditions can hold together: no sampling, and no solver but the intersection of
+intervals. Each kind of condition knows its boxes; see `Leaf.situations`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
-from stadimeter.config.analysis.situations import Box, Truth, is_possible, situations
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not
+from stadimeter.core.conditions.intervals import GONE, SEEN, Axis, Box, Truth, interval
 
 STEPS = 60_000
 """How many boxes one analysis may look at: some seconds on a small computer. A configuration that people write needs
@@ -54,11 +60,7 @@ class Logic:
     steps_left: int = field(default=STEPS)
 
     def can_be(self, *goals: Goal) -> bool:
-        """Return whether there is a situation in which every goal is met.
-
-        Returns:
-            False if there surely is none.
-        """
+        """Return whether there is a situation in which every goal is met; False if there surely is none."""
         branches: list[Iterator[tuple[Box, _Goals]]] = [iter([({}, _chain(goals, None))])]
         while branches:
             branch = next(branches[-1], None)
@@ -88,7 +90,7 @@ class Logic:
 
     def _narrowed(self, box: Box, leaf: Leaf, wanted: Wanted) -> Iterator[Box]:
         for truth in wanted.value:
-            for situation in situations(leaf, truth, self.targets):
+            for situation in leaf.situations(truth, self.targets):
                 narrowed = _both(box, situation)
                 if is_possible(narrowed):
                     yield narrowed
@@ -102,3 +104,37 @@ def _chain(goals: Sequence[Goal], rest: _Goals) -> _Goals:
 
 def _both(box: Box, other: Box) -> Box:
     return {**box, **{axis: box[axis] & part if axis in box else part for axis, part in other.items()}}
+
+
+def is_possible(box: Box) -> bool:
+    """Return whether a situation can be in a box, given what is true of every situation.
+
+    A depth is no longer than the distance; as many targets are counted as are in sight; two targets are at most as far
+    apart as both distances together, and at least as far as these differ.
+    """
+    return not any(part.is_empty for part in box.values()) and all(_fits(box, axis) for axis in box)
+
+
+def _fits(box: Box, axis: Axis) -> bool:
+    name, *names = axis
+    if name == "depth":
+        return box[axis].parts[0][0] < _ends(box, ("distance", *names))[1]
+    if name == "count":
+        sights = [box.get(("in sight", target)) for target in names]
+        seen = sum(sight is not None and (sight & GONE).is_empty for sight in sights)
+        gone = sum(sight is not None and (sight & SEEN).is_empty for sight in sights)
+        return not (box[axis] & interval(seen - 0.5, len(names) - gone + 0.5)).is_empty
+    if name == "separation":
+        return _triangle(box, axis)
+    return True
+
+
+def _triangle(box: Box, axis: Axis) -> bool:
+    (first_low, first_high), (second_low, second_high) = (_ends(box, ("distance", target)) for target in axis[1:])
+    low, high = _ends(box, axis)
+    return low < first_high + second_high and high > max(first_low - second_high, second_low - first_high)
+
+
+def _ends(box: Box, axis: Axis) -> tuple[float, float]:
+    parts = box[axis].parts if axis in box else ((0.0, math.inf),)
+    return parts[0][0], parts[-1][1]

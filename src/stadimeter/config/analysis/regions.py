@@ -5,21 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
-from typing import TypeVar
 
 from stadimeter.core.condition import (
     AllOf,
     AnyOf,
     Condition,
-    DirectionCondition,
     DistanceCondition,
+    Leaf,
     Not,
     PresenceCondition,
-    SeparationCondition,
 )
 from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
-
-_Lengths = TypeVar("_Lengths", DistanceCondition, SeparationCondition)
 
 
 def region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
@@ -81,25 +77,10 @@ def _widened(condition: Condition) -> Condition:
     match condition:
         case AllOf() | AnyOf():
             return replace(condition, conditions=tuple(_widened(part) for part in condition.conditions))
-        case DistanceCondition():
-            return widened(condition)
-        case SeparationCondition():
-            return widened(condition)
-        case DirectionCondition():
-            above_rad, below_rad = _moved(condition.above_rad, condition.below_rad, condition.deadband_rad)
-            return replace(condition, above_rad=above_rad, below_rad=below_rad)
+        case Leaf():
+            return condition.widened()
         case _:
             return condition
-
-
-def widened(condition: _Lengths) -> _Lengths:
-    """Return a condition on a length with each of its limits moved by its deadband."""
-    above_m, below_m = _moved(condition.above_m, condition.below_m, condition.deadband_m)
-    return replace(condition, above_m=above_m, below_m=below_m)
-
-
-def _moved(low: float | None, high: float | None, deadband: float) -> tuple[float | None, float | None]:
-    return None if low is None else low - deadband, None if high is None else high + deadband
 
 
 def _curve(ramp: RampRule) -> DistanceCondition:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from stadimeter.config.describing.conditions import begins, ends, length, needs_figures
+from stadimeter.config.describing.conditions import begins, ends, needs_figures
 from stadimeter.config.loader import Configuration
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.durations import duration
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnDelay, Pattern, RampRule, SequenceStep
-
-__all__ = ["describe", "length"]
+from stadimeter.core.words import duration, length
 
 Verb = Callable[[str], str]
 """What an output does when it acts, such as ``lights``, by its name."""

@@ -182,7 +182,7 @@ class RuleTable(Section):
             return rule.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
-        is_sure = all(_is_sure(leaf) for leaf in condition.leaves(judged))
+        is_sure = all(leaf.is_sure for leaf in condition.leaves(judged))
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 
     @property
@@ -221,14 +221,3 @@ class RuleTable(Section):
             suppress_when=suppress_when,
             sequence=tuple(step.to_plan() for step in self.escalation),
         )
-
-
-def _is_sure(leaf: condition.Leaf) -> bool:
-    """Return whether one wrong frame cannot make a condition hold."""
-    match leaf:
-        case condition.RuleCondition() | condition.ScheduleCondition():
-            return True
-        case condition.DirectionCondition() | condition.PresenceCondition() | condition.CountCondition():
-            return False
-        case _:
-            return leaf.probability_on is not None

@@ -14,7 +14,7 @@ from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, Pattern, SequenceStep
-from stadimeter.core.rules.request import LevelRequest, Request, TwistRequest
+from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 from stadimeter.core.track import Track
 
 _GOOD_NEWS = frozenset(
@@ -176,11 +176,9 @@ def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: froz
 
 
 def due_s(evaluation: Evaluation) -> float:
-    """Return when an alarm must be evaluated again though nothing else happens; infinite for never."""
-    state, rule, known = evaluation.state, evaluation.rule, evaluation.known
-    due = min(conditions.due_s(rule.condition, known), machine.due_s(rule, state, known.now_s))
-    if rule.suppress_when is not None:
-        due = min(due, conditions.due_s(rule.suppress_when, known))
+    """Return when a timer of an alarm fires, infinite for never. Those of its conditions are theirs."""
+    state, rule = evaluation.state, evaluation.rule
+    due = machine.due_s(rule, state, evaluation.known.now_s)
     if state.inhibits.shelved_until_s is not None:
         due = min(due, state.inhibits.shelved_until_s)
     if state.is_active:

@@ -22,15 +22,15 @@ from stadimeter.core.alarms.actions import (
 )
 from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, AlarmState, Phase, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample
-from stadimeter.core.condition import CountCondition, PresenceCondition, leaves
+from stadimeter.core.condition import Condition, CountCondition, PresenceCondition, leaves
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.known import Known
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
-from stadimeter.core.durations import duration
 from stadimeter.core.operator import Answer, OperatorAction, OperatorCommand
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
-from stadimeter.core.rules.step import Step, renewed, trace_of
+from stadimeter.core.rule_step import Step, renewed, trace_of
 from stadimeter.core.track import TrackStatus
+from stadimeter.core.words import duration
 
 AWAITED_S = 10.0
 """At the start of a run, and after a restart, a target may take this long to be seen: until then it is not lost."""
@@ -101,6 +101,14 @@ def step_alarm(
     return _stepped(before, evaluation, bases, verdict.value, is_awaited=is_awaited)
 
 
+def judged_by(rule: AlarmRule, state: AlarmState) -> tuple[tuple[Condition, tuple[bool, ...], bool], ...]:
+    """Return the conditions that an alarm is judged by, the memory of their parts, and whether they are on."""
+    own = rule.condition, state.timers.leaves, state.is_judged_by_its_end
+    if rule.suppress_when is None:
+        return (own,)
+    return own, (rule.suppress_when, state.inhibits.leaves, state.inhibits.is_suppressed)
+
+
 def _with_verdict(evaluation: Evaluation, holds: bool, held: tuple[bool, ...], sample: Sample | None) -> None:
     rule, known, before = evaluation.rule, evaluation.known, evaluation.state
     state = machine.back_in_sight(rule, before, known.now_s)
@@ -158,22 +166,18 @@ def _stays(
     state = before.state
     if verdict.value is None or state.is_active or state.leg is not None or rule.suppress_when is not None:
         return False
-    if state.unknown_since_s is not None or state.inhibits is not NO_INHIBITS or before.rests:
+    if state.unknown_since_s is not None or state.inhibits is not NO_INHIBITS or not before.rests:
         return False
     if before.trace.status is not RuleStatus.IDLE or known.now_s >= before.due_s:
         return False
-    if sample is not None and not machine.is_settled(state, verdict.value, verdict.held):
-        return False
-    return not conditions.rests(rule.condition, known, state.timers.leaves, is_active=False)
+    return sample is None or machine.is_settled(state, verdict.value, verdict.held)
 
 
 def _stepped(
     before: AlarmStep, evaluation: Evaluation, bases: frozenset[str], holds: bool | None, *, is_awaited: bool
 ) -> Stepped:
     rule, state = evaluation.rule, evaluation.state
-    # An alarm that began or ended to be judged by its end is judged anew before it rests: the verdict may be another.
-    is_turned = state.is_judged_by_its_end is not before.state.is_judged_by_its_end
-    rests = not is_awaited and not is_turned and _rests(evaluation, holds)
+    rests = not is_awaited and _rests(evaluation, holds)
     if holds is None:
         holds = machine.decided_by_policy(rule, state, evaluation.known.now_s)
     status, active = _status(state, holds), state.is_active or (None if holds is None else False)
@@ -188,20 +192,13 @@ def _stepped(
 
 
 def _rests(evaluation: Evaluation, holds: bool | None) -> bool:
-    """Return whether nothing changes until a figure crosses a threshold, a target comes or goes, or it is due."""
-    rule, state, known = evaluation.rule, evaluation.state, evaluation.known
+    """Return whether nothing changes while the verdicts of its conditions stay as they are, and until it is due."""
+    state = evaluation.state
     if state.resumed is not None:
-        return False
-    suppressing, inhibits = rule.suppress_when, state.inhibits
-    if suppressing is not None and not conditions.rests(
-        suppressing, known, inhibits.leaves, is_active=inhibits.is_suppressed
-    ):
         return False
     if state.leg is not None and state.is_active and evaluation.has_patterns:
         return False
-    if holds is not None and not machine.is_settled(state, holds, state.timers.leaves):
-        return False
-    return conditions.rests(rule.condition, known, state.timers.leaves, is_active=state.is_judged_by_its_end)
+    return holds is None or machine.is_settled(state, holds, state.timers.leaves)
 
 
 _STATUS = {

@@ -12,32 +12,33 @@ changes d − v·T by that share, and so hardly counts for a target that will be
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple
 
-from stadimeter.core.condition import TimeToContactCondition
-from stadimeter.core.conditions.probability import probability_below
+from stadimeter.core.conditions.closing import closing_said
+from stadimeter.core.conditions.figures import no_figures, probability_below
+from stadimeter.core.conditions.intervals import GONE, NO, SEEN, YES, Box, Truth, interval
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.leaf import UNKNOWN, Evidence, Figure, Leaf, Rest
+from stadimeter.core.conditions.limits import FAR_SIGMAS, back_said, likely_said, surely, turning_point
 from stadimeter.core.track import Track
+from stadimeter.core.words import length, metres
 
 
 class Approach(NamedTuple):
-    """How a target comes nearer.
-
-    Attributes:
-        distance_m: Its distance.
-        noise_m: The standard deviation of that as far as it differs from frame to frame.
-        scale_sigma: The rest of it, by which distance and speed may be wrong together, as a share of either.
-        closing_mps: Its closing speed.
-        closing_sigma_mps: The standard deviation of the noise of that.
-        cov_m2ps: The covariance of the two noises.
-    """
+    """How a target comes nearer."""
 
     distance_m: float
     noise_m: float
+    """The part of its standard deviation that differs from frame to frame."""
     scale_sigma: float
+    """The rest of it, by which distance and speed may be wrong together, as a share of either."""
     closing_mps: float
     closing_sigma_mps: float
     cov_m2ps: float
+    """The covariance of the noises of distance and closing speed."""
 
     @property
     def sigma_m(self) -> float:
@@ -45,49 +46,26 @@ class Approach(NamedTuple):
         return math.hypot(self.noise_m, self.scale_sigma * self.distance_m)
 
     def time_s(self, contact_m: float) -> float:
-        """Return the time to contact.
-
-        Args:
-            contact_m: The distance that counts as contact.
-
-        Returns:
-            In seconds; infinite for a target that does not come nearer, below 0 for one that is nearer already.
-        """
+        """Return the time until a distance; infinite for a target that does not come nearer, below 0 if it is past."""
         return (self.distance_m - contact_m) / self.closing_mps if self.closing_mps > 0 else math.inf
 
     def time_sigma_s(self, at_s: float) -> float:
-        """Return the standard deviation of a time to contact, to first order.
-
-        Args:
-            at_s: The time to contact. Taken at a limit in its place, it is what the standard deviation is there.
-
-        Returns:
-            In seconds; infinite for a target that does not come nearer.
-        """
+        """Return the standard deviation of a time to contact, to first order; infinite if it does not come."""
         return self.sigma_after_m(at_s) / self.closing_mps if self.closing_mps > 0 else math.inf
 
     def time_noise_s(self, at_s: float) -> float:
-        """Return the part of `time_sigma_s` that differs from frame to frame.
-
-        Args:
-            at_s: The time to contact.
-
-        Returns:
-            In seconds; infinite for a target that does not come nearer.
-        """
+        """Return the part of `time_sigma_s` that differs from frame to frame."""
         return math.sqrt(self._noise_after_m2(at_s)) / self.closing_mps if self.closing_mps > 0 else math.inf
 
     def sigma_after_m(self, after_s: float) -> float:
-        """Return how sure it is where the target will be.
-
-        Args:
-            after_s: How much later.
-
-        Returns:
-            The standard deviation of its distance then, in metres, for a speed that stays as it is.
-        """
+        """Return the standard deviation of the distance some time later, for a speed that stays as it is."""
         scale_m = self.scale_sigma * (self.distance_m - after_s * self.closing_mps)
         return math.sqrt(self._noise_after_m2(after_s) + scale_m * scale_m)
+
+    def earliest_s(self, contact_m: float, speed_sigmas: float) -> float:
+        """Return the time to contact at the fastest speed that is plausible; infinite if even that is none."""
+        fastest_mps = self.closing_mps + speed_sigmas * self.closing_sigma_mps
+        return (self.distance_m - contact_m) / fastest_mps if fastest_mps > 0 else math.inf
 
     def _noise_after_m2(self, after_s: float) -> float:
         spread_m = after_s * self.closing_sigma_mps
@@ -107,14 +85,7 @@ class Pace(IntEnum):
 
 
 def approach_of(track: Track) -> Approach | None:
-    """Return how a target comes nearer.
-
-    Args:
-        track: The target.
-
-    Returns:
-        The figures, or None while there are no finite ones to act on.
-    """
+    """Return how a target comes nearer; None while there are no finite figures to act on."""
     distance_m, sigma_m = track.distance_m, track.sigma_m
     closing_mps, closing_sigma_mps = track.closing_mps, track.closing_sigma_mps
     if not track.is_valid or distance_m is None or sigma_m is None or closing_mps is None or closing_sigma_mps is None:
@@ -123,99 +94,229 @@ def approach_of(track: Track) -> Approach | None:
     cov_m2ps = track.closing_cov_m2ps or 0.0
     if not math.isfinite(distance_m + sigma_m + noise_m + closing_mps + closing_sigma_mps + cov_m2ps):
         return None
-    return Approach(
-        distance_m, noise_m, _scale_sigma(distance_m, sigma_m, noise_m), closing_mps, closing_sigma_mps, cov_m2ps
-    )
+    scale_sigma = math.sqrt(max(0.0, sigma_m * sigma_m - noise_m * noise_m)) / distance_m if distance_m > 0 else 0.0
+    return Approach(distance_m, noise_m, scale_sigma, closing_mps, closing_sigma_mps, cov_m2ps)
 
 
 def pace_of(approach: Approach, closing_min_mps: float, speed_sigmas: float) -> Pace:
-    """Return what is known of a closing speed.
-
-    Args:
-        approach: The target.
-        closing_min_mps: The least speed that counts.
-        speed_sigmas: What is that many standard deviations away is sure.
-
-    Returns:
-        What is known.
-    """
+    """Return what is known of a closing speed: what is `speed_sigmas` standard deviations away is sure."""
     closing_mps, unsure_mps = approach.closing_mps, speed_sigmas * approach.closing_sigma_mps
     if closing_mps >= closing_min_mps and closing_mps > unsure_mps:
         return Pace.KNOWN
     return Pace.SLOW if closing_mps + unsure_mps < closing_min_mps else Pace.UNSURE
 
 
-def sigmas_that_count(condition: TimeToContactCondition) -> float:
-    """Return how sure of the speed a condition asks to be.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeToContactCondition(Leaf):
+    """How soon the target will be here, if it goes on as it does.
 
-    Args:
-        condition: The condition.
-
-    Returns:
-        The number of standard deviations; 0 for one that compares the figures alone.
+    Attributes:
+        below_s: Holds when it is sooner than this.
+        contact_m: The distance that counts as contact.
+        closing_min_mps: A target that closes more slowly than this does not come at all. A speed that is not surely
+            known, to `speed_sigmas`, leaves the condition unknown.
+        speed_sigmas: How many standard deviations the speed must be above zero to be known.
+        deadband_s: How much later the contact must be before the condition ends.
+        deadband_sigmas: The same in standard deviations of the time's noise; the larger of the two counts.
+        probability_on: The condition begins when it is at least this likely; None compares the figures alone.
+        probability_off: The condition ends when it is, deadband included, at most this likely.
+        target: The target; empty for that of the rule.
     """
-    return 0.0 if condition.probability_on is None else condition.speed_sigmas
+
+    below_s: float
+    contact_m: float = 0.0
+    closing_min_mps: float = 0.1
+    speed_sigmas: float = 2.0
+    deadband_s: float = 0.5
+    deadband_sigmas: float = 2.0
+    probability_on: float | None = 0.7
+    probability_off: float = 0.5
+    target: str = ""
+
+    unit = "s"
+    noun = "time to contact"
+    has_figures = True
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it asks how likely it is."""
+        return self.probability_on is not None
+
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """Its target."""
+        return (self.target,)
+
+    @property
+    def sigmas_that_count(self) -> float:
+        """How many standard deviations the speed must be sure by; 0 for one that compares the figures alone."""
+        return 0.0 if self.probability_on is None else self.speed_sigmas
+
+    def holds(self, known: Known, is_on: bool) -> bool | None:
+        """Return whether it holds; None also while the speed is not known well enough to tell."""
+        approach = approach_of(known.tracks[self.target])
+        return None if approach is None else self._holds(approach, is_on)
+
+    def _pace(self, approach: Approach) -> Pace:
+        return pace_of(approach, self.closing_min_mps, self.sigmas_that_count)
+
+    def _holds(self, approach: Approach, is_on: bool) -> bool | None:
+        pace = self._pace(approach)
+        if pace is Pace.SLOW:
+            return False
+        if pace is Pace.UNSURE:
+            earliest_s = approach.earliest_s(self.contact_m, self.sigmas_that_count)
+            return False if earliest_s > self.below_s + self.deadband_s else None
+        limit_s = self._limit_s(approach, is_on=is_on)
+        if self.probability_on is None:
+            return approach.time_s(self.contact_m) < limit_s
+        likely = self._likely(approach, limit_s)
+        return likely >= self.probability_on or (is_on and likely > self.probability_off)
+
+    def _limit_s(self, approach: Approach, *, is_on: bool) -> float:
+        """Return the time that it is judged by: what ends it is later by the deadband."""
+        if not is_on:
+            return self.below_s
+        band_s = self.deadband_s
+        if self.deadband_sigmas and approach.closing_mps > 0:
+            band_s = max(band_s, self.deadband_sigmas * approach.time_noise_s(self.below_s))
+        return self.below_s + band_s
+
+    def _likely(self, approach: Approach, within_s: float) -> float:
+        left_m = approach.distance_m - self.contact_m - approach.closing_mps * within_s
+        return probability_below(0.0, left_m, approach.sigma_after_m(within_s))
+
+    def figures(self) -> tuple[Figure, Figure]:
+        """Return the time, and the earliest time that is plausible while the time is not known."""
+        sigmas = self.sigmas_that_count
+        return (
+            Figure(_time_s, (self.target, self.contact_m)),
+            Figure(_earliest_s, (self.target, self.contact_m, self.closing_min_mps, sigmas)),
+        )
+
+    def rest(self, known: Known, is_on: bool) -> Rest | None:
+        """Return for how long it stays as it is: while its times are on the side of their thresholds where they are."""
+        approach = approach_of(known.tracks[self.target])
+        time, earliest = self.figures()
+        if approach is None:
+            return Rest(((earliest, UNKNOWN, UNKNOWN),))
+        earliest_s = _earliest(approach, self.contact_m, self.closing_min_mps, self.sigmas_that_count)
+        if earliest_s != _KNOWN_S:  # false beyond this time, unknown before it
+            limit_s = self.below_s + self.deadband_s
+            before = (math.nextafter(_KNOWN_S, math.inf), limit_s)
+            return Rest(((earliest, *(_later_than(limit_s) if earliest_s > limit_s else before)),))
+        is_usual = self.probability_on is None or self.probability_off <= 0.5 <= self.probability_on
+        time_s = approach.time_s(self.contact_m)
+        if not is_usual or not (time_s < self.below_s if is_on else time_s > self.below_s):
+            return None
+        side = (_KNOWN_S, math.nextafter(self.below_s, -math.inf)) if is_on else _later_than(self.below_s)
+        return Rest(((earliest, _KNOWN_S, _KNOWN_S), (time, *side)))
+
+    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:
+        """Return the figures behind `holds`; see `Leaf.in_words`."""
+        track = known.tracks[self.target]
+        approach = approach_of(track)
+        if approach is None:
+            return no_figures(track)
+        words = self._approach_in_words(approach, is_on=is_on)
+        return f"{self.target} {words}" if names_target else words
+
+    def _approach_in_words(self, approach: Approach, *, is_on: bool) -> str:
+        speed = closing_said(approach.closing_mps, approach.closing_sigma_mps)
+        pace = self._pace(approach)
+        if pace is Pace.SLOW:
+            return f"{speed}, slower than {self.closing_min_mps:.2f} m/s"
+        if pace is Pace.UNSURE:
+            return f"{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
+        limit_s, time_s = self._limit_s(approach, is_on=is_on), approach.time_s(self.contact_m)
+        words = f"contact in {time_s:.2f} s ± {approach.time_sigma_s(time_s):.2f}, below {limit_s:.2f} s"
+        if self.probability_on is None:
+            return words
+        likely = self._likely(approach, limit_s)
+        return words + likely_said(likely, self.probability_on, self.probability_off, is_on=is_on)
+
+    def evidence(self, known: Known, is_on: bool) -> Evidence:
+        """Return the figures behind `holds`; see `Leaf.evidence`."""
+        found = Leaf.evidence(self, known, is_on)
+        approach = approach_of(known.tracks[self.target])
+        if approach is None or self._pace(approach) is not Pace.KNOWN:
+            return found
+        time_s, limit_s = approach.time_s(self.contact_m), self._limit_s(approach, is_on=is_on)
+        return replace(
+            found,
+            value=time_s,
+            sigma=approach.time_sigma_s(time_s),
+            high=limit_s,
+            probability=None if self.probability_on is None else self._likely(approach, limit_s),
+            begin_points=self._points(approach, is_on=False),
+            end_points=self._points(approach, is_on=True),
+        )
+
+    def _points(self, approach: Approach, *, is_on: bool) -> tuple[float, ...]:
+        """Return the time to contact at which it begins, or ends, at the speed that the target has."""
+        if approach.closing_mps <= 0:
+            return ()
+
+        def holds(time_s: float) -> bool:
+            there = approach._replace(distance_m=self.contact_m + time_s * approach.closing_mps)
+            return self._holds(there, is_on) is True
+
+        sigma_s = approach.time_sigma_s(self.below_s + self.deadband_s)
+        margin_s = self.deadband_s + (FAR_SIGMAS + self.deadband_sigmas) * sigma_s + 1
+        return tuple(turning_point(holds, self.below_s - margin_s, self.below_s + margin_s))
+
+    def begins(self) -> str:
+        """Return a clause that says when it begins."""
+        where = f"{length(self.contact_m)} away" if self.contact_m else "here"
+        slower = f" (if faster than {self.closing_min_mps:g} m/s)"
+        return surely(f"`{self.target}` will be {where} within {_seconds(self.below_s)}{slower}", self.probability_on)
+
+    def ends(self) -> str:
+        """Return a clause that says when it has ended."""
+        band = self.deadband_s, self.deadband_sigmas, self.unit
+        return f"contact is {back_said((-math.inf, self.below_s), _seconds, '', 'later than ', band=band)}"
+
+    def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: ARG002
+        """Yield the boxes of situations in which it is so; see `Leaf.situations`."""
+        sight, sure, closing = ("in sight", self.target), ("speed is sure", self.target), ("closing", self.target)
+        time = ("time to contact", self.target, self.contact_m)
+        inside = interval(None, self.below_s)
+        match truth:
+            case Truth.TRUE:
+                yield {sight: SEEN, sure: YES, time: inside, closing: interval(self.closing_min_mps, None)}
+            case Truth.FALSE:
+                yield {sight: SEEN, sure: YES, time: ~inside}
+                yield {sight: SEEN, sure: YES, closing: interval(None, self.closing_min_mps)}
+            case _:
+                yield {sight: GONE}
+                yield {sure: NO}
 
 
-def limit_now_s(condition: TimeToContactCondition, approach: Approach, *, is_on: bool) -> float:
-    """Return the time to contact that a condition is judged by.
-
-    Args:
-        condition: The condition.
-        approach: The target.
-        is_on: Whether it is judged by what ends it: then the limit is later by the deadband.
-
-    Returns:
-        In seconds.
-    """
-    if not is_on:
-        return condition.below_s
-    band_s = condition.deadband_s
-    if condition.deadband_sigmas and approach.closing_mps > 0:
-        band_s = max(band_s, condition.deadband_sigmas * approach.time_noise_s(condition.below_s))
-    return condition.below_s + band_s
+_KNOWN_S = -math.nextafter(math.inf, 0.0)
+"""In place of an earliest time, while the time itself is known: the least number above `UNKNOWN`."""
 
 
-def probability_of_contact(condition: TimeToContactCondition, approach: Approach, within_s: float) -> float:
-    """Return how likely a target is to be in contact in time.
-
-    Args:
-        condition: What counts as contact.
-        approach: The target.
-        within_s: The time.
-
-    Returns:
-        From 0 to 1.
-    """
-    left_m = approach.distance_m - condition.contact_m - approach.closing_mps * within_s
-    return probability_below(0.0, left_m, approach.sigma_after_m(within_s))
+def _later_than(time_s: float) -> tuple[float, float]:
+    return math.nextafter(time_s, math.inf), math.inf
 
 
-def contact_holds(condition: TimeToContactCondition, approach: Approach, *, is_on: bool) -> bool | None:
-    """Return whether a target will be here soon.
+def _time_s(known: Known, target: str, contact_m: float) -> float:
+    approach = approach_of(known.tracks[target])
+    return UNKNOWN if approach is None else approach.time_s(contact_m)
 
-    Args:
-        condition: The condition.
-        approach: The target.
-        is_on: Whether it is judged by what ends it.
 
-    Returns:
-        True or False; None while the speed is not known well enough to tell.
-    """
-    sigmas = sigmas_that_count(condition)
-    pace = pace_of(approach, condition.closing_min_mps, sigmas)
-    if pace is Pace.SLOW:
-        return False
+def _earliest_s(known: Known, target: str, contact_m: float, closing_min_mps: float, speed_sigmas: float) -> float:
+    approach = approach_of(known.tracks[target])
+    return UNKNOWN if approach is None else _earliest(approach, contact_m, closing_min_mps, speed_sigmas)
+
+
+def _earliest(approach: Approach, contact_m: float, closing_min_mps: float, speed_sigmas: float) -> float:
+    """Return the earliest time that is plausible: infinite for a target that does not come."""
+    pace = pace_of(approach, closing_min_mps, speed_sigmas)
     if pace is Pace.UNSURE:
-        fastest_mps = approach.closing_mps + sigmas * approach.closing_sigma_mps
-        is_far = fastest_mps * (condition.below_s + condition.deadband_s) < approach.distance_m - condition.contact_m
-        return False if is_far else None
-    limit_s = limit_now_s(condition, approach, is_on=is_on)
-    if condition.probability_on is None:
-        return approach.time_s(condition.contact_m) < limit_s
-    likely = probability_of_contact(condition, approach, limit_s)
-    return likely >= condition.probability_on or (is_on and likely > condition.probability_off)
+        return approach.earliest_s(contact_m, speed_sigmas)
+    return math.inf if pace is Pace.SLOW else _KNOWN_S
 
 
-def _scale_sigma(distance_m: float, sigma_m: float, noise_m: float) -> float:
-    return math.sqrt(max(0.0, sigma_m * sigma_m - noise_m * noise_m)) / distance_m if distance_m > 0 else 0.0
+def _seconds(duration_s: float) -> str:
+    return f"{duration_s:g} s"

@@ -1,34 +1,29 @@
-"""The figures that rules are judged by, and how sure each of them is.
+"""The figures of tracks that rules are judged by, and their standard deviations.
 
-A figure is known only while its target is in sight and every number behind it is finite. What is not known is None
-where a pair is returned, and NaN where a plain number is: a figure that came or went is noticed like one that moved.
+A figure is known only while its target is in sight and every number behind it is finite.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal
 
-from stadimeter.core.condition import Direction, Quantity
-from stadimeter.core.conditions.contact import Pace, approach_of, pace_of
-from stadimeter.core.conditions.known import Known
-from stadimeter.core.conditions.thresholds import Uncertain
 from stadimeter.core.track import Track, TrackStatus
 
+Quantity = Literal["distance", "depth"]
+Direction = Literal["bearing", "elevation"]
+
+Uncertain = tuple[float, float, float]
+"""A value, its standard deviation, and the part of that which differs from frame to frame (noise)."""
+
 _TRACKING, _COASTING = TrackStatus.TRACKING, TrackStatus.COASTING
+_ROOT_2 = math.sqrt(2)
 
 
 def quantity_of(track: Track, quantity: Quantity) -> Uncertain | None:
-    """Return the figure that a rule is about, and how sure it is.
+    """Return the distance or the depth of a target, in metres; None while there is no finite figure to act on.
 
-    Args:
-        track: The target.
-        quantity: Distance or depth.
-
-    Returns:
-        The figure, its standard deviation and that of its noise, in metres; None while there is no finite figure to act
-        on. Where the noise is not known apart, all is taken for noise.
+    Where the noise is not known apart, the whole standard deviation is taken for noise.
     """
     status = track.status
     if status is not _TRACKING and status is not _COASTING:
@@ -43,43 +38,20 @@ def quantity_of(track: Track, quantity: Quantity) -> Uncertain | None:
 
 
 def closing_of(track: Track) -> Uncertain | None:
-    """Return how fast a target comes nearer, and how sure that is.
-
-    Args:
-        track: The target.
-
-    Returns:
-        The speed and its standard deviation, all of it noise, in m/s; None while there is no finite figure to act on.
-    """
+    """Return the closing speed of a target in m/s, all of whose standard deviation is noise; None if not known."""
     return _finite(track, track.closing_mps, track.closing_sigma_mps)
 
 
 def direction_of(track: Track, quantity: Direction) -> Uncertain | None:
-    """Return in which direction a target is. How sure that is, nobody knows: the standard deviation is given as 0.
-
-    Args:
-        track: The target.
-        quantity: Bearing or elevation.
-
-    Returns:
-        The angle in radians, 0 and 0; None while there is no finite figure to act on.
-    """
+    """Return a direction in radians, its standard deviation, which is unknown, as 0; None if it is not known."""
     return _finite(track, track.bearing_rad if quantity == "bearing" else track.elevation_rad, 0.0)
 
 
 def separation_of(first: Track, second: Track) -> Uncertain | None:
-    """Return how far two targets are from each other, and how sure that is.
+    """Return the distance of two targets from each other in metres; None if not known.
 
     The standard deviations follow from those of the two distances, taken as independent, along the line between the
     targets. Those of the directions are not known, and do not count.
-
-    Args:
-        first: A target.
-        second: Another one.
-
-    Returns:
-        The separation, its standard deviation and that of its noise, in metres; None while there is no finite figure to
-        act on.
     """
     here, there = _sight(first), _sight(second)
     if here is None or there is None:
@@ -96,144 +68,22 @@ def separation_of(first: Track, second: Track) -> Uncertain | None:
 
 
 def no_figures(track: Track) -> str:
-    """Return in words that there is no distance to act on.
-
-    Args:
-        track: The target.
-
-    Returns:
-        The words.
-    """
+    """Return in words that there is no distance to act on."""
     return f"{track.target} is {track.status.value}: {track.reason or 'no distance'}"
 
 
-class Figure(Protocol):
-    """One of the figures that rules are judged by. Equal figures are the same figure."""
-
-    def of(self, known: Known) -> float:
-        """Return the figure.
-
-        Args:
-            known: What is known in this cycle.
-
-        Returns:
-            The figure; NaN while it is not known.
-        """
-        ...
+def probability_between(low: float, high: float, value: float, sigma: float) -> float:
+    """Return the probability that a normally distributed value is between two thresholds, which may be infinite."""
+    return probability_below(high, value, sigma) - probability_below(low, value, sigma)
 
 
-@dataclass(frozen=True, slots=True)
-class DistanceFigure:
-    """The distance or the depth of a target, in metres."""
-
-    target: str
-    quantity: Quantity
-
-    def of(self, known: Known) -> float:
-        """Return the figure; see `Figure.of`."""
-        return _value(quantity_of(known.tracks[self.target], self.quantity))
-
-
-@dataclass(frozen=True, slots=True)
-class DirectionFigure:
-    """The bearing or the elevation of a target, in radians."""
-
-    target: str
-    quantity: Direction
-
-    def of(self, known: Known) -> float:
-        """Return the figure; see `Figure.of`."""
-        return _value(direction_of(known.tracks[self.target], self.quantity))
-
-
-@dataclass(frozen=True, slots=True)
-class ClosingFigure:
-    """The closing speed of a target, in m/s."""
-
-    target: str
-
-    def of(self, known: Known) -> float:
-        """Return the figure; see `Figure.of`."""
-        return _value(closing_of(known.tracks[self.target]))
-
-
-@dataclass(frozen=True, slots=True)
-class ContactFigure:
-    """The time until a target is at a distance, in seconds; infinite for one that does not come nearer."""
-
-    target: str
-    contact_m: float
-
-    def of(self, known: Known) -> float:
-        """Return the figure; see `Figure.of`."""
-        approach = approach_of(known.tracks[self.target])
-        return math.nan if approach is None else approach.time_s(self.contact_m)
-
-
-@dataclass(frozen=True, slots=True)
-class PaceFigure:
-    """What is known of a target's closing speed, as the number of a `Pace`."""
-
-    target: str
-    closing_min_mps: float
-    speed_sigmas: float
-
-    def of(self, known: Known) -> float:
-        """Return the figure; see `Figure.of`."""
-        approach = approach_of(known.tracks[self.target])
-        return math.nan if approach is None else float(pace_of(approach, self.closing_min_mps, self.speed_sigmas))
-
-
-@dataclass(frozen=True, slots=True)
-class SeparationFigure:
-    """How far two targets are from each other, in metres."""
-
-    first: str
-    second: str
-
-    def of(self, known: Known) -> float:
-        """Return the figure; see `Figure.of`."""
-        return _value(separation_of(known.tracks[self.first], known.tracks[self.second]))
-
-
-@dataclass(frozen=True, slots=True)
-class PresenceFigure:
-    """Whether a target is in sight: 1 or 0. It is always known."""
-
-    target: str
-
-    def of(self, known: Known) -> float:
-        """Return the figure; see `Figure.of`."""
-        return float(known.tracks[self.target].is_valid)
-
-
-@dataclass(frozen=True, slots=True)
-class CountFigure:
-    """How many targets are in sight: of some, or, if none are named, of all. It is always known."""
-
-    targets: tuple[str, ...]
-
-    def of(self, known: Known) -> float:
-        """Return the figure; see `Figure.of`."""
-        return float(in_sight(known, self.targets))
-
-
-def in_sight(known: Known, targets: tuple[str, ...]) -> int:
-    """Count the targets that are in sight.
-
-    Args:
-        known: What is known in this cycle.
-        targets: Of these; empty for all.
-
-    Returns:
-        How many.
-    """
-    tracks = known.tracks
-    return sum([tracks[target].is_valid for target in targets or tracks])
-
-
-PACE_LIMITS = (Pace.SLOW + 0.5, Pace.UNSURE + 0.5)
-"""Where a `PaceFigure` goes from one kind of knowledge to the next."""
+def probability_below(threshold: float, value: float, sigma: float) -> float:
+    """Return the probability that a normally distributed value is below a threshold, which may be infinite."""
+    if math.isinf(threshold):
+        return 1.0 if threshold > 0 else 0.0
+    if sigma <= 0:
+        return 1.0 if value < threshold else 0.0
+    return 0.5 * math.erfc((value - threshold) / (sigma * _ROOT_2))
 
 
 def _finite(track: Track, value: float | None, sigma: float | None) -> Uncertain | None:
@@ -243,12 +93,8 @@ def _finite(track: Track, value: float | None, sigma: float | None) -> Uncertain
     return (value, sigma, sigma) if math.isfinite(value + sigma) else None
 
 
-def _value(figures: Uncertain | None) -> float:
-    return math.nan if figures is None else figures[0]
-
-
 def _sight(track: Track) -> tuple[tuple[float, float, float], Uncertain] | None:
-    """Return the direction to a target as a vector of length 1 (right, down, forward), and its distance."""
+    """Return the direction to a target as a vector of length 1 (x right, y down, z forward), and its distance."""
     distance = quantity_of(track, "distance")
     bearing, elevation = direction_of(track, "bearing"), direction_of(track, "elevation")
     if distance is None or bearing is None or elevation is None:

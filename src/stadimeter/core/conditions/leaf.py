@@ -1,240 +1,196 @@
-"""Whether a simple condition holds, and for how long it surely stays so."""
+"""A simple condition: the base of every kind, with all that the rest of the program may ask of one.
+
+A kind is one file in this package. It says whether it holds, for how long it surely stays so, which figures it watches,
+how it is put into words, and what `check` reasons about. Nothing outside that file knows its kind, but for its table in
+the configuration.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Self
 
-from stadimeter.core.condition import (
-    ClosingCondition,
-    CountCondition,
-    DirectionCondition,
-    DistanceCondition,
-    Leaf,
-    PresenceCondition,
-    RuleCondition,
-    ScheduleCondition,
-    SeparationCondition,
-    TimeToContactCondition,
-)
-from stadimeter.core.conditions.contact import Pace, approach_of, contact_holds, pace_of, sigmas_that_count
-from stadimeter.core.conditions.figures import (
-    closing_of,
-    direction_of,
-    in_sight,
-    quantity_of,
-    separation_of,
-)
+from stadimeter.core.conditions.intervals import Box, Truth
 from stadimeter.core.conditions.known import Known
-from stadimeter.core.conditions.thresholds import (
-    LimitsCondition,
-    Uncertain,
-    has_passed,
-    is_near_or_far,
-    is_within,
-    rests_within,
-)
-from stadimeter.core.observation import WallTime
+
+UNKNOWN = -math.inf
+"""The value of a figure that is not known. No figure that is known has it."""
 
 
-def leaf_holds(condition: Leaf, known: Known, is_on: bool) -> bool | None:
-    """Return whether a simple condition holds.
+class Figure(NamedTuple):
+    """A number that conditions watch. Equal figures are the same figure, and are read once in a cycle."""
 
-    Args:
-        condition: The condition.
-        known: What is known in this cycle.
-        is_on: Whether it is judged by what ends it, where that differs from what begins it.
+    read: Callable[..., float]
+    """From what is known in a cycle, and `of`; `UNKNOWN` where it is not known."""
+    of: tuple[Any, ...]
 
-    Returns:
-        True or False; None if it cannot be known.
+
+class Rest(NamedTuple):
+    """For how long a condition surely stays as it is.
+
+    That is while each figure stays within its interval, ends included, and until it is `due_s` on the run's clock. An
+    interval from `UNKNOWN` to `UNKNOWN` lasts until the figure is known.
     """
-    return _HOLDS[type(condition)](condition, known, is_on)
+
+    intervals: tuple[tuple[Figure, float, float], ...] = ()
+    due_s: float = math.inf
+
+    def __and__(self, other: Rest) -> Rest:
+        """Return for how long both stay as they are."""
+        return Rest(self.intervals + other.intervals, min(self.due_s, other.due_s))
 
 
-def leaf_rests(condition: Leaf, known: Known, is_on: bool) -> bool:
-    """Return whether a simple condition surely stays as it is until a figure of it crosses one of its limits.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """The figures that a simple condition was judged by. Those that it does not have are None.
 
-    Args:
-        condition: The condition.
-        known: What is known in this cycle.
-        is_on: Whether it is judged by what ends it.
-
-    Returns:
-        Whether it rests. One that changes by the passing of time rests until `leaf_due_s`.
+    Attributes:
+        quantity: Such as ``distance``.
+        about: The targets, or the rule, that it is about; empty for the time of day and a count of all targets.
+        words: The figures in words.
+        holds: Whether it holds; None if that cannot be known.
+        unit: The SI unit of the figures; empty for those without.
+        sigma: The standard deviation of `value`, where that is known.
+        low: The lower threshold that it is judged by now, deadband included.
+        high: The upper threshold.
+        probability: How likely the figure is within them.
+        begin_points: The figures at which it would begin to speak for the alarm.
+        end_points: The figures at which it would cease to.
     """
-    rests = _RESTS.get(type(condition))
-    return rests is None or rests(condition, known, is_on)
+
+    quantity: str
+    about: tuple[str, ...]
+    words: str
+    holds: bool | None
+    unit: str = ""
+    value: float | None = None
+    sigma: float | None = None
+    low: float | None = None
+    high: float | None = None
+    probability: float | None = None
+    begin_points: tuple[float, ...] = ()
+    end_points: tuple[float, ...] = ()
+
+    @property
+    def begins_at(self) -> str:
+        """Where it would begin to speak for the alarm, such as ``1.91 m``; empty if it never would."""
+        return self._points(self.begin_points)
+
+    @property
+    def ends_at(self) -> str:
+        """Where it would cease to, such as ``2.12 m``; empty if it never would."""
+        return self._points(self.end_points)
+
+    def _points(self, points: tuple[float, ...]) -> str:
+        if self.unit == "rad":
+            return " or ".join(f"{math.degrees(point):.1f}°" for point in points)
+        return " or ".join(f"{point:.2f} {self.unit}" for point in points)
 
 
-def leaf_due_s(condition: Leaf, known: Known) -> float:
-    """Return when a simple condition changes if nothing happens until then.
+class Band(NamedTuple):
+    """The thresholds of a condition, in the unit that people write; None for no such threshold."""
 
-    Args:
-        condition: The condition.
-        known: What is known in this cycle.
-
-    Returns:
-        On the run's monotonic clock; infinite for never, and for schedules, which go by another clock.
-    """
-    if not isinstance(condition, PresenceCondition) or not condition.for_s:
-        return math.inf
-    track = known.tracks[condition.target]
-    if track.is_valid is not condition.seen or track.since_s is None:
-        return math.inf
-    due_s = track.since_s + condition.for_s
-    return due_s if known.now_s < due_s else math.inf
+    noun: str
+    low: float | None
+    high: float | None
+    unit: str
+    deadband: float = 0.0
+    is_positive: bool = False
+    """Whether the figure cannot be below zero."""
 
 
-def figures_of(condition: LimitsCondition, known: Known) -> Uncertain | None:
-    """Return the figure that a condition is about, and how sure it is.
+class Leaf:
+    """A simple condition. Each kind is a frozen dataclass in SI units."""
 
-    Args:
-        condition: The condition.
-        known: What is known in this cycle.
+    __slots__ = ()
 
-    Returns:
-        The figure, its standard deviation and that of its noise, in the SI unit; None while there is no finite figure
-        to act on.
-    """
-    tracks = known.tracks
-    match condition:
-        case DistanceCondition():
-            return quantity_of(tracks[condition.target], condition.quantity)
-        case DirectionCondition():
-            return direction_of(tracks[condition.target], condition.quantity)
-        case ClosingCondition():
-            return closing_of(tracks[condition.target])
-        case _:
-            first, second = condition.targets
-            return separation_of(tracks[first], tracks[second])
+    unit: ClassVar[str] = ""
+    """The SI unit of its figures."""
+    is_by_cycle: ClassVar[bool] = False
+    """Whether it may change though no frame comes, so that it is judged in every cycle."""
+    has_figures: ClassVar[bool] = False
+    """Whether it asks for a figure that is not known while its target is out of sight."""
 
+    @property
+    def noun(self) -> str:
+        """The quantity that it is about, such as ``distance``."""
+        raise NotImplementedError
 
-def passed_through(condition: Leaf, known: Known) -> tuple[float, float] | None:
-    """Return between which distances a target went through the limits of a condition, unseen by any frame.
-
-    Args:
-        condition: The condition.
-        known: What is known in this cycle.
-
-    Returns:
-        The distance in the frame before and in this one, in metres; None if it did not.
-    """
-    if not isinstance(condition, DistanceCondition) or condition.above_m is None or condition.below_m is None:
-        return None
-    track = known.before.get(condition.target)
-    before = None if track is None else quantity_of(track, condition.quantity)
-    now = quantity_of(known.tracks[condition.target], condition.quantity)
-    if before is None or now is None or not has_passed(condition, before, now):
-        return None
-    return before[0], now[0]
-
-
-def is_scheduled(condition: ScheduleCondition, wall: WallTime) -> bool:
-    """Return whether a time of day is within a schedule.
-
-    Args:
-        condition: The schedule.
-        wall: The local time of day.
-
-    Returns:
-        Whether it is.
-    """
-    second, days = wall.second_of_day, condition.weekdays
-    is_today = not days or wall.weekday in days
-    if condition.from_s < condition.to_s:
-        return is_today and condition.from_s <= second < condition.to_s
-    began_yesterday = not days or (wall.weekday - 1) % 7 in days
-    return (is_today and second >= condition.from_s) or (began_yesterday and second < condition.to_s)
-
-
-def _distance(condition: DistanceCondition, known: Known, is_on: bool) -> bool | None:
-    figures = quantity_of(known.tracks[condition.target], condition.quantity)
-    if figures is None:
-        return None
-    if is_near_or_far(condition, *figures, is_on):
-        return True
-    has_two = condition.above_m is not None and condition.below_m is not None
-    return has_two and not is_on and passed_through(condition, known) is not None
-
-
-def _limits(condition: LimitsCondition, known: Known, is_on: bool) -> bool | None:
-    figures = figures_of(condition, known)
-    return None if figures is None else is_within(condition, *figures, is_on=is_on)
-
-
-def _contact(condition: TimeToContactCondition, known: Known, is_on: bool) -> bool | None:
-    approach = approach_of(known.tracks[condition.target])
-    return None if approach is None else contact_holds(condition, approach, is_on=is_on)
-
-
-def _presence(condition: PresenceCondition, known: Known, _: bool) -> bool:
-    track = known.tracks[condition.target]
-    if track.is_valid is not condition.seen:
+    @property
+    def is_sure(self) -> bool:
+        """Whether one wrong frame cannot make it hold."""
         return False
-    return not condition.for_s or (track.since_s is not None and known.now_s >= track.since_s + condition.for_s)
 
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """The targets that it names."""
+        return ()
 
-def _count(condition: CountCondition, known: Known, _: bool) -> bool:
-    count = in_sight(known, condition.targets)
-    least, most = condition.at_least, condition.at_most
-    return (least is None or count >= least) and (most is None or count <= most)
+    @property
+    def about(self) -> tuple[str, ...]:
+        """The targets, or the rule, that it is about."""
+        return self.targets_named
 
+    def holds(self, known: Known, is_on: bool) -> bool | None:
+        """Return whether it holds; None if that cannot be known.
 
-def _other_rule(condition: RuleCondition, known: Known, _: bool) -> bool | None:
-    return known.active.get(condition.rule)
+        Args:
+            known: All that it may look at.
+            is_on: Whether it is judged by what ends it, where that differs from what begins it.
+        """
+        raise NotImplementedError
 
+    def figures(self) -> tuple[Figure, ...]:
+        """Return the figures that its rest intervals may be on."""
+        return ()
 
-def _schedule(condition: ScheduleCondition, known: Known, _: bool) -> bool | None:
-    return None if known.wall is None else is_scheduled(condition, known.wall)
+    def rest(self, known: Known, is_on: bool) -> Rest | None:
+        """Return for how long it surely stays as it is; None if it must be judged in every cycle."""
+        raise NotImplementedError
 
+    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:
+        """Return the figures behind `holds`.
 
-def _distance_rests(condition: DistanceCondition, known: Known, is_on: bool) -> bool:
-    figures = quantity_of(known.tracks[condition.target], condition.quantity)
-    if figures is None:
-        return True
-    if not rests_within(condition, figures[0], is_on):
-        return False
-    return is_on or passed_through(condition, known) is None
+        Args:
+            known: All that it may look at.
+            is_on: As for `holds`.
+            names_target: Whether to name its target, where that is not said anyway.
+        """
+        raise NotImplementedError
 
+    def evidence(self, known: Known, is_on: bool) -> Evidence:
+        """Return the figures behind `holds`, for whoever asks why."""
+        return Evidence(
+            quantity=self.noun,
+            about=self.about,
+            words=self.in_words(known, is_on, names_target=True),
+            holds=self.holds(known, is_on),
+            unit=self.unit,
+        )
 
-def _limits_rest(condition: LimitsCondition, known: Known, is_on: bool) -> bool:
-    figures = figures_of(condition, known)
-    return figures is None or rests_within(condition, figures[0], is_on)
+    def begins(self) -> str:
+        r"""Return a clause that says when it begins, such as ``\`ball\` is nearer than 0.50 m (1.6 ft)``."""
+        raise NotImplementedError
 
+    def ends(self) -> str:
+        """Return a clause that says when it has ended."""
+        return "that has ended"
 
-def _contact_rests(condition: TimeToContactCondition, known: Known, is_on: bool) -> bool:
-    approach = approach_of(known.tracks[condition.target])
-    if approach is None:
-        return True
-    pace = pace_of(approach, condition.closing_min_mps, sigmas_that_count(condition))
-    if pace is not Pace.KNOWN:
-        return pace is Pace.SLOW
-    likely_on = condition.probability_on
-    if likely_on is not None and not condition.probability_off <= 0.5 <= likely_on:
-        return False
-    time_s = approach.time_s(condition.contact_m)
-    return time_s < condition.below_s if is_on else time_s > condition.below_s
+    def band(self) -> Band | None:
+        """Return its thresholds, where they can be out of order or without an end."""
+        return None
 
+    def widened(self) -> Self:
+        """Return it with each threshold moved by its deadband, standard deviations left out."""
+        return self
 
-_HOLDS: dict[type[Leaf], Callable[[Any, Known, bool], bool | None]] = {
-    DistanceCondition: _distance,
-    DirectionCondition: _limits,
-    ClosingCondition: _limits,
-    SeparationCondition: _limits,
-    TimeToContactCondition: _contact,
-    PresenceCondition: _presence,
-    CountCondition: _count,
-    RuleCondition: _other_rule,
-    ScheduleCondition: _schedule,
-}
+    def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:
+        """Yield the boxes of situations in which it is true, false or unknown.
 
-_RESTS: dict[type[Leaf], Callable[[Any, Known, bool], bool]] = {
-    DistanceCondition: _distance_rests,
-    DirectionCondition: _limits_rest,
-    ClosingCondition: _limits_rest,
-    SeparationCondition: _limits_rest,
-    TimeToContactCondition: _contact_rests,
-    ScheduleCondition: lambda condition, known, is_on: False,  # noqa: ARG005 - the time of day is no figure
-}
-"""The conditions that may change though none of their figures crosses a limit; the others always rest."""
+        Args:
+            truth: Which of these.
+            targets: Every target that there is.
+        """
+        raise NotImplementedError

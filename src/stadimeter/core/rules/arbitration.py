@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
 
 from stadimeter.core.plan import BaseOutput, Output
-from stadimeter.core.rules.request import LevelRequest, Request, TwistRequest
+from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 
 Wanted = Mapping[str, Sequence[Request]]
-"""For each output that anybody wants something of, the requests for it, the winner first."""
+"""The requests for each output that has any, the winner first."""
 
 
 def arbitrate(requests: Iterable[Request], outputs: Mapping[str, Output] | None = None) -> dict[str, list[Request]]:
@@ -24,9 +24,6 @@ def arbitrate(requests: Iterable[Request], outputs: Mapping[str, Output] | None 
     Args:
         requests: What the rules want, in the order of the configuration.
         outputs: The outputs that combine equals, by name.
-
-    Returns:
-        For each output that anybody wants something of, the requests for it, the winner first.
     """
     by_output: dict[str, list[Request]] = defaultdict(list)
     for request in sorted(requests, key=attrgetter("priority"), reverse=True):  # equals stay in order
@@ -42,14 +39,13 @@ def rearranged(
 ) -> Wanted:
     """Return what `arbitrate` returns when only a few requests have changed, without sorting all of them.
 
+    Lists in which nothing has changed are the same objects.
+
     Args:
         wanted: The requests for each output so far, the winner first.
         gone: The requests that were made before and are no longer.
         come: The requests that are made now.
         positions: The position of each rule in the configuration, by its name.
-
-    Returns:
-        The requests for each output, the winner first. Lists in which nothing has changed are the same objects.
     """
     after: dict[str, Sequence[Request]] = dict(wanted)
     lists: dict[str, list[Request]] = {}
@@ -83,7 +79,7 @@ def _combined(wanted: list[Request], output: Output) -> list[Request]:
 
 
 def _most_restrictive(equals: list[Request]) -> Request:
-    """Return the slower of each speed. Who want to go opposite ways stand still."""
+    """Return the slower of each speed. Rules that want to go opposite ways stand still."""
     twists = [request for request in equals if isinstance(request, TwistRequest)]
     return TwistRequest(
         rule="+".join(request.rule for request in twists),

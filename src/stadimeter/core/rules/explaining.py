@@ -13,13 +13,14 @@ from stadimeter.core.alarms.actions import in_words, policy_in_words
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.machine import LATCHED, AlarmState, Phase
 from stadimeter.core.conditions import verdict as conditions
-from stadimeter.core.conditions.evidence import Evidence, evidence
 from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.leaf import Evidence
+from stadimeter.core.conditions.verdict import evidence
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
-from stadimeter.core.durations import rounded_duration
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.judging import RuleStep
 from stadimeter.core.rules.reasons import Reasons
+from stadimeter.core.words import rounded_duration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,9 +56,6 @@ def explain(decision: Decision, name: str) -> Explanation:
     Args:
         decision: What was decided at that moment, as `stadimeter.core.decide.decide` returned it.
         name: The rule.
-
-    Returns:
-        The explanation.
 
     Raises:
         KeyError: There is no such rule.

@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stadimeter.core.conditions.verdict import no_figures, quantity_of
+from stadimeter.core.conditions.figures import no_figures, quantity_of
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import FollowRule
-from stadimeter.core.rules.request import TwistRequest
-from stadimeter.core.rules.step import Step, trace_of
-from stadimeter.core.rules.words import metres
+from stadimeter.core.rule_step import Step, TwistRequest, trace_of
 from stadimeter.core.track import Track
+from stadimeter.core.words import metres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,14 +24,7 @@ class FollowStep(Step):
 
 
 def new_follow(rule: FollowRule) -> FollowStep:
-    """Return a follow rule at the start of a run.
-
-    Args:
-        rule: The rule.
-
-    Returns:
-        Its step before the first cycle.
-    """
+    """Return a follow rule at the start of a run."""
     return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
 
 
@@ -41,15 +33,9 @@ UNSURE_SHARE = 0.3
 
 
 def follow_twist(rule: FollowRule, distance_m: float, bearing_rad: float) -> tuple[float, float]:
-    """Return how to move.
+    """Return the speed forwards in m/s and the rate of turn in rad/s, positive to the left, within the rule's limits.
 
-    Args:
-        rule: The rule.
-        distance_m: Distance to the target.
-        bearing_rad: Its bearing, positive to the right.
-
-    Returns:
-        Speed forwards in m/s and rate of turn in rad/s, positive to the left, within the rule's limits.
+    The bearing is positive to the right.
     """
     error_m = distance_m - rule.distance_m
     linear_mps = 0.0
@@ -64,16 +50,7 @@ def follow_twist(rule: FollowRule, distance_m: float, bearing_rad: float) -> tup
 
 
 def step_follow(rule: FollowRule, before: FollowStep, track: Track) -> FollowStep:
-    """Judge a follow rule for one cycle.
-
-    Args:
-        rule: The rule.
-        before: Its step in the cycle before, whose trace is kept while it is the same.
-        track: Its target.
-
-    Returns:
-        What it does.
-    """
+    """Judge a follow rule for one cycle."""
     figures = _figures(track)
     if figures is None or rule.output is None:
         return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN, before.trace))
@@ -92,15 +69,7 @@ def step_follow(rule: FollowRule, before: FollowStep, track: Track) -> FollowSte
 
 
 def why(rule: FollowRule, track: Track) -> str:
-    """Return why a follow rule does what it does, in words with figures.
-
-    Args:
-        rule: The rule.
-        track: Its target.
-
-    Returns:
-        The words.
-    """
+    """Return why a follow rule does what it does, in words with figures."""
     figures = _figures(track)
     if figures is None:
         known = quantity_of(track, "distance")

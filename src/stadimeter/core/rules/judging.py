@@ -1,9 +1,8 @@
-"""Judging all rules in a cycle, without judging those that rest.
+"""Evaluating all rules in a cycle, without those that are quiescent.
 
-Most rules have nothing to do in most cycles: the target is far from their limits, or out of sight. Such a rule says
-that it rests. Only those are judged that do not rest, whose time has come, with a limit that the target crossed since
-the cycle before, or that ask for a rule that has changed. So ten thousand rules cost little more than the few that have
-something to do.
+Most rules have nothing to do in most cycles: the target is far from their thresholds, or out of sight. Only the active
+set is evaluated: rules that are not quiescent, that are due, of which a figure left its interval, or that ask for a
+rule that has changed. So ten thousand rules cost little more than the few that have something to do.
 
 A rule that asks for another is judged after it, so it never acts on what was true a cycle ago.
 """
@@ -11,22 +10,24 @@ A rule that asks for another is judged after it, so it never acts on what was tr
 from __future__ import annotations
 
 import heapq
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from stadimeter.core.alarms.actions import Evaluation
-from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, operated, step_alarm, with_state
+from stadimeter.core.alarms.alarm import AlarmStep, Stepped, judged_by, new_alarm, operated, step_alarm, with_state
 from stadimeter.core.alarms.state import Sample
+from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.leaf import Rest
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import Answer, OperatorCommand
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearranged
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
 from stadimeter.core.rules.layout import Layout, layout_of
-from stadimeter.core.rules.ramp import RampStep, new_ramp, step_ramp
+from stadimeter.core.rules.quiescence import Quiescence, all_active
+from stadimeter.core.rules.ramp import RampStep, new_ramp, rest_of_ramp, step_ramp
 
 RuleStep = AlarmStep | RampStep | FollowStep
 
@@ -39,34 +40,23 @@ class Judged:
         steps: What each rule did, in the order of the plan.
         traces: The part of it that others see.
         wanted: What they want of each output, the winner first.
-        restless: The positions of the rules that must be judged in every cycle.
-        due: When a rule that rests must be judged all the same, and its position; a heap. Some may be out of date.
         active: Whether each rule that others ask for is active; None for unknown.
         first_out: For each group with an alarm that was raised, the name of the first one.
-        figures: The figures that rules are judged by, one for each of the layout's crossings; NaN where not known.
-        layout: What is worked out once.
+        quiescence: For how long each of them needs no evaluation.
     """
 
     steps: tuple[RuleStep, ...] = ()
     traces: tuple[RuleTrace, ...] = ()
     wanted: Wanted = field(default_factory=dict)
-    restless: tuple[int, ...] = ()
-    due: tuple[tuple[float, int], ...] = ()
     active: Mapping[str, bool | None] = field(default_factory=dict)
     first_out: Mapping[str, str] = field(default_factory=dict)
-    figures: tuple[float, ...] = ()
+    quiescence: Quiescence = field(default_factory=Quiescence)
     layout: Layout = field(default_factory=Layout)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What came of judging all rules.
-
-    Attributes:
-        events: What happened.
-        notices: What is to be sent.
-        answers: What became of the operators' commands.
-    """
+    """What came of evaluating all rules."""
 
     events: tuple[Event, ...] = ()
     notices: tuple[Notice, ...] = ()
@@ -78,12 +68,6 @@ _NOTHING = Outcome()
 
 def not_judged_yet(plan: Plan) -> Judged:
     """Return the rules of a plan at the start of a run.
-
-    Args:
-        plan: The plan.
-
-    Returns:
-        The rules before the first cycle.
 
     Raises:
         ValueError: Rules ask for each other in a circle.
@@ -99,9 +83,6 @@ def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, 
         steps: What each of its rules did, in the order of the plan.
         first_out: For each group with an alarm that was raised, the name of the first one.
 
-    Returns:
-        The rules.
-
     Raises:
         ValueError: Rules ask for each other in a circle.
     """
@@ -110,10 +91,9 @@ def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, 
         steps=steps,
         traces=tuple(step.trace for step in steps),
         wanted=arbitrate((request for step in steps for request in step.requests), layout.combined),
-        restless=tuple(range(len(steps))),
         active={plan.rules[index].name: _is_active(steps[index]) for index in layout.order.askers},
         first_out=first_out or {},
-        figures=(math.nan,) * len(layout.crossings),
+        quiescence=all_active(layout.watch),
         layout=layout,
     )
 
@@ -130,48 +110,29 @@ def judge(
 
     Args:
         rules: The rules.
-        before: The rules after the cycle before.
+        before: The rules after the cycle before; returned if nothing is to be evaluated.
         known: What they can be judged by.
         sample: The frame that is new in this cycle; None without one.
         cycle: The cycle itself. Whether a target is in sight is judged by it: that no frame comes at all is news too.
         commands: What operators want.
-
-    Returns:
-        The rules after this cycle, and what came of it.
     """
-    figures = tuple([each.figure(known) for each in before.layout.crossings])
-    # After a gap timers begin anew, those of rules that rest too.
-    awake = set(range(len(rules))) if known.is_after_gap else set(before.restless)
-    for crossings, was, now in zip(before.layout.crossings, before.figures, figures, strict=True):
-        if was != now:  # NaN differs from itself; `between` tells
-            awake.update(crossings.between(was, now))
-    due = _woken(before.due, cycle.at_s, awake)
-    if not (awake or commands):
-        return (before if figures == before.figures else _at_rest(before, figures)), _NOTHING
-    turn = _Turn(rules, before, known, sample, cycle)
-    answers = tuple([turn.operate(command, awake) for command in commands])
-    turn.judge(awake)
-    return turn.judged(awake, figures, due), turn.outcome(answers)
+    # After a gap timers begin anew, and so does the time for which a target has been in sight.
+    quiescence = before.quiescence.with_all_active() if known.is_after_gap else before.quiescence
+    active = quiescence.active_set(before.layout.watch, known)
+    if not (active or commands):
+        return before, _NOTHING
+    evaluation = _Evaluation(rules, before, known, sample, cycle)
+    answers = tuple([evaluation.operate(command, active) for command in commands])
+    evaluation.judge(active)
+    return evaluation.judged(), evaluation.outcome(answers)
 
 
-def _at_rest(before: Judged, figures: tuple[float, ...]) -> Judged:
-    """Return rules of which none was judged."""
-    return Judged(
-        steps=before.steps,
-        traces=before.traces,
-        wanted=before.wanted,
-        due=before.due,
-        active=before.active,
-        first_out=before.first_out,
-        figures=figures,
-        layout=before.layout,
-    )
+class _Evaluation:
+    """Evaluates rules one after another, and collects what changes."""
 
-
-class _Turn:
-    """Judges rules one after another, and collects what changes."""
-
-    __slots__ = ("active", "before", "changed", "cycle", "events", "first_out", "known", "notices", "rules", "sample")
+    __slots__ = (
+        "active", "before", "changed", "cycle", "events", "first_out", "known", "notices", "rests", "rules", "sample",
+    )  # fmt: skip
 
     def __init__(
         self, rules: tuple[AnyRule, ...], before: Judged, known: Known, sample: Sample | None, cycle: Sample
@@ -184,10 +145,11 @@ class _Turn:
         self.known = replace(known, active=before.active) if before.active else known
         self.first_out = before.first_out
         self.changed: dict[int, RuleStep] = {}
+        self.rests: dict[int, Rest | None] = {}
         self.events: list[Event] = []
         self.notices: list[Notice] = []
 
-    def operate(self, command: OperatorCommand, awake: set[int]) -> Answer:
+    def operate(self, command: OperatorCommand, active: set[int]) -> Answer:
         """Do what an operator wants, before the rules are judged."""
         alarms = {
             rule.name: (index, rule, step.state)
@@ -198,44 +160,41 @@ class _Turn:
         for index, turn in turns:
             self._remember(index, turn)
             self.events += turn.events
-            awake.add(index)
+            active.add(index)
         return answer
 
-    def judge(self, awake: set[int]) -> None:
-        """Judge those that are awake, and those that they wake, each after those that it asks for."""
+    def judge(self, active: set[int]) -> None:
+        """Judge the active set, and those that it makes active, each after those that it asks for."""
         order = self.before.layout.order
         if not order.askers:
-            for index in sorted(awake):
+            for index in sorted(active):
                 self._judge(index)
             return
         rank = order.rank
-        waiting = [(rank[index], index) for index in awake]
+        waiting = [(rank[index], index) for index in active]
         heapq.heapify(waiting)
         while waiting:
             _, index = heapq.heappop(waiting)
             self._judge(index)
             if index in order.askers and self._tells_others(index):
                 for asking in order.askers[index]:
-                    if asking not in awake:
-                        awake.add(asking)
+                    if asking not in active:
+                        active.add(asking)
                         heapq.heappush(waiting, (rank[asking], asking))
 
-    def judged(self, awake: set[int], figures: tuple[float, ...], due: tuple[tuple[float, int], ...]) -> Judged:
+    def judged(self) -> Judged:
         """Return the rules after the cycle."""
         before = self.before
         self._mark_first_out()
         changed = {index: step for index, step in self.changed.items() if step is not before.steps[index]}
         steps = _with(before.steps, changed)
-        added = [(steps[index].due_s, index) for index in awake if steps[index].due_s < math.inf]
         return Judged(
             steps=steps,
             traces=_traces(before, changed, steps),
             wanted=_wanted(before, changed, steps),
-            restless=tuple([index for index in awake if not steps[index].rests]),
-            due=_heap_with(due, added),
             active=self.active,
             first_out=self.first_out,
-            figures=figures,
+            quiescence=before.quiescence.after(before.layout.watch, self.rests),
             layout=before.layout,
         )
 
@@ -255,6 +214,7 @@ class _Turn:
 
     def _judge(self, index: int) -> None:
         rule, last = self.rules[index], self._step(index)
+        rest: Rest | None = None
         if isinstance(rule, AlarmRule) and isinstance(last, AlarmStep):
             stepped = self._alarm(index, rule, last)
             step: RuleStep = stepped.step
@@ -262,14 +222,35 @@ class _Turn:
             self.notices += stepped.notices
             if rule.group and stepped.events:
                 self._note_first_out(rule, stepped.events)
+            if stepped.step.rests:
+                rest = self._rest_of_alarm(rule, last, stepped.step)
         elif isinstance(rule, RampRule) and isinstance(last, RampStep):
             step = step_ramp(rule, last, self.known.tracks[rule.target])
+            rest = rest_of_ramp(rule, step, self.known.tracks[rule.target])
         elif isinstance(rule, FollowRule) and isinstance(last, FollowStep):
             step = step_follow(rule, last, self.known.tracks[rule.target])
         else:
             raise TypeError(f"rule {rule.name} remembers a {type(last).__name__}")
+        self.rests[index] = rest
         if step is not last:
             self.changed[index] = step
+
+    def _rest_of_alarm(self, rule: AlarmRule, last: AlarmStep, step: AlarmStep) -> Rest | None:
+        """Return for how long an alarm that waits for nothing else stays as it is; None for not at all.
+
+        One that is judged in another way than before (by what begins its condition, in place of what ends it) does not
+        stay as it is: its verdict is of the old way.
+        """
+        how = judged_by(rule, step.state)
+        if step.state is not last.state and how != judged_by(rule, last.state):
+            return None
+        rest = Rest(due_s=step.due_s)
+        for condition, held, is_on in how:
+            one = conditions.rest_of(condition, self.known, held, is_active=is_on)
+            if one is None:
+                return None
+            rest &= one
+        return rest
 
     def _alarm(self, index: int, rule: AlarmRule, last: AlarmStep) -> Stepped:
         judged = self.cycle if index in self.before.layout.by_cycle else self.sample
@@ -304,26 +285,6 @@ class _Turn:
             step, is_first = self._step(index), self.first_out.get(rule.group) == rule.name
             if step.trace.first_out is not is_first:
                 self.changed[index] = replace(step, trace=replace(step.trace, first_out=is_first))
-
-
-def _woken(due: tuple[tuple[float, int], ...], now_s: float, awake: set[int]) -> tuple[tuple[float, int], ...]:
-    """Wake the rules whose time has come; return the times that are left."""
-    if not due or due[0][0] > now_s + ROUNDING_S:
-        return due
-    left = list(due)
-    while left and left[0][0] <= now_s + ROUNDING_S:
-        awake.add(heapq.heappop(left)[1])
-    return tuple(left)
-
-
-def _heap_with(due: tuple[tuple[float, int], ...], added: list[tuple[float, int]]) -> tuple[tuple[float, int], ...]:
-    if not added:
-        return due
-    heap = list(due)
-    for entry in added:
-        if entry not in heap:
-            heapq.heappush(heap, entry)
-    return tuple(heap)
 
 
 def _is_active(step: RuleStep) -> bool | None:

@@ -8,17 +8,7 @@ from stadimeter.core.plan import BaseOutput, LevelOutput
 
 
 def slewed_level(output: LevelOutput, before: float, wanted: float, step_s: float) -> float:
-    """Return the level that an actuator may have now on its way to the one that is wanted.
-
-    Args:
-        output: The actuator.
-        before: Its level in the cycle before.
-        wanted: The level that is wanted, from 0 to 1.
-        step_s: Time since that cycle.
-
-    Returns:
-        A level between the two.
-    """
+    """Return the level that an actuator may have now on its way from the one before to the one that is wanted."""
     per_s = output.rise_per_s if wanted > before else output.fall_per_s
     if math.isinf(per_s):
         return wanted
@@ -30,16 +20,6 @@ def limited_speed(before: float, wanted: float, largest: float, acceleration: fl
     """Return the speed that a base may have now on its way to the one that is wanted.
 
     Only speeding up is limited: slowing down always helps. A base that shall go the other way passes through zero.
-
-    Args:
-        before: Its speed in the cycle before.
-        wanted: The speed that is wanted.
-        largest: The largest speed, either way.
-        acceleration: The largest change for the faster in a second.
-        step_s: Time since that cycle.
-
-    Returns:
-        The speed.
     """
     wanted = min(max(wanted, -largest), largest)
     start = before if (before > 0) is (wanted > 0) else 0.0
@@ -54,17 +34,7 @@ def limited_speed(before: float, wanted: float, largest: float, acceleration: fl
 def limited_twist(
     output: BaseOutput, before: tuple[float, float], wanted: tuple[float, float], step_s: float
 ) -> tuple[float, float]:
-    """Return how a base may move now on its way to how it is wanted to.
-
-    Args:
-        output: The base.
-        before: Speed forwards and rate of turn in the cycle before.
-        wanted: The same, as wanted.
-        step_s: Time since that cycle.
-
-    Returns:
-        Speed forwards in m/s and rate of turn in rad/s.
-    """
+    """Return the speed forwards in m/s and the rate of turn in rad/s that a base may have now."""
     linear_mps = limited_speed(before[0], wanted[0], output.linear_max_mps, output.linear_accel_mps2, step_s)
     angular_radps = limited_speed(before[1], wanted[1], output.angular_max_radps, output.angular_accel_radps2, step_s)
     return linear_mps, angular_radps

@@ -29,9 +29,6 @@ def ramp_level(rule: RampRule, value_m: float, sigma_m: float, noise_m: float, *
         sigma_m: Its standard deviation; the bias is within that.
         noise_m: The part of that which differs from frame to frame.
         is_on: Whether the output is above zero now.
-
-    Returns:
-        From 0 to 1.
     """
     if rule.bias == "neutral":
         level = _level(rule, value_m)
@@ -45,35 +42,23 @@ def ramp_level(rule: RampRule, value_m: float, sigma_m: float, noise_m: float, *
     return held if _is_near_start(rule, value_m, sigma_m, noise_m) else 0.0
 
 
-def limits_m(rule: RampRule) -> tuple[float, ...]:
-    """Return the distances that a target must cross for a ramp at rest to change its level.
+def flat_interval_m(rule: RampRule, value_m: float) -> tuple[float, float] | None:
+    """Return the distances, ends included, between which the level stays as it is at one of them; None if it does not.
 
-    Args:
-        rule: The ramp.
-
-    Returns:
-        In metres.
-    """
-    return tuple([at_m for at_m, _ in rule.points]) if rule.points else (rule.start_m, rule.full_m)
-
-
-def is_flat(rule: RampRule, value_m: float) -> bool:
-    """Return whether the level stays until the target crosses one of the limits.
-
-    Args:
-        rule: The ramp.
-        value_m: Distance or depth.
-
-    Returns:
-        Whether it does; never with a bias, since then the standard deviation counts too.
+    It never does with a bias, since then the standard deviation counts too.
     """
     if rule.bias != "neutral":
-        return False
+        return None
     if rule.points:
-        before, after = _neighbours(rule, value_m)
-        return before[1] == after[1] and value_m not in {before[0], after[0]}
-    share = (value_m - rule.start_m) / (rule.full_m - rule.start_m)
-    return share < 0 or share > 1
+        (before_m, before), (after_m, after) = _neighbours(rule, value_m)
+    else:
+        first_m, last_m = sorted((rule.start_m, rule.full_m))
+        before_m = -math.inf if value_m <= first_m else first_m if value_m <= last_m else last_m
+        after_m = first_m if value_m <= first_m else last_m if value_m <= last_m else math.inf
+        before, after = 0.0, float(math.isfinite(before_m) and math.isfinite(after_m))  # flat beyond both ends
+    if before != after or value_m in {before_m, after_m}:
+        return None
+    return math.nextafter(before_m, math.inf), math.nextafter(after_m, -math.inf)
 
 
 def _is_near_start(rule: RampRule, value_m: float, sigma_m: float, noise_m: float) -> bool:

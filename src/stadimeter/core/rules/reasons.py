@@ -16,13 +16,7 @@ from stadimeter.core.rules.judging import Judged, RuleStep
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reasons(Mapping[str, str]):
-    """The reason of each rule, by its name. Put into words when it is read: a hundred at every frame cost too much.
-
-    Attributes:
-        plan: The plan.
-        judged: What its rules do.
-        known: All that they were judged by.
-    """
+    """The reason of each rule, by its name. Put into words when it is read: a hundred at every frame cost too much."""
 
     plan: Plan
     judged: Judged
@@ -41,12 +35,6 @@ class Reasons(Mapping[str, str]):
     def step(self, name: str) -> tuple[AnyRule, RuleStep]:
         """Return a rule and what it does.
 
-        Args:
-            name: Its name.
-
-        Returns:
-            Both.
-
         Raises:
             KeyError: There is no such rule.
         """
@@ -54,11 +42,7 @@ class Reasons(Mapping[str, str]):
         return self.plan.rules[position], self.judged.steps[position]
 
     def known_to_rules(self) -> Known:
-        """Return what the rules were judged by, with what they tell of each other.
-
-        Returns:
-            All that was known.
-        """
+        """Return all that the rules were judged by, with which of them are active."""
         return replace(self.known, active=self.judged.active)
 
     def _why(self, rule: AnyRule, step: RuleStep) -> str:

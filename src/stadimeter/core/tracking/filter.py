@@ -62,15 +62,7 @@ class FilterState(NamedTuple):
 
 
 def start(distance_m: float, noise_m: float) -> FilterState:
-    """Return the state after the first measurement.
-
-    Args:
-        distance_m: The measured distance.
-        noise_m: Standard deviation of its noise, above zero.
-
-    Returns:
-        The state: at that distance, at rest, but not sure of that.
-    """
+    """Return the state after a first measurement: at that distance, and at rest, but not sure of that."""
     return FilterState(
         distance_m=distance_m,
         rate_mps=0.0,
@@ -92,9 +84,6 @@ def predict(state: FilterState, step_s: float, acceleration_mps2: float, correla
         step_s: How much later, zero or more.
         acceleration_mps2: How far the rate may wander in one second, as a standard deviation in m/s.
         correlation: ρ, of the noise from one frame to the next, 0 to below 1.
-
-    Returns:
-        The expectation, less sure than before. A distance never becomes negative.
     """
     distance_m, rate_mps, noise, var_distance, cov, var_rate, cov_noise, cov_rate_noise, var_noise = state
     distance_m += step_s * rate_mps
@@ -113,17 +102,13 @@ def predict(state: FilterState, step_s: float, acceleration_mps2: float, correla
     )
 
 
-def surprise(state: FilterState, distance_m: float, noise_m: float) -> tuple[float, float]:
-    """Return how far a measurement is from the expectation.
+def innovation(state: FilterState, distance_m: float, noise_m: float) -> tuple[float, float]:
+    """Return the innovation of a measurement in metres, negative if nearer than expected, and its variance in m².
 
     Args:
         state: The expectation at the measurement's time.
         distance_m: The measured distance.
         noise_m: Standard deviation of its noise, above zero.
-
-    Returns:
-        The difference in metres, negative if the target is nearer than expected, and the variance of such differences
-        in m².
     """
     kept_m = noise_m * _KEPT
     var_kept = kept_m * (2 * state.cov_noise_m + kept_m * state.var_noise)
@@ -137,11 +122,8 @@ def update(state: FilterState, noise_m: float, error_m: float, error_var_m2: flo
     Args:
         state: The expectation at the measurement's time.
         noise_m: Standard deviation of the measurement's noise, above zero.
-        error_m: How far the measurement is from the expectation, as `surprise` says.
-        error_var_m2: The variance of such differences, as `surprise` says.
-
-    Returns:
-        The state, at least as sure as before.
+        error_m: Its innovation.
+        error_var_m2: The variance of that.
     """
     kept_m = noise_m * _KEPT
     distance_m, rate_mps, noise, var_distance, cov, var_rate, cov_noise, cov_rate_noise, var_noise = state
@@ -167,16 +149,7 @@ def update(state: FilterState, noise_m: float, error_m: float, error_var_m2: flo
 
 
 def mixed(one: FilterState, other: FilterState, share: float) -> FilterState:
-    """Return the state with the mean and the covariance of two, of which one is right.
-
-    Args:
-        one: A state.
-        other: Another, of the same moment.
-        share: How likely `one` is right, 0 to 1.
-
-    Returns:
-        The state. Where the two differ, it is less sure than either.
-    """
+    """Return the state with the mean and the covariance of two, of which `one` has the probability `share`."""
     rest = 1.0 - share
     d1, v1, u1, dd1, dv1, vv1, du1, vu1, uu1 = one
     d2, v2, u2, dd2, dv2, vv2, du2, vu2, uu2 = other

@@ -1,4 +1,4 @@
-"""The life of a target: searching, tracking, coasting, lost.
+"""The life of a target: searching (tentative), tracking (confirmed), coasting, lost.
 
 ::
 
@@ -21,16 +21,16 @@ from stadimeter.core.plan import Tracking
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking import motion
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
-from stadimeter.core.tracking.motion import MotionState, Surprise
+from stadimeter.core.tracking.motion import Innovation, MotionState
 
-CALM_AT_LEAST = 0.5
-"""A target that keeps its speed is more likely calm than this."""
+CONSTANT_VELOCITY_AT_LEAST = 0.5
+"""A target that keeps its speed has a probability of the constant-velocity model above this."""
 
 RESTLESS_S = 2.0
 """A target that made a leap may make another for so long, and is believed at once."""
 
-_UTTER = Surprise(calm_m=math.inf, calm_var_m2=1.0, abrupt_m=math.inf, abrupt_var_m2=1.0)
-"""The surprise where nothing was expected."""
+_UNEXPECTED = Innovation(constant_m=math.inf, constant_var_m2=1.0, manoeuvring_m=math.inf, manoeuvring_var_m2=1.0)
+"""The innovation where nothing was expected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,8 +61,7 @@ class TrackState:
     """All that is remembered of a target from one cycle to the next.
 
     Attributes:
-        track: What the rest of the program sees.
-        filter: The filters; None before the first sighting.
+        filter: None before the first sighting.
         filter_at_s: The capture time that the filters' figures are for.
         sighting: The last sighting that was accepted.
         confirmations: How many frames in a row a target that does not count yet was seen in.
@@ -80,14 +79,7 @@ class TrackState:
 
 
 def new_track(target: str) -> TrackState:
-    """Return the state of a target that was never seen.
-
-    Args:
-        target: The target's name.
-
-    Returns:
-        The state.
-    """
+    """Return the state of a target that was never seen."""
     return TrackState(track=Track(target=target))
 
 
@@ -99,9 +91,6 @@ def step(state: TrackState, measurement: Measurement | None, now_s: float, setti
         measurement: What the new frame says of the target; None in a cycle without a new frame.
         now_s: The run's monotonic clock, for noticing that nothing comes.
         settings: How to track.
-
-    Returns:
-        What is known now.
     """
     after = _stepped(state, measurement, now_s, settings)
     if after.leapt_at_s < state.leapt_at_s:
@@ -141,14 +130,7 @@ def _stepped(state: TrackState, measurement: Measurement | None, now_s: float, s
 
 
 def sighting_of(measurement: Measurement) -> Sighting | None:
-    """Return the measurement if it may be used.
-
-    Args:
-        measurement: What a frame says of the target.
-
-    Returns:
-        The figures, or None if the target was not measured or a figure is not finite.
-    """
+    """Return the figures of a measurement; None if the target was not measured or a figure is not finite."""
     distance_m, depth_m, sigma_m = measurement.distance_m, measurement.depth_m, measurement.sigma_m
     noise_m, bearing_rad, elevation_rad = measurement.noise_m, measurement.bearing_rad, measurement.elevation_rad
     if measurement.status is not MeasurementStatus.MEASURED:
@@ -194,9 +176,9 @@ def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> Tr
 def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
     """The target is seen, but does not count yet."""
     moved = _predicted(state, sighting.at_s, settings)
-    surprise = _surprise(moved, sighting)
-    agrees = state.confirmations > 0 and surprise.sigmas <= settings.gate_sigmas
-    seen = _updated(moved, sighting, surprise) if agrees else _started(sighting)
+    innovation = _innovation(moved, sighting)
+    agrees = state.confirmations > 0 and innovation.sigmas <= settings.gate_sigmas
+    seen = _updated(moved, sighting, innovation) if agrees else _started(sighting)
     confirmations = state.confirmations + 1 if agrees else 1
     if confirmations >= settings.confirm_frames:
         return _shown(state.track, seen, sighting, TrackStatus.TRACKING)
@@ -213,16 +195,16 @@ def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> Trac
 def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
     """The target is seen while it counts: take the sighting in, unless it is an outlier."""
     moved = _predicted(state, sighting.at_s, settings)
-    surprise = _surprise(moved, sighting)
-    is_outlier = surprise.sigmas > settings.gate_sigmas
-    if not is_outlier and not _is_suspect(state, moved, sighting, surprise, settings):
-        shown = _shown(state.track, _updated(moved, sighting, surprise), sighting, TrackStatus.TRACKING)
+    innovation = _innovation(moved, sighting)
+    is_outlier = innovation.sigmas > settings.gate_sigmas
+    if not is_outlier and not _is_suspect(state, moved, sighting, innovation, settings):
+        shown = _shown(state.track, _updated(moved, sighting, innovation), sighting, TrackStatus.TRACKING)
         return shown if state.suspect is None else replace(shown, leapt_at_s=sighting.at_s)
     rejected = state.track.rejected + 1
     if rejected > settings.outliers_max:
         return _shown(state.track, _started(sighting), sighting, TrackStatus.TRACKING)
     if is_outlier:
-        far = f"{surprise.sigmas:.1f} standard deviations from what was expected, limit {settings.gate_sigmas:.1f}"
+        far = f"{innovation.sigmas:.1f} standard deviations from what was expected, limit {settings.gate_sigmas:.1f}"
     else:
         far = "far from what was expected of a target at rest or a steady speed; the next frame tells"
     reason = f"outlier {rejected} of {settings.outliers_max}: {sighting.distance_m:.2f} m is {far}"
@@ -232,25 +214,29 @@ def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackS
 
 
 def _is_suspect(
-    state: TrackState, moved: MotionState | None, sighting: Sighting, surprise: Surprise, settings: Tracking
+    state: TrackState, moved: MotionState | None, sighting: Sighting, innovation: Innovation, settings: Tracking
 ) -> bool:
-    """Return whether a target that was calm seems to have made a leap that one wrong measurement could feign.
+    """Return whether a target at constant velocity seems to have made a leap that one wrong measurement could feign.
 
     Near the camera the noise is so small that a manoeuvre allows for far more than the noise does: a wrong measurement
     within that would be believed at once. One frame decides: if the next one is there too, the target did move.
     """
-    if not settings.outliers_max or surprise.calm_sigmas <= settings.gate_sigmas:
+    if not settings.outliers_max or innovation.constant_sigmas <= settings.gate_sigmas:
         return False
-    if moved is None or moved.calm_share < CALM_AT_LEAST or sighting.at_s - state.leapt_at_s < RESTLESS_S:
+    if (
+        moved is None
+        or moved.constant_share < CONSTANT_VELOCITY_AT_LEAST
+        or sighting.at_s - state.leapt_at_s < RESTLESS_S
+    ):
         return False
-    expected_m = sighting.distance_m - surprise.calm_m
+    expected_m = sighting.distance_m - innovation.constant_m
     # A target that really starts goes on the same way. Two errors in a row hardly ever agree.
-    return state.suspect is None or (state.suspect.distance_m - expected_m) * surprise.calm_m <= 0
+    return state.suspect is None or (state.suspect.distance_m - expected_m) * innovation.constant_m <= 0
 
 
-def _surprise(known: MotionState | None, sighting: Sighting) -> Surprise:
+def _innovation(known: MotionState | None, sighting: Sighting) -> Innovation:
     if known is None:
-        return _UTTER
+        return _UNEXPECTED
     return motion.compare(known, sighting.distance_m, sighting.noise_m)
 
 
@@ -264,8 +250,8 @@ def _started(sighting: Sighting) -> MotionState:
     return motion.start(sighting.distance_m, sighting.noise_m)
 
 
-def _updated(known: MotionState | None, sighting: Sighting, surprise: Surprise) -> MotionState:
-    return motion.update(known, sighting.noise_m, surprise) if known else _started(sighting)
+def _updated(known: MotionState | None, sighting: Sighting, innovation: Innovation) -> MotionState:
+    return motion.update(known, sighting.noise_m, innovation) if known else _started(sighting)
 
 
 def _coast(state: TrackState, moved: MotionState | None, at_s: float, settings: Tracking, reason: str) -> TrackState:

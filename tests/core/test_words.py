@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.config.units import parse_duration
-from stadimeter.core.durations import duration, rounded_duration
+from stadimeter.core.words import duration, rounded_duration
 
 
 @pytest.mark.parametrize(

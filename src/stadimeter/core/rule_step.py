@@ -1,4 +1,4 @@
-"""What all kinds of rules have in common in a cycle."""
+"""What one rule does in a cycle, and wants of outputs."""
 
 from __future__ import annotations
 
@@ -7,10 +7,33 @@ from dataclasses import dataclass, replace
 
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.rule import Rule
-from stadimeter.core.rules.request import Request
 
 OBSERVED = "observed"
 """The gate of a rule that is only observed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelRequest:
+    """A rule wants an actuator to act, at a level from 0 to 1. Of several requests the highest priority wins."""
+
+    rule: str
+    output: str
+    priority: int
+    level: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwistRequest:
+    """A rule wants a base to move, or to stand still. A rate of turn is positive to the left."""
+
+    rule: str
+    output: str
+    priority: int
+    linear_mps: float
+    angular_radps: float
+
+
+Request = LevelRequest | TwistRequest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,11 +41,8 @@ class Step:
     """What a rule does in one cycle. The same object is kept from cycle to cycle while nothing about it changes.
 
     Attributes:
-        trace: What it is doing.
-        requests: What it wants of outputs.
-        rests: Whether nothing changes until the distance crosses one of the rule's limits, the target comes or goes,
-            or it is `due_s`.
-        due_s: When a rule that rests must be judged again all the same, on the run's clock; infinite for never.
+        rests: Whether nothing changes while the verdicts of its conditions stay as they are, and until it is `due_s`.
+        due_s: When one of its timers fires, on the run's clock; infinite for never.
     """
 
     trace: RuleTrace

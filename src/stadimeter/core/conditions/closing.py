@@ -1,0 +1,99 @@
+"""How fast a target comes nearer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from stadimeter.core.conditions.figures import Uncertain, closing_of
+from stadimeter.core.conditions.intervals import Box, Truth
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.leaf import Band, Figure
+from stadimeter.core.conditions.limits import LimitsCondition, back_said, ends_of, surely, value_of, within_said
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosingCondition(LimitsCondition):
+    """How fast the target comes nearer.
+
+    It takes more than for a distance to be sure: a target that was just seen first may move at any speed.
+
+    Attributes:
+        above_mps: Holds above this; None for no such threshold. A target that goes away closes at less than nothing.
+        below_mps: Holds below this.
+        deadband_mps: How far the speed must come back before the condition ends.
+        deadband_sigmas: The same in standard deviations; the larger of the two counts.
+        probability_on: The condition begins when it is at least this likely; None compares the figures alone.
+        probability_off: The condition ends when it is, deadband included, at most this likely.
+        target: The target; empty for that of the rule.
+    """
+
+    above_mps: float | None = None
+    below_mps: float | None = None
+    deadband_mps: float = 0.0
+    deadband_sigmas: float = 2.0
+    probability_on: float | None = 0.95
+    probability_off: float = 0.5
+    target: str = ""
+
+    unit = "m/s"
+    noun = "closing speed"
+
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """Its target."""
+        return (self.target,)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """In m/s; infinite where there is none."""
+        return ends_of(self.above_mps, self.below_mps)
+
+    @property
+    def deadband(self) -> float:
+        """In m/s."""
+        return self.deadband_mps
+
+    @property
+    def figure(self) -> Figure:
+        """The closing speed of its target."""
+        return Figure(_closing_mps, (self.target,))
+
+    def uncertain(self, known: Known) -> Uncertain | None:
+        """Return the speed; see `LimitsCondition.uncertain`."""
+        return closing_of(known.tracks[self.target])
+
+    def said(self, value: float, sigma: float) -> str:
+        """Return a closing speed with its standard deviation."""
+        return closing_said(value, sigma)
+
+    def begins(self) -> str:
+        """Return a clause that says when it begins."""
+        words = f"the closing speed of `{self.target}` is {within_said(self.limits, _speed, 'below ', 'above ')}"
+        return surely(words, self.probability_on)
+
+    def ends(self) -> str:
+        """Return a clause that says when it has ended."""
+        band = self.deadband_mps, self.deadband_sigmas, self.unit
+        return f"its closing speed is {back_said(self.limits, _speed, 'below ', 'above ', band=band)}"
+
+    def band(self) -> Band:
+        """Return its thresholds for `check`."""
+        return Band(self.noun, self.above_mps, self.below_mps, self.unit)
+
+    def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: ARG002
+        """Yield the boxes of situations in which it is so; see `Leaf.situations`."""
+        yield from self.situations_of(truth, "closing")
+
+
+def closing_said(closing_mps: float, sigma_mps: float) -> str:
+    """Return a closing speed with its standard deviation."""
+    return f"closing at {closing_mps:.2f} m/s ± {sigma_mps:.2f}"
+
+
+def _closing_mps(known: Known, target: str) -> float:
+    return value_of(closing_of(known.tracks[target]))
+
+
+def _speed(speed_mps: float) -> str:
+    return f"{speed_mps:.2f} m/s"

@@ -1,0 +1,215 @@
+"""Whether a target is nearer or further than a threshold, judged with the track's standard deviation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Self
+
+from stadimeter.core.conditions.figures import Quantity, Uncertain, probability_below, quantity_of
+from stadimeter.core.conditions.intervals import LENGTHS, Box, Truth
+from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.leaf import Band, Figure, Rest
+from stadimeter.core.conditions.limits import (
+    LimitsCondition,
+    back_said,
+    ends_of,
+    moved,
+    surely,
+    turning_point,
+    value_of,
+    within_said,
+)
+from stadimeter.core.words import length, metres
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DistanceCondition(LimitsCondition):
+    """Whether the target is nearer or further than a threshold.
+
+    Attributes:
+        above_m: Holds when further than this; None for no such threshold.
+        below_m: Holds when nearer than this. With both, it holds between them.
+        quantity: Whether the thresholds are on the straight-line distance or on the depth along the optical axis.
+        deadband_m: How far the target must come back before the condition ends.
+        deadband_sigmas: The same in standard deviations of the noise; the larger of the two counts.
+        probability_on: The condition begins when it is at least this likely; None compares the figures alone.
+        probability_off: The condition ends when it is, deadband included, at most this likely.
+        target: The target; empty for that of the rule.
+    """
+
+    above_m: float | None = None
+    below_m: float | None = None
+    quantity: Quantity = "distance"
+    deadband_m: float = 0.0
+    deadband_sigmas: float = 3.0
+    probability_on: float | None = 0.7
+    probability_off: float = 0.5
+    target: str = ""
+
+    unit = "m"
+
+    @property
+    def noun(self) -> str:
+        """Distance or depth."""
+        return self.quantity
+
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """Its target."""
+        return (self.target,)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """In metres; infinite where there is none."""
+        return ends_of(self.above_m, self.below_m)
+
+    @property
+    def deadband(self) -> float:
+        """In metres."""
+        return self.deadband_m
+
+    @property
+    def figure(self) -> Figure:
+        """The distance or the depth of its target."""
+        return distance_figure(self.target, self.quantity)
+
+    def uncertain(self, known: Known) -> Uncertain | None:
+        """Return the distance or depth; see `LimitsCondition.uncertain`."""
+        return quantity_of(known.tracks[self.target], self.quantity)
+
+    def widened_limits(self, value: float, noise: float) -> tuple[float, float]:
+        """Return the thresholds outside which it ends. The noise at each is scaled with the square of the distance."""
+        low, high = self.limits
+        return low - self._deadband_m(low, value, noise), high + self._deadband_m(high, value, noise)
+
+    def _deadband_m(self, limit_m: float, value_m: float, noise_m: float) -> float:
+        if math.isinf(limit_m):
+            return 0.0
+        # Far from the threshold the scaling law says nothing useful, and the condition is clear anyway.
+        ratio = min(max(limit_m / value_m, 0.5), 2.0) if value_m > 0 else 1.0
+        return max(self.deadband_m, self.deadband_sigmas * noise_m * ratio * ratio)
+
+    def holds(self, known: Known, is_on: bool) -> bool | None:
+        """Return whether it holds; one between two thresholds also in the frame in which it was passed through."""
+        figures = quantity_of(known.tracks[self.target], self.quantity)
+        if figures is None:
+            return None
+        if self._is_near_or_far(*figures, is_on):
+            return True
+        return not is_on and self.passed_through(known) is not None
+
+    def _is_near_or_far(self, value_m: float, sigma_m: float, noise_m: float, is_on: bool) -> bool:
+        """Return what `is_within` returns, in half the time; most conditions are on a distance, with one threshold."""
+        above_m, below_m, likely_on = self.above_m, self.below_m, self.probability_on
+        if likely_on is None or (above_m is not None and below_m is not None):
+            return self.is_within(value_m, sigma_m, noise_m, is_on)
+        if below_m is not None:
+            limit_m = below_m + self._deadband_m(below_m, value_m, noise_m) if is_on else below_m
+            likely = probability_below(limit_m, value_m, sigma_m)
+        elif above_m is not None:
+            limit_m = above_m - self._deadband_m(above_m, value_m, noise_m) if is_on else above_m
+            likely = 1.0 - probability_below(limit_m, value_m, sigma_m)
+        else:
+            likely = 1.0
+        return likely >= likely_on or (is_on and likely > self.probability_off)
+
+    def rest(self, known: Known, is_on: bool) -> Rest | None:
+        """Return for how long it stays as it is: not at all in the frame in which it was passed through."""
+        rest = LimitsCondition.rest(self, known, is_on)
+        return None if not is_on and self.passed_through(known) is not None else rest
+
+    def passed_through(self, known: Known) -> tuple[float, float] | None:
+        """Return between which distances a target went through both thresholds unseen; None if it did not.
+
+        A distance does not jump: a target that was surely on one side, and now surely is on the other, was in between.
+        """
+        if self.above_m is None or self.below_m is None:
+            return None
+        track = known.before.get(self.target)
+        before = None if track is None else quantity_of(track, self.quantity)
+        now = self.uncertain(known)
+        if before is None or now is None:
+            return None
+        sides = self._sure_side(before), self._sure_side(now)
+        return None if 0 in sides or sides[0] == sides[1] else (before[0], now[0])
+
+    def _sure_side(self, figures: Uncertain) -> int:
+        """Return 1 for surely further than both thresholds, -1 for surely nearer than both, else 0."""
+        low_m, high_m = self.limits
+        sure, (value_m, sigma_m, _) = self.probability_on, figures
+        if sure is None:
+            return (value_m >= high_m) - (value_m <= low_m)
+        nearer, further = probability_below(low_m, value_m, sigma_m), 1.0 - probability_below(high_m, value_m, sigma_m)
+        return (further >= sure) - (nearer >= sure)
+
+    def said(self, value: float, sigma: float) -> str:
+        """Return a distance with its standard deviation."""
+        return metres(value, sigma)
+
+    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:
+        """Return the figures behind `holds`; see `Leaf.in_words`."""
+        passed = None if is_on else self.passed_through(known)
+        if passed is None:
+            return LimitsCondition.in_words(self, known, is_on, names_target=names_target)
+        words = f"passed through between two frames: {passed[0]:.2f} m, then {passed[1]:.2f} m"
+        return self._named(words) if names_target else words
+
+    def limit_points(self, figures: Uncertain, *, is_on: bool) -> tuple[float, ...]:
+        """Return the distances at which it begins, or ends.
+
+        On the way there the noise is taken to grow with the square of the distance, and an error of the scale in
+        proportion to it.
+        """
+        value_m, sigma_m, noise_m = figures
+        if value_m <= 0:
+            return LimitsCondition.limit_points(self, figures, is_on=is_on)
+        noise_per_m = noise_m / (value_m * value_m)
+        scale_sigma = math.sqrt(max(0.0, sigma_m * sigma_m - noise_m * noise_m)) / value_m
+
+        def holds(distance_m: float) -> bool:
+            there_m = noise_per_m * distance_m * distance_m
+            return self.is_within(distance_m, math.hypot(there_m, scale_sigma * distance_m), there_m, is_on)
+
+        low, high = self.limits
+        points: list[float] = []
+        middle = (low + high) / 2
+        if math.isfinite(low):
+            points += turning_point(holds, middle if math.isfinite(high) else 2 * low, 0.0)
+        if math.isfinite(high):
+            points += turning_point(holds, middle if math.isfinite(low) else 0.0, 2 * high)
+        return tuple(points)
+
+    def begins(self) -> str:
+        """Return a clause that says when it begins."""
+        along = " along the optical axis" if self.quantity == "depth" else ""
+        words = f"`{self.target}` is {within_said(self.limits, length, 'nearer than ', 'further than ')}{along}"
+        return surely(words, self.probability_on)
+
+    def ends(self) -> str:
+        """Return a clause that says when it has ended."""
+        band = self.deadband_m, self.deadband_sigmas, self.unit
+        return f"it is {back_said(self.limits, length, 'nearer than ', 'further than ', band=band)}"
+
+    def band(self) -> Band:
+        """Return its thresholds for `check`."""
+        return Band(self.quantity, self.above_m, self.below_m, self.unit, self.deadband_m, is_positive=True)
+
+    def widened(self) -> Self:
+        """Return it with each threshold moved by its deadband."""
+        above_m, below_m = moved(self.above_m, self.below_m, self.deadband_m)
+        return replace(self, above_m=above_m, below_m=below_m)
+
+    def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: ARG002
+        """Yield the boxes of situations in which it is so; see `Leaf.situations`."""
+        yield from self.situations_of(truth, self.quantity, LENGTHS)
+
+
+def distance_figure(target: str, quantity: Quantity) -> Figure:
+    """Return the figure of the distance or the depth of a target, in metres."""
+    return Figure(_distance_m, (target, quantity))
+
+
+def _distance_m(known: Known, target: str, quantity: Quantity) -> float:
+    return value_of(quantity_of(known.tracks[target], quantity))

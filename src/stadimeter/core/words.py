@@ -1,0 +1,56 @@
+"""Figures in the words that rules give."""
+
+from __future__ import annotations
+
+import math
+
+FOOT_M = 0.3048
+_DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
+
+
+def metres(value_m: float, sigma_m: float) -> str:
+    """Return a distance such as ``2.43 m ± 0.04``, to the centimetre, or to the millimetre if it is that sure."""
+    digits = 2 if sigma_m >= 0.01 else 3
+    return f"{value_m:.{digits}f} m ± {sigma_m:.{digits}f}"
+
+
+def length(value_m: float) -> str:
+    """Return a length in metres and in feet, such as ``3.05 m (10.0 ft)``."""
+    return f"{value_m:.2f} m ({value_m / FOOT_M:.1f} ft)"
+
+
+_LONG_UNITS = (("h", 3600.0), ("min", 60.0))
+
+
+def duration(seconds: float) -> str:
+    """Return a duration in the largest unit that leaves it whole, such as ``0.2 s``, ``90 s`` or ``8 h``."""
+    for unit, unit_s in _LONG_UNITS:
+        if seconds >= unit_s and seconds % unit_s == 0:
+            return f"{seconds / unit_s:g} {unit}"
+    return f"{seconds:g} s"
+
+
+def rounded_duration(seconds: float) -> str:
+    """Return a measured duration, rounded as people read it: ``0.2 s``, ``12.5 min``, ``8 h``; ``ever`` for infinity.
+
+    Less than nothing counts as nothing: a timer that is due may be looked at a moment later.
+    """
+    if not math.isfinite(seconds):
+        return "ever"
+    for unit, unit_s in _LONG_UNITS:
+        if seconds >= 2 * unit_s:
+            figure = seconds / unit_s
+            return f"{figure:.3g} {unit}" if figure < 999.5 else f"{figure:.0f} {unit}"
+    return f"{max(0.0, seconds):.1f} s"
+
+
+def time_of_day(second: float) -> str:
+    """Return seconds since midnight as ``22:30``, or as ``22:30:15`` if they are not a whole minute."""
+    minutes, seconds = divmod(int(second), 60)
+    whole = f"{minutes // 60 % 24:02d}:{minutes % 60:02d}"
+    return f"{whole}:{seconds:02d}" if seconds else whole
+
+
+def day(weekday: int) -> str:
+    """Return the name of a weekday, 0 for Monday."""
+    return _DAYS[weekday]

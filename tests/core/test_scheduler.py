@@ -1,0 +1,52 @@
+"""The scheduler against its oracle: judging every rule in every cycle gives the same decisions, to the last bit."""
+
+import pytest
+
+from stadimeter.core.decide import decide, initial_state
+from support.random_runs import random_run, with_all_active
+
+
+def first_difference(run):
+    """Return the first cycle in which the scheduler and its oracle decide differently, and both decisions."""
+    scheduled = judged = initial_state(run.plan)
+    for cycle, observation in enumerate(run.observations):
+        scheduled, decision = decide(scheduled, observation)
+        judged, expected = decide(with_all_active(judged), observation)
+        if decision != expected or dict(decision.reasons) != dict(expected.reasons):
+            return cycle, decision, expected
+    return None
+
+
+def differing(seeds, *, is_aimed):
+    return {seed: found[0] for seed in seeds if (found := first_difference(random_run(seed, is_aimed=is_aimed)))}
+
+
+def test_quiescent_rules_do_what_they_would_do_if_every_rule_was_judged_in_every_cycle():
+    assert differing(range(40), is_aimed=False) == {}
+
+
+def test_alarms_that_gave_up_and_rules_that_ask_for_them_are_never_quiescent_on_a_stale_verdict():
+    assert differing(range(40), is_aimed=True) == {}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_2000_random_runs_are_decided_as_if_every_rule_was_judged_in_every_cycle():
+    assert differing(range(2000), is_aimed=False) == {}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_500_runs_aimed_at_policies_and_dependants_are_decided_as_if_every_rule_was_judged():
+    assert differing(range(500), is_aimed=True) == {}
+
+
+def test_the_random_runs_raise_alarms_of_every_kind():
+    kinds = set()
+    for seed in range(40):
+        run = random_run(seed)
+        state = initial_state(run.plan)
+        for observation in run.observations:
+            state, decision = decide(state, observation)
+            kinds.update(event.kind.value for event in decision.events)
+    assert {"raised", "cleared", "realarmed", "suppressed", "shelved", "measurement_lost", "target_lost"} <= kinds
