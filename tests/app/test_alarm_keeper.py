@@ -6,9 +6,9 @@ from functools import partial
 
 import pytest
 
-from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
 from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import moment
+from stadimeter.app.persistence.state_writer import StateWriter
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.message import Message
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
@@ -84,7 +84,7 @@ class Kept:
     def __init__(self, store, *rules, clock="boot 1", clock_s=0.0, unix_s=1e9, is_right=True, post=None):
         self.run = Rehearsal(plan_of(*rules))
         self.run.now_s = clock_s
-        self.keeper = AlarmKeeper(store, partial(moment, clock, unix_s=lambda: unix_s, is_right=lambda: is_right), post)
+        self.keeper = StateWriter(store, partial(moment, clock, unix_s=lambda: unix_s, is_right=lambda: is_right), post)
         resumption = self.keeper.begin(clock_s)
         if resumption is not None:
             self.run.state = resumption.of(self.run.state)
@@ -307,7 +307,7 @@ def test_what_a_run_takes_over_is_text_that_gives_the_same_again(path):
     from stadimeter.app.persistence.resumption import read_resumption
 
     shelved(path)
-    keeper = AlarmKeeper(AlarmStore(path), partial(moment, "boot 2", unix_s=lambda: 1e9, is_right=lambda: True))
+    keeper = StateWriter(AlarmStore(path), partial(moment, "boot 2", unix_s=lambda: 1e9, is_right=lambda: True))
     resumption = keeper.begin(7.0)
     keeper.end(Rehearsal(plan_of(NEAR)).state)
     assert read_resumption(resumption.text()) == resumption

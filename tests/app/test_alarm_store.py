@@ -24,7 +24,7 @@ from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
-from stadimeter.core.persistence import Absence, KeptAlarm
+from stadimeter.core.persistence import Absence, AlarmSnapshot
 from stadimeter.errors import StateError
 
 RAISED = Event(
@@ -40,8 +40,8 @@ ACTIVE = AlarmState(
     inhibits=Inhibits(shelved_until_s=1811.0, is_one_shot=True, shelved_by="Zoë"),
     resumed=Resumed(from_s=math.inf, at_s=3.0),
 )
-NEAR = KeptAlarm(rule="near", meaning="a" * 64, state=ACTIVE, is_first_out=True)
-FAR = KeptAlarm(rule="far", meaning="b" * 64, state=AlarmState())
+NEAR = AlarmSnapshot(rule="near", meaning="a" * 64, state=ACTIVE, is_first_out=True)
+FAR = AlarmSnapshot(rule="far", meaning="b" * 64, state=AlarmState())
 NOON = Moment(clock="boot one", at_s=12.5, unix_s=1.7e9, is_synchronised=True)
 
 
@@ -483,7 +483,7 @@ def test_a_file_is_known_as_ours_from_its_first_write_on(path):
 def test_what_an_earlier_version_has_written_is_read_with_the_names_of_today():
     memory = Resumption(
         alarms=(
-            KeptAlarm(rule="near", meaning="a", state=AlarmState(inhibits=Inhibits(shelved_by='the "gates": man'))),
+            AlarmSnapshot(rule="near", meaning="a", state=AlarmState(inhibits=Inhibits(shelved_by='the "gates": man'))),
         ),
         shift_s=0.0,
         from_s=0.0,

@@ -15,7 +15,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import Detector
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from support.simulated_run import SIMULATED_BALL
 
 STILL = """
@@ -29,7 +29,7 @@ class Listening:
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
-        self.target_size = detector.target_size
+        self.target_shape = detector.target_shape
         self.asked: list[tuple[float, Prediction | None, Detection]] = []
 
     def detect(
@@ -43,7 +43,7 @@ class Listening:
 class Blind:
     """Finds nothing, and says what it looked at."""
 
-    target_size = BallSize(diameter_m=0.2)
+    target_shape = BallShape(diameter_m=0.2)
     looked_at = RejectedCandidate(centre_px=(30.0, 20.0), size_px=24.0, reason="support 0.31, limit 0.60")
 
     def detect(
@@ -61,7 +61,7 @@ def loop(tmp_path: Path) -> Loop:
 
 def listening(loop: Loop) -> Listening:
     detector = Listening(loop.parts.cycle.detectors["ball"])
-    loop.parts.cycle.looking.detectors = {"ball": detector}
+    loop.parts.cycle.perceiver.detectors = {"ball": detector}
     return detector
 
 
@@ -84,7 +84,7 @@ def test_about_once_a_second_the_whole_frame_is_searched(loop: Loop) -> None:
 
 def test_expecting_changes_no_decision_where_the_detector_finds_the_same(tmp_path: Path, loop: Loop) -> None:
     other = Loop(build(load_configuration(tmp_path / "run.toml"), speed=None))
-    other.parts.cycle.looking.expectations.of = lambda *_: None  # type: ignore[method-assign]
+    other.parts.cycle.perceiver.expectations.of = lambda *_: None  # type: ignore[method-assign]
     decisions = [recorded(each) for each in (loop, other)]
     assert decisions[0] == decisions[1]
 
@@ -97,7 +97,7 @@ def recorded(loop: Loop) -> list[object]:
 
 
 def test_what_was_rejected_is_told_with_the_cycle(loop: Loop) -> None:
-    loop.parts.cycle.looking.detectors = {"ball": Blind()}
+    loop.parts.cycle.perceiver.detectors = {"ball": Blind()}
     records: list[CycleRecord] = []
     loop.listeners.append(lambda record, _frame: records.append(record))
     loop.run(Limits(frames=5))

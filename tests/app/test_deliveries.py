@@ -8,9 +8,9 @@ import pytest
 from stadimeter.app.bootstrap import build
 from stadimeter.app.deliveries import MESSENGER, Deliveries, in_words
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
 from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import moment
+from stadimeter.app.persistence.state_writer import StateWriter
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
@@ -56,7 +56,7 @@ class Run:
         self.set_gone(is_gone)
         if keeps:
             store = AlarmStore(folder / "run.sqlite3")
-            self.loop.services.memory = AlarmKeeper(store, partial(moment, "stepped"), self.loop.deliveries)
+            self.loop.services.memory = StateWriter(store, partial(moment, "stepped"), self.loop.deliveries)
 
     def set_gone(self, is_gone):
         if self.messenger is not None:

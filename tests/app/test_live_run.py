@@ -22,7 +22,7 @@ from stadimeter.core.command import LevelCommand
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.testing.recording import RecordingActuator
 from support.simulated_run import SIMULATED_BALL
 
@@ -59,7 +59,7 @@ class Camera:
 class Detector:
     """Always sees a ball at 2 m."""
 
-    target_size = BallSize(diameter_m=0.2)
+    target_shape = BallShape(diameter_m=0.2)
 
     def detect(self, frame, prediction=None, *, lens=None):
         found = DetectionStatus.FOUND

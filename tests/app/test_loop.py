@@ -105,7 +105,7 @@ def test_an_error_anywhere_stops_every_output_and_is_then_reported(rig, error):
 
 def test_an_error_in_a_detector_stops_every_output_too(rig):
     class Broken:
-        target_size = rig.parts.cycle.detectors["ball"].target_size
+        target_shape = rig.parts.cycle.detectors["ball"].target_shape
 
         def detect(self, frame, prediction=None, *, lens=None):
             if frame.sequence > 10:
@@ -113,7 +113,7 @@ def test_an_error_in_a_detector_stops_every_output_too(rig):
             return working.detect(frame, prediction, lens=lens)
 
     working = rig.parts.cycle.detectors["ball"]
-    rig.parts.cycle.looking.detectors = {"ball": Broken()}
+    rig.parts.cycle.perceiver.detectors = {"ball": Broken()}
     with pytest.raises(IndexError):
         rig.loop.run()
     assert rig.last_actions == STOPPED_THEN_CLOSED

@@ -28,7 +28,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import DriverUnavailableError, JournalError
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.replay.recording_reader import decoded_frame, read_mcap
 from support.observing import Rehearsal
@@ -44,7 +44,7 @@ LENS = CameraModel.with_focal_length(60.0, 64, 48)
 RECORDED = Recorded(
     configuration=RecordedConfiguration(text="# configuration", files={"camera.toml": "# lens"}),
     camera=LENS,
-    sizes={"ball": BallSize(diameter_m=0.2)},
+    sizes={"ball": BallShape(diameter_m=0.2)},
 )
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
 from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import moment
+from stadimeter.app.persistence.state_writer import StateWriter
 from stadimeter.app.wall_time import TimeOfDay
 from stadimeter.config.loader import load_configuration
 from support.simulated_run import SIMULATED_BALL
@@ -47,7 +47,7 @@ def events_of(loop, **limits):
 
 
 def remembering(loop, path):
-    loop.services.memory = AlarmKeeper(AlarmStore(path), partial(moment, "stepped"))
+    loop.services.memory = StateWriter(AlarmStore(path), partial(moment, "stepped"))
     return loop
 
 

@@ -36,7 +36,7 @@ from stadimeter.config.plugins import Options, Plugin
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DeviceClosedError
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
 
@@ -106,7 +106,7 @@ class SteadyCamera:
 class SteadyDetector:
     """Always sees a ball at 2 m."""
 
-    target_size = BallSize(diameter_m=0.2)
+    target_shape = BallShape(diameter_m=0.2)
 
     def detect(self, frame: Frame, prediction: object = None, *, lens: object = None) -> Detection:
         angles = np.arange(60.0)

@@ -83,7 +83,7 @@ def _calibrated_on(path: Path, depth_m: float) -> CameraModel:
         width_px=frame.width_px,
         height_px=frame.height_px,
         detection=finder.detect(frame),
-        size=finder.target_size,
+        size=finder.target_shape,
         depth_m=depth_m,
     )
     return calibrate([known], date="").camera_model

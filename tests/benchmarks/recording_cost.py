@@ -59,7 +59,7 @@ def kept_run(frames: int) -> tuple[Kept, Recorded]:
     recorded = Recorded(
         configuration=to_be_recorded(configuration),
         camera=configuration.camera_model,
-        sizes={name: detector.target_size for name, detector in loop.parts.cycle.detectors.items()},
+        sizes={name: detector.target_shape for name, detector in loop.parts.cycle.detectors.items()},
     )
     return kept, recorded
 

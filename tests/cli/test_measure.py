@@ -18,7 +18,7 @@ from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.workbench.measuring import measure_picture
 
 KEYS = [
@@ -210,10 +210,10 @@ def test_a_broken_camera_file_is_named_with_its_line(pictures: Path, tmp_path: P
     assert result.stderr.startswith(f"error: {tmp_path / 'camera.toml'}:2: height_px: -480 is not above 0")
 
 
-class Looking:
+class Perceiver:
     """Finds a ball, or nothing, and rejects two other things, as its picture says."""
 
-    target_size = BallSize(diameter_m=0.1, relative_sigma=0.01)
+    target_shape = BallShape(diameter_m=0.1, relative_sigma=0.01)
 
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
@@ -241,10 +241,10 @@ class Looking:
 
 
 @pytest.fixture
-def looking(monkeypatch: pytest.MonkeyPatch) -> None:
+def perceiver(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put a detector whose answers are known in place of the others."""
     monkeypatch.setattr(
-        measure_command, "build_detectors", lambda *_: (NamedDetector(name="ball", detector=Looking()),)
+        measure_command, "build_detectors", lambda *_: (NamedDetector(name="ball", detector=Perceiver()),)
     )
 
 
@@ -297,7 +297,7 @@ def test_explained_the_copies_show_what_was_rejected(pictures: Path, camera, tmp
 
 
 def test_what_is_rejected_is_numbered_through_all_targets_of_a_picture(pictures: Path) -> None:
-    targets = [NamedDetector(name=name, detector=Looking()) for name in ("left", "right")]
+    targets = [NamedDetector(name=name, detector=Perceiver()) for name in ("left", "right")]
     camera_model = CameraModel.with_focal_length(600.0, 640, 480)
     result = measure_picture(pictures / "wall.png", targets, camera_model)
     assert [[number for number, _ in each.rejected] for each in result.targets] == [[1, 2], [3, 4]]

@@ -95,7 +95,7 @@ def test_what_is_wrong_is_said_in_one_line(given: dict[str, str], said: str) -> 
 def test_a_tolerance_says_how_well_the_size_is_known(given: dict[str, str], share: float) -> None:
     (choice,) = _wanted(tolerance="1 mm", **given).choices
     (named,) = build_detectors([choice], None)
-    assert named.detector.target_size.relative_sigma == pytest.approx(share)
+    assert named.detector.target_shape.relative_sigma == pytest.approx(share)
 
 
 @pytest.mark.parametrize("wrong", ["1", "-1 mm", "often", "nan mm"])

@@ -25,8 +25,8 @@ from stadimeter.core.condition import (
     SeparationCondition,
     TimeToContactCondition,
 )
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import Intervals, interval, union_of
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.verdict import judge
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
@@ -117,9 +117,9 @@ def tracks(draw: st.DrawFn, target: str) -> Track:
 
 
 @st.composite
-def situations(draw: st.DrawFn) -> Known:
+def situations(draw: st.DrawFn) -> RuleInputs:
     hour = draw(st.integers(0, 23))
-    return Known(
+    return RuleInputs(
         tracks={target: draw(tracks(target)) for target in TARGETS},
         now_s=NOW_S,
         wall=draw(st.none() | st.builds(WallTime, second_of_day=st.just(hour * 3600.0 + 1), weekday=st.integers(0, 6))),
@@ -128,18 +128,20 @@ def situations(draw: st.DrawFn) -> Known:
 
 
 @settings(max_examples=150, deadline=None)
-@given(condition=trees(), known=situations())
-def test_what_can_never_hold_is_never_judged_to_hold(condition: Condition, known: Known) -> None:
-    if judge(condition, known, (), is_active=False).value is True:
+@given(condition=trees(), inputs=situations())
+def test_what_can_never_hold_is_never_judged_to_hold(condition: Condition, inputs: RuleInputs) -> None:
+    if judge(condition, inputs, (), is_active=False).value is True:
         assert Logic(targets=TARGETS).can_be((beginning_of(condition), Wanted.TRUE))
 
 
 @settings(max_examples=150, deadline=None)
-@given(first=trees(), second=trees(), known=situations())
-def test_two_that_were_judged_together_can_be_so_together(first: Condition, second: Condition, known: Known) -> None:
+@given(first=trees(), second=trees(), inputs=situations())
+def test_two_that_were_judged_together_can_be_so_together(
+    first: Condition, second: Condition, inputs: RuleInputs
+) -> None:
     goals = []
     for condition in (first, second):
-        value = judge(condition, known, (), is_active=False).value
+        value = judge(condition, inputs, (), is_active=False).value
         wanted = {True: Wanted.TRUE, False: Wanted.NOT_TRUE, None: Wanted.NOT_TRUE}[value]
         goals.append((condition if wanted is Wanted.NOT_TRUE else beginning_of(condition), wanted))
     if not _has_deadband_below_not(first) and not _has_deadband_below_not(second):

@@ -14,7 +14,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import Detector
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.testing.detector_contract import DetectorContract, DetectorRig
 from support.detector_rigs import detector_rig
 
@@ -34,11 +34,11 @@ class Wrong:
     """A detector that is right, until a subclass is not."""
 
     right: Detector
-    target_size: BallSize = field(init=False)
+    target_shape: BallShape = field(init=False)
     seen: list[Detection] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.target_size = self.right.target_size
+        self.target_shape = self.right.target_shape
 
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None

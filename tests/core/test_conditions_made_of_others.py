@@ -17,7 +17,7 @@ from stadimeter.core.condition import (
     ScheduleCondition,
     leaves,
 )
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.verdict import Verdict, in_words, judge, judged_by_cycle, parts_of, rest_of
 from stadimeter.core.track import Track, TrackStatus
 
@@ -26,11 +26,11 @@ A, B, C = (RuleCondition(rule=name) for name in "abc")
 
 
 def given_rules(**active):
-    return Known(tracks={}, now_s=0.0, active=active)
+    return RuleInputs(tracks={}, now_s=0.0, active=active)
 
 
-def value(condition, known):
-    return judge(condition, known, (), is_active=False).value
+def value(condition, inputs):
+    return judge(condition, inputs, (), is_active=False).value
 
 
 def all_of(*conditions):
@@ -48,9 +48,9 @@ def not_(condition):
 @pytest.mark.parametrize(("a", "b"), list(itertools.product(VALUES, VALUES)))
 def test_all_and_any_are_the_least_and_the_greatest_of_false_unknown_true(a, b):
     order = {False: 0, None: 1, True: 2}
-    known = given_rules(a=a, b=b)
-    assert value(all_of(A, B), known) is min(a, b, key=order.get)
-    assert value(any_of(A, B), known) is max(a, b, key=order.get)
+    inputs = given_rules(a=a, b=b)
+    assert value(all_of(A, B), inputs) is min(a, b, key=order.get)
+    assert value(any_of(A, B), inputs) is max(a, b, key=order.get)
 
 
 def test_the_opposite_of_unknown_is_unknown():
@@ -71,11 +71,11 @@ WORLDS = st.fixed_dictionaries(dict.fromkeys("abc", st.sampled_from(VALUES)))
 
 @given(st.lists(TREES, min_size=1, max_size=4), WORLDS)
 def test_de_morgan_holds_with_three_values(trees, world):
-    known = given_rules(**world)
+    inputs = given_rules(**world)
     opposites = [not_(tree) for tree in trees]
-    assert value(not_(all_of(*trees)), known) is value(any_of(*opposites), known)
-    assert value(not_(any_of(*trees)), known) is value(all_of(*opposites), known)
-    assert value(not_(not_(trees[0])), known) is value(trees[0], known)
+    assert value(not_(all_of(*trees)), inputs) is value(any_of(*opposites), inputs)
+    assert value(not_(any_of(*trees)), inputs) is value(all_of(*opposites), inputs)
+    assert value(not_(not_(trees[0])), inputs) is value(trees[0], inputs)
 
 
 @given(TREES, WORLDS, st.fixed_dictionaries(dict.fromkeys("abc", st.booleans())))
@@ -99,7 +99,7 @@ def seeing(ball=3.0, tag=3.0, **more):
         name: track(name, at_m or 1.0, status=TrackStatus.LOST if at_m is None else TrackStatus.TRACKING)
         for name, at_m in (("ball", ball), ("tag", tag))
     }
-    return Known(tracks=tracks, now_s=10.0, **more)
+    return RuleInputs(tracks=tracks, now_s=10.0, **more)
 
 
 class Alarm:
@@ -110,8 +110,8 @@ class Alarm:
         self.is_active = False
         self.held = ()
 
-    def see(self, known):
-        verdict = judge(self.condition, known, self.held, is_active=self.is_active)
+    def see(self, inputs):
+        verdict = judge(self.condition, inputs, self.held, is_active=self.is_active)
         self.held = verdict.held
         self.is_active = self.is_active if verdict.value is None else verdict.value
         return self.is_active
@@ -215,7 +215,7 @@ def test_while_it_is_active_it_rests_only_if_every_part_does():
 
 figures = st.sampled_from([None, 0.5, 0.97, 0.99, 1.0, 1.03, 1.05, 1.08, 2.0])
 sightings = st.builds(
-    lambda ball, tag, sigma_m: Known(
+    lambda ball, tag, sigma_m: RuleInputs(
         tracks={
             name: track(name, at_m or 1.0, sigma_m, TrackStatus.LOST if at_m is None else TrackStatus.TRACKING)
             for name, at_m in (("ball", ball), ("tag", tag))
@@ -255,8 +255,8 @@ mixed = st.recursive(
 @given(mixed, st.lists(sightings, max_size=6), sightings)
 def test_nothing_that_stands_still_makes_an_alarm_come_and_go(condition, way, still):
     alarm = Alarm(condition)
-    for known in way:
-        alarm.see(known)
+    for inputs in way:
+        alarm.see(inputs)
     settled = [alarm.see(still) for _ in range(6)]
     assert settled[0] is settled[-1]
     assert len(set(settled[1:])) == 1
@@ -266,8 +266,8 @@ def test_nothing_that_stands_still_makes_an_alarm_come_and_go(condition, way, st
 @given(mixed, st.lists(sightings, min_size=1, max_size=6))
 def test_a_verdict_remembers_every_part(condition, way):
     alarm = Alarm(condition)
-    for known in way:
-        alarm.see(known)
+    for inputs in way:
+        alarm.see(inputs)
     count = len(list(leaves(condition)))
     is_simple = isinstance(condition, DistanceCondition)
     assert len(alarm.held) == (0 if is_simple else count)
@@ -276,11 +276,11 @@ def test_a_verdict_remembers_every_part(condition, way):
 @settings(deadline=None)
 @given(mixed, st.lists(sightings, min_size=1, max_size=8))
 def test_what_is_not_known_changes_nothing(condition, way):
-    blind = Known(
+    blind = RuleInputs(
         tracks={name: track(name, 1.0, status=TrackStatus.LOST) for name in ("ball", "tag")},
         now_s=10.0,
     )
     alarm, blinded = Alarm(condition), Alarm(condition)
-    for known in way:
+    for inputs in way:
         blinded.see(blind)
-        assert alarm.see(known) is blinded.see(known)
+        assert alarm.see(inputs) is blinded.see(inputs)

@@ -21,7 +21,7 @@ from stadimeter.core.condition import (
     SeparationCondition,
     TimeToContactCondition,
 )
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.verdict import evidence, judge
 from stadimeter.core.track import Track, TrackStatus
 
@@ -42,12 +42,12 @@ def track(distance_m=2.1, sigma_m=0.1, target="ball", **more):
     return Track(target=target, distance_m=distance_m, sigma_m=sigma_m, **{**figures, **more})
 
 
-def known(*tracks, **more):
-    return Known(tracks={each.target: each for each in tracks or (track(),)}, now_s=10.0, **more)
+def inputs(*tracks, **more):
+    return RuleInputs(tracks={each.target: each for each in tracks or (track(),)}, now_s=10.0, **more)
 
 
 def of(condition, *tracks, is_active=False, held=(), **more):
-    return evidence(condition, known(*tracks, **more), held, is_active=is_active)
+    return evidence(condition, inputs(*tracks, **more), held, is_active=is_active)
 
 
 def test_a_distance_comes_with_all_its_figures():
@@ -184,7 +184,7 @@ def test_the_condition_turns_exactly_where_it_is_said_to(distance_m, sigma_m, pr
 
     def holds(at_m):
         there = track(at_m, sigma_m * (at_m / distance_m) ** 2)
-        return judge(condition, known(there), (), is_active=is_on).value
+        return judge(condition, inputs(there), (), is_active=is_on).value
 
     assert holds(points[0] - step_m) is True
     assert holds(points[0] + step_m) is False

@@ -10,7 +10,7 @@ from stadimeter.core.condition import DistanceCondition, PresenceCondition, Rule
 from stadimeter.core.decision import EventKind
 from stadimeter.core.persistence import Change, change
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
-from stadimeter.core.reload import carried_over
+from stadimeter.core.reload import reload
 from stadimeter.core.rule import AlarmRule, Lost, OnDelay, RampRule
 from support.observing import Rehearsal
 
@@ -109,7 +109,7 @@ def test_rules_that_mean_the_same_go_on_as_if_nothing_had_happened():
     run = rehearse(NEAR, FAR)
     run.see(3, 0.6, 0.6, 0.6)
     steps = run.state.rules.steps
-    taken = carried_over(run.state, plan_of(replace(NEAR, name="other", output=None), NEAR, FAR))
+    taken = reload(run.state, plan_of(replace(NEAR, name="other", output=None), NEAR, FAR))
     assert taken.state.rules.steps[1:] == steps
     assert (taken.kept, taken.added, taken.changed, taken.removed) == (("near", "far"), ("other",), (), ())
     run.state = taken.state
@@ -120,7 +120,7 @@ def test_rules_that_mean_the_same_go_on_as_if_nothing_had_happened():
 def test_an_alarm_whose_rule_is_removed_clears_and_lets_its_output_go_at_once():
     run = rehearse(NEAR, FAR)
     run.see(3, 0.6, 0.6, 0.6)
-    run.state = carried_over(run.state, plan_of(FAR)).state
+    run.state = reload(run.state, plan_of(FAR)).state
     decision = run.see(0.6)
     (event,) = [event for event in decision.events if event.source == "near"]
     assert (event.kind, event.reason) == (EventKind.CLEARED, "removed from the configuration")
@@ -134,7 +134,7 @@ def test_an_alarm_whose_rule_is_removed_clears_and_lets_its_output_go_at_once():
 def test_an_alarm_whose_rule_is_changed_clears_and_begins_anew():
     run = rehearse(NEAR)
     run.see(3, 0.6, 0.6, 0.6)
-    taken = carried_over(run.state, plan_of(replace(NEAR, condition=DistanceCondition(below_m=0.7))))
+    taken = reload(run.state, plan_of(replace(NEAR, condition=DistanceCondition(below_m=0.7))))
     assert taken.changed == ("near",)
     run.state = taken.state
     run.see(0.6, 0.6)
@@ -144,7 +144,7 @@ def test_an_alarm_whose_rule_is_changed_clears_and_begins_anew():
 def test_a_rule_that_did_nothing_is_removed_without_a_word():
     run = rehearse(NEAR, FAR)
     run.see(3, 3, 3)
-    run.state = carried_over(run.state, plan_of(FAR)).state
+    run.state = reload(run.state, plan_of(FAR)).state
     run.see(3)
     assert run.events("near") == []
 
@@ -153,7 +153,7 @@ def test_targets_outputs_and_safety_go_on():
     run = rehearse(NEAR, FAR)
     run.see(3, 3, 3, 3)
     before = run.state
-    after = carried_over(before, plan_of(FAR)).state
+    after = reload(before, plan_of(FAR)).state
     assert (after.tracks, after.outputs, after.safety, after.now_s) == (
         before.tracks,
         before.outputs,
@@ -167,7 +167,7 @@ def test_targets_outputs_and_safety_go_on():
 def test_taking_over_the_same_configuration_changes_no_decision():
     with_reload, without = rehearse(NEAR, FAR), rehearse(NEAR, FAR)
     for count, distance_m in enumerate([3, 2, 0.6, 0.6, 0.6, 3, 3, 3, None, None, 0.6, 0.6] * 3):
-        with_reload.state = carried_over(with_reload.state, plan_of(NEAR, FAR)).state
+        with_reload.state = reload(with_reload.state, plan_of(NEAR, FAR)).state
         assert with_reload.see(distance_m) == without.see(distance_m), count
 
 
@@ -175,4 +175,4 @@ def test_rules_that_ask_for_each_other_in_a_circle_are_no_plan():
     run = rehearse(NEAR)
     circle = replace(NEAR, condition=RuleCondition(rule="near"))
     with pytest.raises(ValueError, match="circle"):
-        carried_over(run.state, plan_of(circle))
+        reload(run.state, plan_of(circle))

@@ -15,7 +15,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.ball import PLUGIN, BallDetector, BallOptions
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.measure import measure
 
 pytestmark = pytest.mark.vision
@@ -123,8 +123,8 @@ def test_a_tolerance_of_the_diameter_makes_the_distance_less_sure(ball_detector,
     camera = CameraModel.with_focal_length(600.0, 640, 480)
     frame = draw.frame(draw.noise(draw.disc(wall(), (320, 240), 40, RED)))
     loose = ball_detector(camera, tolerance="3.2 mm")
-    measured = measure(loose.detect(frame), loose.target_size, camera, 0.0)
-    assert loose.target_size.relative_sigma == pytest.approx(0.05)
+    measured = measure(loose.detect(frame), loose.target_shape, camera, 0.0)
+    assert loose.target_shape.relative_sigma == pytest.approx(0.05)
     assert measured.sigma_m / measured.distance_m == pytest.approx(0.05, rel=0.05)
 
 
@@ -237,7 +237,7 @@ def test_the_frame_is_not_changed_and_gives_the_same_answer_again(ball_detector,
 
 
 def test_the_target_size_is_what_the_options_say(ball_detector) -> None:
-    assert ball_detector(diameter="20 cm").target_size == BallSize(diameter_m=pytest.approx(0.2))
+    assert ball_detector(diameter="20 cm").target_shape == BallShape(diameter_m=pytest.approx(0.2))
 
 
 @pytest.mark.parametrize(
@@ -273,7 +273,7 @@ def _tennis_errors(real_pictures: Path, detector: BallDetector) -> list[float]:
     errors = []
     for row in rows:
         found = detector.detect(Frame(cv2.imread(str(folder / "images" / row["file"])), 0.0, 0))
-        measured = measure(found, BallSize(diameter_m=0.064), TENNIS_CAMERA, 0.0)
+        measured = measure(found, BallShape(diameter_m=0.064), TENNIS_CAMERA, 0.0)
         if row["file"] == "44.5_30.jpg":
             assert found.status is not DetectionStatus.FOUND, "the border cuts it off"
             assert measured.distance_m is None

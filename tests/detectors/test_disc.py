@@ -19,7 +19,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.disc import PLUGIN, DiscDetector, DiscOptions
 from stadimeter.detectors.disc.ellipse import Ellipse, ellipse_through
-from stadimeter.ranging.flat import DiscSize
+from stadimeter.ranging.flat import DiscShape
 from support.scenes.draw import CAMERA, disc_scene, empty_scene
 from support.scenes.nuisances import distorted, motion, noise, tone
 from support.scenes.render import render
@@ -237,8 +237,8 @@ def test_a_whole_disc_comes_before_a_larger_one_that_is_cut_off() -> None:
 
 
 def test_the_size_and_how_well_it_is_known_come_from_the_options() -> None:
-    assert detector(tolerance="1.2 mm").target_size == DiscSize(diameter_m=0.12, relative_sigma=pytest.approx(0.01))
-    assert detector().target_size.relative_sigma == 0
+    assert detector(tolerance="1.2 mm").target_shape == DiscShape(diameter_m=0.12, relative_sigma=pytest.approx(0.01))
+    assert detector().target_shape.relative_sigma == 0
 
 
 @pytest.mark.parametrize(

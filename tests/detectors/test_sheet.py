@@ -19,7 +19,7 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet import PLUGIN, SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
-from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.flat import SheetShape
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene
 from support.scenes.nuisances import BARREL, SHEET_NUISANCES
 from support.scenes.plane import Pose
@@ -187,8 +187,8 @@ def test_the_frame_is_not_changed_and_gives_the_same_answer_again(sheet_detector
 
 
 def test_the_target_size_is_what_the_options_say(sheet_detector) -> None:
-    size = sheet_detector(known_side="height").target_size
-    assert size == SheetSize(width_m=pytest.approx(0.2794), height_m=pytest.approx(0.2159), known_side="height")
+    size = sheet_detector(known_side="height").target_shape
+    assert size == SheetShape(width_m=pytest.approx(0.2794), height_m=pytest.approx(0.2159), known_side="height")
 
 
 @pytest.mark.parametrize(
@@ -391,9 +391,9 @@ def test_an_even_picture_of_any_size_holds_no_sheet_and_gives_no_warning(value: 
 
 
 def test_how_well_the_size_is_known_follows_from_the_tolerance() -> None:
-    size = with_camera(width="40 cm", height="10 cm", tolerance="1 mm").target_size
+    size = with_camera(width="40 cm", height="10 cm", tolerance="1 mm").target_shape
     assert size.relative_sigma == pytest.approx(0.001 / 0.2)
-    assert with_camera().target_size.relative_sigma == 0
+    assert with_camera().target_shape.relative_sigma == 0
 
 
 def test_a_black_square_is_as_good_as_paper(draw, wall) -> None:

@@ -21,7 +21,7 @@ from stadimeter.detectors.tag import PLUGIN, TagDetector, TagOptions
 from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
 from stadimeter.detectors.tag.sides import measure_sides
 from stadimeter.errors import DriverUnavailableError
-from stadimeter.ranging.flat import TagSize
+from stadimeter.ranging.flat import TagShape
 from support.scenes.draw import empty_scene, tag_scene
 from support.scenes.nuisances import distorted, motion, noise, tone
 from support.scenes.render import render
@@ -249,7 +249,7 @@ def test_the_picture_is_not_changed_and_the_same_picture_gives_the_same_answer()
 
 
 def test_the_target_size_is_the_side() -> None:
-    assert detector(side="8 cm").target_size == TagSize(side_m=0.08)
+    assert detector(side="8 cm").target_shape == TagShape(side_m=0.08)
 
 
 def test_the_driver_is_found_by_its_name(driver_context) -> None:

@@ -13,7 +13,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
-from stadimeter.perception.perceiver import Looking
+from stadimeter.perception.perceiver import Perceiver
 from support.scenes.draw import CAMERA, TENNIS_M, ball_scene
 from support.scenes.nuisances import BALL_NUISANCES
 from support.scenes.render import render
@@ -29,7 +29,7 @@ class Watched:
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
-        self.target_size = detector.target_size
+        self.target_shape = detector.target_shape
         self.lenses: list[CameraModel | None] = []
 
     def detect(
@@ -52,7 +52,7 @@ def test_a_ball_is_as_far_away_whatever_resolution_the_camera_was_calibrated_at(
     for seed in (3, 5, 8):
         frame = partly_hidden(seed)
         (at_calibrated,), (at_double,) = (
-            Looking({"ball": ball()}, model).look(frame)[1] for model in (SMALL, CALIBRATED)
+            Perceiver({"ball": ball()}, model).look(frame)[1] for model in (SMALL, CALIBRATED)
         )
         assert at_calibrated.distance_m is not None, at_calibrated.reason
         assert at_double == at_calibrated
@@ -60,9 +60,9 @@ def test_a_ball_is_as_far_away_whatever_resolution_the_camera_was_calibrated_at(
 
 def test_the_lens_is_scaled_once_for_all_frames_of_one_resolution() -> None:
     first, second = Watched(ball()), Watched(ball())
-    looking = Looking({"first": first, "second": second}, CALIBRATED)
+    perceiver = Perceiver({"first": first, "second": second}, CALIBRATED)
     for sequence in range(3):
-        looking.look(Frame(np.zeros((480, 640, 3), np.uint8), sequence / 30, sequence))
+        perceiver.look(Frame(np.zeros((480, 640, 3), np.uint8), sequence / 30, sequence))
     lenses = first.lenses + second.lenses
     assert all(lens is lenses[0] for lens in lenses)
     assert lenses[0] == SMALL
@@ -70,15 +70,15 @@ def test_the_lens_is_scaled_once_for_all_frames_of_one_resolution() -> None:
 
 def test_the_lens_follows_the_frames_to_another_resolution_and_back() -> None:
     watched = Watched(ball())
-    looking = Looking({"ball": watched}, SMALL)
+    perceiver = Perceiver({"ball": watched}, SMALL)
     for height in (480, 240, 480):
-        looking.look(Frame(np.zeros((height, height * 4 // 3, 3), np.uint8), 0.0, 0))
+        perceiver.look(Frame(np.zeros((height, height * 4 // 3, 3), np.uint8), 0.0, 0))
     assert [lens and lens.fx_px for lens in watched.lenses] == [600.0, 300.0, 600.0]
 
 
 def test_a_frame_of_another_aspect_is_refused() -> None:
     with pytest.raises(CalibrationError, match="another aspect"):
-        Looking({"ball": ball()}, SMALL).look(Frame(np.zeros((360, 640, 3), np.uint8), 0.0, 0))
+        Perceiver({"ball": ball()}, SMALL).look(Frame(np.zeros((360, 640, 3), np.uint8), 0.0, 0))
 
 
 def test_a_detector_without_a_lens_of_its_own_is_measured_by_its_outline() -> None:
@@ -89,6 +89,6 @@ def test_a_detector_without_a_lens_of_its_own_is_measured_by_its_outline() -> No
             return replace(super().detect(frame, prediction, lens=lens), measured_with=None)
 
     frame = partly_hidden(8)
-    (robust,), (by_points,) = (Looking({"ball": it}, SMALL).look(frame)[1] for it in (ball(), Elsewhere(ball())))
+    (robust,), (by_points,) = (Perceiver({"ball": it}, SMALL).look(frame)[1] for it in (ball(), Elsewhere(ball())))
     assert by_points.distance_m == pytest.approx(robust.distance_m, rel=0.02)
     assert by_points.distance_m != robust.distance_m

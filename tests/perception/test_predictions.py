@@ -9,10 +9,10 @@ import pytest
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.perception.perceiver import SEARCH_EVERY_S, Expectations
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
-BALL = BallSize(diameter_m=0.065)
+BALL = BallShape(diameter_m=0.065)
 
 
 def seen(at_s: float, target: str = "ball", status: TrackStatus = TrackStatus.TRACKING) -> Track:

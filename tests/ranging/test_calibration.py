@@ -15,13 +15,13 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.target import TargetShape
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
-from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.measure import measure
 
 INCH_M = 0.0254
-LETTER = SheetSize(width_m=11 * INCH_M, height_m=8.5 * INCH_M)
+LETTER = SheetShape(width_m=11 * INCH_M, height_m=8.5 * INCH_M)
 MIDDLE = (319.5, 239.5)
 Seen = Callable[..., Detection]
 
@@ -52,7 +52,7 @@ def test_a_ball_gives_the_true_focal_length_anywhere_in_the_picture(
     camera: CameraModel, seen_ball: Seen, away: float, depth_m: float, radius_m: float
 ) -> None:
     seen = seen_ball((away * depth_m, 0.2 * depth_m, depth_m), radius_m)
-    made = calibrate([_known(seen, depth_m, BallSize(diameter_m=2 * radius_m))], date="")
+    made = calibrate([_known(seen, depth_m, BallShape(diameter_m=2 * radius_m))], date="")
     assert made.camera_model.fx_px == pytest.approx(camera.fx_px, rel=1e-3)
 
 
@@ -184,12 +184,12 @@ def test_pictures_of_different_resolutions_are_refused(seen_sheet: Seen) -> None
 def test_a_camera_inside_the_ball_is_refused(seen_ball: Seen) -> None:
     seen = seen_ball((0.0, 0.0, 1.0), 0.1)
     with pytest.raises(CalibrationError, match="would be inside it"):
-        calibrate([_known(seen, 0.09, BallSize(diameter_m=0.2))], date="")
+        calibrate([_known(seen, 0.09, BallShape(diameter_m=0.2))], date="")
 
 
 @pytest.mark.parametrize("depth_m", [0.0, -1.0, math.nan, math.inf])
 def test_a_distance_that_is_none_is_refused(seen_sheet: Seen, seen_ball: Seen, depth_m: float) -> None:
-    ball = _known(seen_ball((0.0, 0.0, 1.0), 0.1), depth_m, BallSize(diameter_m=0.2))
+    ball = _known(seen_ball((0.0, 0.0, 1.0), 0.1), depth_m, BallShape(diameter_m=0.2))
     for known in (_known(seen_sheet(220, 170, MIDDLE), depth_m), ball):
         with pytest.raises(ValueError, match=r"is not a finite number above zero|would be inside it"):
             calibrate([known], date="")

@@ -12,9 +12,9 @@ from stadimeter.core.detection import Detection
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.calibration import KnownDistance
 from stadimeter.ranging.calibration_check import CalibrationCheck, check_calibration
-from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.flat import SheetShape
 
-PAPER = SheetSize(width_m=0.297, height_m=0.21)
+PAPER = SheetShape(width_m=0.297, height_m=0.21)
 Seen = Callable[..., Detection]
 
 

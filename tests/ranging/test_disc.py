@@ -16,7 +16,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
 from stadimeter.detectors.disc.ellipse import ellipse_through
 from stadimeter.ranging.feasibility import expect, farthest_m
-from stadimeter.ranging.flat import DiscSize
+from stadimeter.ranging.flat import DiscShape
 from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA, disc_scene
 from support.scenes.nuisances import SHEET_NUISANCES
@@ -26,7 +26,7 @@ from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
 
-SIZE = DiscSize(diameter_m=0.12)
+SIZE = DiscShape(diameter_m=0.12)
 ANGLES = np.linspace(0, 2 * math.pi, 64, endpoint=False)
 RIM_M = SIZE.diameter_m / 2 * np.column_stack((np.cos(ANGLES), np.sin(ANGLES)))
 

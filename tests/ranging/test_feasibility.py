@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.core.target import TargetShape
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.feasibility import expect, farthest_m
-from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.flat import SheetShape
 
-TENNIS = BallSize(diameter_m=0.067)
-PAPER = SheetSize(width_m=0.297, height_m=0.21)
+TENNIS = BallShape(diameter_m=0.067)
+PAPER = SheetShape(width_m=0.297, height_m=0.21)
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 
 
@@ -35,7 +35,7 @@ def test_a_sheet_is_as_small_as_its_shorter_side() -> None:
 
 def test_a_ball_appears_as_large_as_its_outline(seen_ball: Callable[..., Detection]) -> None:
     seen = seen_ball((0.0, 0.0, 0.3), 0.1)
-    assert expect(BallSize(diameter_m=0.2), CAMERA, 0.3).size_px == pytest.approx(seen.width_px, rel=1e-3)
+    assert expect(BallShape(diameter_m=0.2), CAMERA, 0.3).size_px == pytest.approx(seen.width_px, rel=1e-3)
 
 
 @given(size=st.sampled_from([TENNIS, PAPER]), distance_m=st.floats(0.3, 20.0))

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.measurement import MeasurementStatus
-from stadimeter.ranging.ball import BallSize
-from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.ball import BallShape
+from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.measure import measure
 
-LETTER = SheetSize(width_m=0.2794, height_m=0.2159)
+LETTER = SheetShape(width_m=0.2794, height_m=0.2159)
 Seen = Callable[..., Detection]
 
 POSITIONS = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.4, 0.4), st.floats(0.3, 8.0)).map(
@@ -29,7 +29,7 @@ POSITIONS = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.4, 0.4), st.floats(0.3,
 def test_a_ball_is_measured_exactly_anywhere_in_the_picture(
     camera: CameraModel, seen_ball: Seen, position_m: tuple[float, float, float], radius_m: float
 ) -> None:
-    measured = measure(seen_ball(position_m, radius_m), BallSize(diameter_m=2 * radius_m), camera, 1.5)
+    measured = measure(seen_ball(position_m, radius_m), BallShape(diameter_m=2 * radius_m), camera, 1.5)
     assert measured.status is MeasurementStatus.MEASURED
     assert measured.depth_m == pytest.approx(position_m[2], rel=1e-4)
     assert measured.distance_m == pytest.approx(math.hypot(*position_m), rel=1e-4)
@@ -42,7 +42,7 @@ def test_a_large_ball_close_by_would_be_off_by_six_per_cent_with_plain_similar_t
 ) -> None:
     seen = seen_ball((0.0, 0.0, 0.3), 0.1)
     assert 0.2 * camera.fx_px / seen.width_px == pytest.approx(0.3 * (1 - 0.0572), rel=1e-3)
-    assert measure(seen, BallSize(diameter_m=0.2), camera, 0.0).depth_m == pytest.approx(0.3, rel=1e-4)
+    assert measure(seen, BallShape(diameter_m=0.2), camera, 0.0).depth_m == pytest.approx(0.3, rel=1e-4)
 
 
 @given(x=st.floats(-200, 840), y=st.floats(-100, 580), width_px=st.floats(20, 400))
@@ -113,7 +113,7 @@ def test_pixels_that_are_not_square_are_allowed_for(seen_sheet: Seen) -> None:
 @pytest.mark.parametrize("status", [DetectionStatus.TRUNCATED, DetectionStatus.NOT_FOUND])
 def test_what_was_not_found_whole_has_no_figures(camera: CameraModel, status: DetectionStatus) -> None:
     seen = Detection(target="ball", status=status, reason="largest blob 6 px, limit 12 px", width_px=80, height_px=80)
-    measured = measure(seen, BallSize(diameter_m=0.064), camera, 2.0)
+    measured = measure(seen, BallShape(diameter_m=0.064), camera, 2.0)
     assert measured.status.value == status.value
     assert measured.reason == "largest blob 6 px, limit 12 px"
     assert measured.captured_at_s == 2.0

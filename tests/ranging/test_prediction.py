@@ -15,15 +15,15 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.perception.prediction import UNSEEN_MAX_S, Motion, follow, predict
-from stadimeter.ranging.ball import BallSize
-from stadimeter.ranging.flat import DiscSize, SheetSize, TagSize
+from stadimeter.ranging.ball import BallShape
+from stadimeter.ranging.flat import DiscShape, SheetShape, TagShape
 from stadimeter.ranging.measure import measure
 
 pytestmark = pytest.mark.vision
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 BENT = replace(CAMERA, distortion=(-0.25, 0.06, 0.001, -0.002, 0.01))
-BALL = BallSize(diameter_m=0.065)
+BALL = BallShape(diameter_m=0.065)
 
 
 def track(**changes: object) -> Track:
@@ -201,8 +201,8 @@ def test_a_motion_does_not_go_on_for_ever() -> None:
 
 def test_what_errs_in_the_distance_as_in_the_prediction_counts_not() -> None:
     unsure = replace(CAMERA, focal_relative_sigma=0.05)
-    assert expected(track(sigma_m=0.1), camera=unsure, size=TagSize(side_m=0.2)).sigma_px < 2
-    assert expected(track(sigma_m=0.1), camera=CAMERA, size=TagSize(side_m=0.2)).sigma_px > 2.5
+    assert expected(track(sigma_m=0.1), camera=unsure, size=TagShape(side_m=0.2)).sigma_px < 2
+    assert expected(track(sigma_m=0.1), camera=CAMERA, size=TagShape(side_m=0.2)).sigma_px > 2.5
 
 
 def test_while_it_coasts_the_time_since_it_was_seen_counts() -> None:
@@ -214,10 +214,10 @@ def test_while_it_coasts_the_time_since_it_was_seen_counts() -> None:
 @pytest.mark.parametrize(
     ("size", "longest_m"),
     [
-        (SheetSize(width_m=0.28, height_m=0.22), 0.28),
-        (SheetSize(width_m=0.1, height_m=0.2), 0.2),
-        (TagSize(side_m=0.08), 0.08),
-        (DiscSize(diameter_m=0.05), 0.05),
+        (SheetShape(width_m=0.28, height_m=0.22), 0.28),
+        (SheetShape(width_m=0.1, height_m=0.2), 0.2),
+        (TagShape(side_m=0.08), 0.08),
+        (DiscShape(diameter_m=0.05), 0.05),
     ],
 )
 def test_of_something_flat_the_longer_side_is_expected(size: object, longest_m: float) -> None:
@@ -255,7 +255,7 @@ def test_nothing_is_expected_of_what_is_not_known_or_not_in_the_picture(changes:
 @given(
     name=st.sampled_from(["distance_m", "sigma_m", "bearing_rad", "elevation_rad", "closing_mps", "closing_sigma_mps"]),
     value=st.floats(allow_nan=True, allow_infinity=True),
-    size=st.sampled_from([BALL, TagSize(side_m=0.08)]),
+    size=st.sampled_from([BALL, TagShape(side_m=0.08)]),
     camera=st.sampled_from([CAMERA, BENT]),
 )
 def test_whatever_a_figure_is_the_prediction_is_finite_or_none(

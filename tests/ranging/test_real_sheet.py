@@ -62,7 +62,7 @@ def test_calibrated_at_two_feet_the_sheet_at_three_and_four_is_right_within_thre
         width_px=first.width_px,
         height_px=first.height_px,
         detection=detector.detect(first),
-        size=detector.target_size,
+        size=detector.target_shape,
         depth_m=24 * INCH_M,
     )
     camera = calibrate([known], date="").camera_model

@@ -14,7 +14,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.detectors.sides import diagonals_meet, width_and_height
 from stadimeter.ranging.calibration import KnownDistance, calibrate
-from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA, sheet_scene
 from support.scenes.plane import Pose
@@ -23,7 +23,7 @@ from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
 
-SIZE = SheetSize(width_m=0.297, height_m=0.210)
+SIZE = SheetShape(width_m=0.297, height_m=0.210)
 CORNERS_M = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (SIZE.width_m / 2, SIZE.height_m / 2)
 
 
@@ -68,7 +68,7 @@ def test_the_tilt_is_told() -> None:
 def test_a_named_side_decides_alone() -> None:
     seen = seen_from(Pose(position_m=(0, 0, 1)))
     for height_m in (0.21, 0.05, 3.0):
-        size = SheetSize(width_m=SIZE.width_m, height_m=height_m, known_side="width")
+        size = SheetShape(width_m=SIZE.width_m, height_m=height_m, known_side="width")
         assert size.locate(seen, CAMERA).position_m[2] == pytest.approx(1.0)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.measure import measure, sigma_parts
 
 pytestmark = pytest.mark.vision
@@ -33,7 +33,7 @@ def test_the_squares_of_the_parts_add_up_to_the_square_of_the_whole(
     noise_px: float, focal_share: float, size_share: float
 ) -> None:
     camera = replace(CAMERA, focal_relative_sigma=focal_share)
-    size = BallSize(diameter_m=0.1, relative_sigma=size_share)
+    size = BallShape(diameter_m=0.1, relative_sigma=size_share)
     measured = measure(replace(SEEN, size_sigma_px=noise_px), size, camera, 0.0)
     parts = sigma_parts(measured, size, camera)
     assert parts is not None
@@ -45,7 +45,7 @@ def test_the_squares_of_the_parts_add_up_to_the_square_of_the_whole(
 
 def test_a_cause_that_is_not_there_is_exactly_zero() -> None:
     camera = replace(CAMERA, focal_relative_sigma=0.0123)
-    size = BallSize(diameter_m=0.1)
+    size = BallShape(diameter_m=0.1)
     parts = sigma_parts(measure(SEEN, size, camera, 0.0), size, camera)
     assert parts is not None
     assert parts.pose_m == 0.0
@@ -56,11 +56,11 @@ def test_what_is_left_is_the_pose() -> None:
     measured = Measurement(
         target="tag", status=MeasurementStatus.MEASURED, captured_at_s=0.0, distance_m=1.0, sigma_m=0.05, noise_m=0.03
     )
-    parts = sigma_parts(measured, BallSize(diameter_m=0.1), CAMERA)
+    parts = sigma_parts(measured, BallShape(diameter_m=0.1), CAMERA)
     assert parts is not None
     assert parts.pose_m == pytest.approx(0.04)
 
 
 def test_without_a_distance_there_is_nothing_to_divide() -> None:
     missed = Measurement(target="ball", status=MeasurementStatus.NOT_FOUND, captured_at_s=0.0, reason="no blob")
-    assert sigma_parts(missed, BallSize(diameter_m=0.1), CAMERA) is None
+    assert sigma_parts(missed, BallShape(diameter_m=0.1), CAMERA) is None

@@ -17,7 +17,7 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sides import diagonals_meet, width_and_height
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.ranging.flat import TagSize, ambiguity, tag_poses
+from stadimeter.ranging.flat import TagShape, ambiguity, tag_poses
 from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA, tag_scene
 from support.scenes.nuisances import TAG_NUISANCES
@@ -27,7 +27,7 @@ from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
 
-SIZE = TagSize(side_m=0.1)
+SIZE = TagShape(side_m=0.1)
 CORNERS_M = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * SIZE.side_m / 2
 VISP_CAMERA = CameraModel(width_px=640, height_px=480, fx_px=615.17, fy_px=615.17, cx_px=312.19, cy_px=243.44)
 DUCKIETOWN_CAMERA = CameraModel(

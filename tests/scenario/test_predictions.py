@@ -52,9 +52,9 @@ class Listening:
 
     def __init__(self, loop: Loop) -> None:
         self._detector = loop.parts.cycle.detectors["tag"]
-        self.target_size = self._detector.target_size
+        self.target_shape = self._detector.target_shape
         self.expected: list[Prediction | None] = []
-        loop.parts.cycle.looking.detectors = {"tag": self}
+        loop.parts.cycle.perceiver.detectors = {"tag": self}
 
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
@@ -83,7 +83,7 @@ def distances_m(loop: Loop) -> list[float | None]:
 def test_a_tag_that_moves_and_jumps_is_measured_in_every_frame_as_without_expecting_it(configuration: Path) -> None:
     loop, other = (Loop(build(load_configuration(configuration), speed=None)) for _ in range(2))
     detector = Listening(loop)
-    other.parts.cycle.looking.expectations.of = lambda *_: None  # type: ignore[method-assign]
+    other.parts.cycle.perceiver.expectations.of = lambda *_: None  # type: ignore[method-assign]
     found_m, searched_m = distances_m(loop), distances_m(other)
     assert len(found_m) == FRAMES
     assert found_m == pytest.approx(searched_m, rel=2e-3)

@@ -73,7 +73,7 @@ class TriangleDetector:
     def __init__(self, options: TriangleOptions, name: str) -> None:
         self._name = name
         self._least_red = options.least_red
-        self.target_size = Triangle(side_m=options.side)
+        self.target_shape = Triangle(side_m=options.side)
 
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None

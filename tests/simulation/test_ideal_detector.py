@@ -10,7 +10,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.simulation.silhouette import silhouette
 
 BLANK = np.zeros((480, 640, 3), np.uint8)
@@ -149,8 +149,8 @@ def test_oblong_pixels_give_a_width_and_a_height(make_run) -> None:
 
 def test_the_size_is_the_worlds_unless_the_same_is_stated(make_run) -> None:
     run = make_run(ball_diameter="20 cm")
-    assert run.build(DETECTORS, "ideal").target_size == BallSize(diameter_m=0.2)
-    assert run.build(DETECTORS, "ideal", diameter="200 mm").target_size == BallSize(diameter_m=0.2)
+    assert run.build(DETECTORS, "ideal").target_shape == BallShape(diameter_m=0.2)
+    assert run.build(DETECTORS, "ideal", diameter="200 mm").target_shape == BallShape(diameter_m=0.2)
     with pytest.raises(ConfigError, match=r"diameter is 0\.067 m, but the ball in \[world\] has 0\.2 m"):
         run.build(DETECTORS, "ideal", diameter="6.7 cm")
 

@@ -26,9 +26,9 @@ class ThroughLens:
     camera: CameraModel | None
 
     @property
-    def target_size(self) -> TargetShape:
+    def target_shape(self) -> TargetShape:
         """The target's shape."""
-        return self.detector.target_size
+        return self.detector.target_shape
 
     def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
         """Look for the target through the lens."""
@@ -39,7 +39,7 @@ class ThroughLens:
         lens = self._lens(frame)
         assert lens is not None, "without a lens there is no distance"
         found = self.detector.detect(frame, prediction, lens=lens)
-        return measure(found, self.target_size, lens, frame.captured_at_s)
+        return measure(found, self.target_shape, lens, frame.captured_at_s)
 
     def _lens(self, frame: Frame) -> CameraModel | None:
         return self.camera and self.camera.scaled_to(frame.width_px, frame.height_px)

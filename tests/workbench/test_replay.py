@@ -102,11 +102,11 @@ def test_what_was_taken_over_while_running_is_handed_over_before_its_first_cycle
     path.write_text("\n".join([header, *lines[:4], reload, *lines[4:]]) + "\n")
     handed = []
 
-    def take_over(state, configuration):
+    def on_reload(state, configuration):
         handed.append((state.now_s, configuration))
         return replace(state, plan=state.plan)
 
-    assert len(list(decisions(read_journal(path), plan(), take_over))) == 9
+    assert len(list(decisions(read_journal(path), plan(), on_reload))) == 9
     assert handed == [(0.4, RecordedConfiguration(text="# another"))]
     assert replay(read_journal(path), plan()).cycles == 9
 

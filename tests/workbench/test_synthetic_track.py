@@ -14,7 +14,7 @@ from stadimeter.config.rule_tests.expectations import SpanTable
 from stadimeter.config.rule_tests.tables import MotionTable, PathPoint
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.feasibility import expect
 from stadimeter.workbench.rule_tests.synthetic_track import (
     OUTLIER_FACTOR,
@@ -27,7 +27,7 @@ from stadimeter.workbench.rule_tests.synthetic_track import (
 CAMERA = CameraModel(
     width_px=640, height_px=480, fx_px=600.0, fy_px=600.0, cx_px=319.5, cy_px=239.5, focal_relative_sigma=0.02
 )
-SENSOR = SensorModel(size=BallSize(diameter_m=0.2, relative_sigma=0.01), camera=CAMERA)
+SENSOR = SensorModel(size=BallShape(diameter_m=0.2, relative_sigma=0.01), camera=CAMERA)
 _, NOISE_M = SENSOR.sigmas_m(2.0)
 
 distances_m = st.floats(0.1, 10)
@@ -108,8 +108,8 @@ def test_the_stated_sigma_holds_what_is_the_same_in_every_frame_too() -> None:
     assert seen.distance_m == 2.0
     assert seen.noise_m == NOISE_M
     assert seen.sigma_m == pytest.approx(math.hypot(NOISE_M, 2.0 * 0.02, 2.0 * 0.01))
-    without_size_error = SensorModel(size=BallSize(diameter_m=0.2), camera=CAMERA)
-    assert without_size_error.sigmas_m(2.0)[0] == pytest.approx(expect(BallSize(diameter_m=0.2), CAMERA, 2.0).sigma_m)
+    without_size_error = SensorModel(size=BallShape(diameter_m=0.2), camera=CAMERA)
+    assert without_size_error.sigmas_m(2.0)[0] == pytest.approx(expect(BallShape(diameter_m=0.2), CAMERA, 2.0).sigma_m)
 
 
 def test_a_factor_makes_the_noise_larger_than_the_camera_says_it_is() -> None:

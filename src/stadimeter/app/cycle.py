@@ -19,7 +19,7 @@ from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
-from stadimeter.perception.perceiver import Looking
+from stadimeter.perception.perceiver import Perceiver
 
 FRAME_WAIT_S = 0.1
 """A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass."""
@@ -61,11 +61,11 @@ class Cycle:
     outputs: Sequence[LeasedOutput]
     max_frame_age_s: float
     _newest: Frame | None = field(default=None)
-    looking: Looking = field(init=False)
+    perceiver: Perceiver = field(init=False)
 
     def __post_init__(self) -> None:
         """Look for the targets through the lens."""
-        self.looking = Looking(self.detectors, self.camera_model)
+        self.perceiver = Perceiver(self.detectors, self.camera_model)
 
     def run(
         self, state: State, operator_commands: tuple[OperatorCommand, ...] = (), wall: WallTime | None = None
@@ -88,7 +88,7 @@ class Cycle:
         watch.lap("capture")
         now_s = self.clock.now_s()
         tracks = {tracked.track.target: tracked.track for tracked in state.tracks}
-        detections, measurements = self.looking.look(frame, tracks) if frame else ((), ())
+        detections, measurements = self.perceiver.look(frame, tracks) if frame else ((), ())
         watch.lap("measure")
         observation = Observation(
             now_s=now_s,

@@ -47,7 +47,7 @@ def _target_sizes(configuration: Configuration) -> dict[str, TargetShape]:
             (target,) = build_detectors((choice,), configuration.camera_model)
         except StadimeterError:
             continue  # what cannot be built is said when it is run; its size is not known
-        sizes[choice.name] = target.detector.target_size
+        sizes[choice.name] = target.detector.target_shape
     return sizes
 
 

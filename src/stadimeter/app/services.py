@@ -17,9 +17,9 @@ if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.reloading import Change
     from stadimeter.app.control.requests import Control
     from stadimeter.app.deliveries import Undelivered
-    from stadimeter.app.persistence.alarm_keeper import AlarmKeeper
+    from stadimeter.app.persistence.state_writer import StateWriter
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
-    from stadimeter.core.reload import TakenOver
+    from stadimeter.core.reload import ReloadedState
 
 
 @runtime_checkable
@@ -51,7 +51,7 @@ class Services:
     """
 
     control: Control | None = None
-    memory: AlarmKeeper | None = None
+    memory: StateWriter | None = None
     time_of_day: TimeOfDay | None = None
     tell: Callable[[str], None] = lambda _words: None
     _goes_by_the_clock: bool = False
@@ -79,22 +79,22 @@ class Services:
         """Return the configuration to apply before the next cycle, if there is one."""
         return self.control.change() if self.control is not None else None
 
-    def reloaded(self, state: State, change: Change) -> TakenOver:
+    def reloaded(self, state: State, change: Change) -> ReloadedState:
         """Let a run go on with a changed configuration.
 
         Returns:
             What it remembers now, and what became of which rule.
         """
-        from stadimeter.core.reload import carried_over  # noqa: PLC0415 - few runs are reloaded
+        from stadimeter.core.reload import reload  # noqa: PLC0415 - few runs are reloaded
 
         plan = change.configuration.plan
-        taken = carried_over(state, plan)
+        taken = reload(state, plan)
         self._goes_by_the_clock = goes_by_the_clock(plan)
         if self.memory is not None:
             self.memory.keep(taken.state)
         return taken
 
-    def answer_reload(self, change: Change, taken: TakenOver) -> None:
+    def answer_reload(self, change: Change, taken: ReloadedState) -> None:
         """Answer whoever asked that a configuration was reloaded, by all parts."""
         if self.control is not None:
             self.control.changed(change, taken)

@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from stadimeter.cli.exits import told_plainly
+from stadimeter.cli.exits import plain_errors
 from stadimeter.workbench.bench import DetectorSpeed, Figures, Latency, measure
 
 
@@ -39,7 +39,7 @@ def bench(
 
     - `stadimeter bench --seconds 60 --json > my-board.json`
     """
-    with told_plainly():
+    with plain_errors():
         figures = measure(seconds)
         if as_json:
             typer.echo(json.dumps(asdict(figures)))

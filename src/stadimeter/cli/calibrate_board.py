@@ -12,7 +12,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from stadimeter.cli.calibrate_board_live import views_from_camera
-from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.known_pictures import ToneCurveOption, today
 from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.camera_file import save_camera_model
@@ -91,7 +91,7 @@ def board(
     since it was found in none; 2 an option, a file or a picture is wrong, or the pictures do not fix the camera, and
     nothing was written.
     """
-    with told_plainly():
+    with plain_errors():
         wanted = _wanted(chessboard, charuco, square, marker, dictionary)
         if bool(pictures) == bool(live):
             raise ConfigError("give pictures of the board, or --live for a camera, one of the two")

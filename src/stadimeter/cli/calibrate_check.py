@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import DistanceErrorOption, PicturesAtDistances, look_at
 from stadimeter.cli.target_options import GivenTarget, takes_target, wanted_targets
@@ -44,7 +44,7 @@ def check(
     **Exit code**: 0 all errors are within what is stated; 1 they are not, or the target was not found in a picture; 2
     an option, a file or a picture is wrong.
     """
-    with told_plainly():
+    with plain_errors():
         wanted = wanted_targets(target)
         model = load_camera_model(camera)
         known = look_at(pictures, wanted, model)

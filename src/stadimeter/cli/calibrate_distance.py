@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.cli.exits import DONE, NOT_FOUND, told_plainly
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
     DistanceErrorOption,
@@ -72,7 +72,7 @@ def distance(
     were left out, or in all, and then nothing was written; 2 an option, a file or a picture is wrong, and nothing was
     written.
     """
-    with told_plainly():
+    with plain_errors():
         wanted = wanted_targets(target)
         known = look_at(pictures, wanted, None)
         if not known.usable:

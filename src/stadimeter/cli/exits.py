@@ -24,7 +24,7 @@ MOST_SHOWN = 100
 
 
 @contextmanager
-def told_plainly() -> Iterator[None]:
+def plain_errors() -> Iterator[None]:
     """Turn every error that stadimeter raises on purpose into its lines on standard error and exit code 2."""
     try:
         yield

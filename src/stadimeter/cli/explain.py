@@ -13,7 +13,7 @@ import typer
 
 from stadimeter.app.control.messages import as_data
 from stadimeter.cli.control_options import JsonOption, SocketOption, asked, print_answer
-from stadimeter.cli.exits import told_plainly
+from stadimeter.cli.exits import plain_errors
 from stadimeter.config.units import parse_duration
 from stadimeter.core.decision import Decision
 from stadimeter.core.rules.explaining import Explanation, explain
@@ -66,7 +66,7 @@ def explain_command(
 
     **Exit code**: 0 done; 2 there is no such rule, recording, moment or running instance.
     """
-    with told_plainly():
+    with plain_errors():
         if journal is None:
             answer = asked("explain", {"rule": rule, **_moment(at)}, config, socket)
             print_answer(answer, "\n".join(_in_words(each) for each in answer["rules"]), as_json=as_json)

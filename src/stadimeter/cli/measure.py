@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
-from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, told_plainly
+from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors
 from stadimeter.cli.explanation import copy_paths, explanation, explanation_record, marks_of
 from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_distance, format_tilt
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
@@ -94,7 +94,7 @@ def measure(
     **Exit code**: 0 everything was measured; 1 a target was not found, or cut off; 2 an option, a file or a
     picture is wrong. A bad picture does not stop the others.
     """
-    with told_plainly():
+    with plain_errors():
         wanted = wanted_targets(target, config)
         camera_model = _camera_model(camera, wanted)
         targets = build_detectors(wanted.choices, camera_model)

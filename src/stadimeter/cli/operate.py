@@ -19,7 +19,7 @@ from stadimeter.cli.control_options import (
     print_answer,
     who,
 )
-from stadimeter.cli.exits import told_plainly
+from stadimeter.cli.exits import plain_errors
 from stadimeter.config.units import parse_duration
 from stadimeter.errors import ConfigError, Problem
 
@@ -133,7 +133,7 @@ def shelve(
 
     **Exit code**: 0 done; 2 the rule does not allow it, no such rule, or no running instance.
     """
-    with told_plainly():
+    with plain_errors():
         args = {
             "rule": _rule(rule, every=every),
             "by": who(by),
@@ -159,7 +159,7 @@ def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
 
     **Exit code**: 0 reloaded; 2 the file is wrong or needs a restart, or no instance runs.
     """
-    with told_plainly():
+    with plain_errors():
         data = asked("reload", {}, config, socket, CHECK_WAIT_S)
     for warning in data["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
@@ -175,13 +175,13 @@ def status(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
 
     **Exit code**: 0 done; 2 no instance runs, or several do.
     """
-    with told_plainly():
+    with plain_errors():
         data = asked("status", {}, config, socket)
     print_answer(data, "\n".join(_lines(data)), as_json=as_json)
 
 
 def _operate(op: str, args: Mapping[str, object], config: Path | None, socket: Path | None, *, as_json: bool) -> None:
-    with told_plainly():
+    with plain_errors():
         data = asked(op, args, config, socket)
     print_answer(data, data["words"], as_json=as_json)
 

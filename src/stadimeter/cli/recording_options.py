@@ -112,7 +112,7 @@ def _recording_writer(loop: Loop, keeping: Keeping, path: Path, configuration: R
     recorded = Recorded(
         configuration=configuration,
         camera=loop.parts.configuration.camera_model,
-        sizes={name: detector.target_size for name, detector in loop.parts.cycle.detectors.items()},
+        sizes={name: detector.target_shape for name, detector in loop.parts.cycle.detectors.items()},
     )
     options = ImageOptions(
         images=keeping.images, rate_hz=keeping.image_rate_hz, quality_percent=keeping.image_quality_percent

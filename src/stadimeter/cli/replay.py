@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from stadimeter.app.recordings.journal import Journal, JournalWriter, sha256_of
-from stadimeter.cli.exits import NOT_FOUND, told_plainly
+from stadimeter.cli.exits import NOT_FOUND, plain_errors
 from stadimeter.core.decision import Event
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.comparison import AgainTally, Comparison, MeasuredAgain, ReplayResult
@@ -66,7 +66,7 @@ def replay_command(
 
     **Exit code**: 0 done; 1 with --strict, a decision differs; 2 the recording or a configuration is wrong.
     """
-    with told_plainly():
+    with plain_errors():
         source = read_recording(recording)
         new = replay_run(source, config, from_images=from_images)
         old = replay_run(source, diff, from_images=from_images) if diff is not None else None

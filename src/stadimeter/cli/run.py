@@ -14,7 +14,7 @@ import typer
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.cli.exits import DONE, told_plainly
+from stadimeter.cli.exits import DONE, plain_errors
 from stadimeter.cli.recording_options import (
     ImageQuality,
     ImageRate,
@@ -85,7 +85,7 @@ def run(
     done. A journal that cannot go on, for a full disk for example, is a warning: the run goes on without it.
     """
     view: View = "json" if as_json else "live" if watch else "plain"
-    with told_plainly():
+    with plain_errors():
         loop = Loop(build(load_configuration(config, with_tests=False), speed=speed or None))
         keeping = Keeping(
             journal=journal,
@@ -123,7 +123,7 @@ def demo(
 
     The configuration is config/demo.toml: copy it, change it, and `stadimeter run` it.
     """
-    with told_plainly():
+    with plain_errors():
         loop = Loop(build(demo_configuration(), speed=speed or None))
         keeping = Keeping(journal=journal, record=record, is_quiet=not plain)
         serving = Serving(is_unhurried=speed > 0, is_quiet=not plain)
@@ -150,7 +150,7 @@ def _run(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing
     """
     with stopping_on_signals(loop.stop, loop.services.reload, loop.give_up):
         try:
-            with told_plainly():
+            with plain_errors():
                 _run_to_the_end(loop, limits, keeping, serving, showing)
                 _say_end(loop, showing.view)
             code = DONE

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.cli.exits import told_plainly
+from stadimeter.cli.exits import plain_errors
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.schema import configuration_schema
 from stadimeter.errors import ConfigError, Problem
@@ -44,7 +44,7 @@ def schema(
     if output is None:
         typer.echo(text)
         return
-    with told_plainly():
+    with plain_errors():
         _write(output, f"{text}\n")
 
 

@@ -83,15 +83,15 @@ def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> Non
     path = None if serving.no_state else serving.state or usual
     if path is None:
         return
-    from stadimeter.app.persistence.alarm_keeper import AlarmKeeper  # noqa: PLC0415 - it takes long, and simulations have none
     from stadimeter.app.persistence.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
     from stadimeter.app.persistence.resumption import clock_name, moment  # noqa: PLC0415 - likewise
+    from stadimeter.app.persistence.state_writer import StateWriter  # noqa: PLC0415 - it takes long, and simulations have none
 
     clock = clock_name(is_live=loop.parts.is_live)
     store = AlarmStore(path, is_named=serving.state is not None)
     if serving.state is not None:
         store.check()  # whoever names a wrong file wants to know, and before anything moves
-    loop.services.memory = AlarmKeeper(store, partial(moment, clock, is_right=is_right), loop.deliveries)
+    loop.services.memory = StateWriter(store, partial(moment, clock, is_right=is_right), loop.deliveries)
 
 
 def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:

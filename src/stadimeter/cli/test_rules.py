@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from stadimeter.cli.exits import NOT_FOUND, WRONG, told_plainly
+from stadimeter.cli.exits import NOT_FOUND, WRONG, plain_errors
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rule_tests.tables import RuleTest
 from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
@@ -56,7 +56,7 @@ def run_tests(
     **Exit code**: 0 all passed, or there are none; 1 a test failed; 2 the configuration is wrong, or no test has that
     name.
     """
-    with told_plainly():
+    with plain_errors():
         configuration = load_configuration(config)
     chosen = [test for test in configuration.tests if _is_meant(test.name, name)]
     if name and not chosen:

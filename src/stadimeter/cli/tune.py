@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from stadimeter.app.recordings.recorded_configuration import load_recorded
-from stadimeter.cli.exits import NOT_FOUND, told_plainly
+from stadimeter.cli.exits import NOT_FOUND, plain_errors
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_duration, parse_speed
 from stadimeter.core.rule import OnDelay
@@ -81,7 +81,7 @@ def tune_command(
     the rule, a recording or the configuration, or the plot cannot be drawn.
     """
     _require_png(plot)
-    with told_plainly():
+    with plain_errors():
         speed_mps = _speed(closing_speed)
         configuration = load_configuration(config) if config is not None else _recorded(recordings[0])
         tuned, series = _read(configuration, rule, recordings)

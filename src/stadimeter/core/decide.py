@@ -10,13 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from stadimeter.core.alarms.state import Sample
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.observation import Observation, OutputFault
 from stadimeter.core.outputs import OutputStep, command_all, new_output
 from stadimeter.core.plan import Plan
-from stadimeter.core.rules.judging import Judged, judge, not_judged_yet
 from stadimeter.core.rules.reasons import Reasons
+from stadimeter.core.rules.scheduler import EvaluatedRules, judge, new_rules
 from stadimeter.core.safety import SafetyState, in_words, is_gap, step_safety, usual_step_s
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking.life_cycle import TrackState, after_gap, new_track
@@ -39,7 +39,7 @@ class State:
     now_s: float | None = None
     usual_step_s: float = 0.0
     tracks: tuple[TrackState, ...] = ()
-    rules: Judged = field(default_factory=Judged)
+    rules: EvaluatedRules = field(default_factory=EvaluatedRules)
     safety: SafetyState = field(default_factory=SafetyState)
     outputs: tuple[OutputStep, ...] = ()
     faults: tuple[OutputFault, ...] = ()
@@ -52,7 +52,7 @@ def initial_state(plan: Plan) -> State:
     return State(
         plan=plan,
         tracks=tuple(new_track(target) for target in plan.targets),
-        rules=not_judged_yet(plan),
+        rules=new_rules(plan),
         outputs=tuple(new_output(output) for output in plan.outputs),
     )
 
@@ -67,9 +67,9 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     track_states = _step_tracks(state, observation, is_new=is_new, gap_s=gap_s)
     tracks = {tracked.track.target: tracked.track for tracked in track_states}
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
-    known = _known(state, tracks, observation, is_after_gap=gap_s is not None)
+    inputs = _known(state, tracks, observation, is_after_gap=gap_s is not None)
     sample = _sample(state, safety)
-    rules, outcome = judge(plan.rules, state.rules, known, sample, cycle, observation.operator_commands)
+    rules, outcome = judge(plan.rules, state.rules, inputs, sample, cycle, observation.operator_commands)
     # After a gap the outputs have been stopped by their leases: they start from there, not from the last command.
     before = state.outputs if step_s <= plan.safety.max_frame_age_s else tuple(map(new_output, plan.outputs))
     slew_s = min(step_s, plan.safety.max_frame_age_s)
@@ -92,7 +92,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         rules=rules.traces,
         notices=outcome.notices,
         answers=outcome.answers,
-        reasons=Reasons(plan=plan, judged=rules, known=known),
+        reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
     remembered = State(
         plan=plan,
@@ -108,9 +108,9 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     return remembered, decision
 
 
-def _known(state: State, tracks: Mapping[str, Track], observation: Observation, *, is_after_gap: bool) -> Known:
+def _known(state: State, tracks: Mapping[str, Track], observation: Observation, *, is_after_gap: bool) -> RuleInputs:
     before = {tracked.track.target: tracked.track for tracked in state.tracks}
-    return Known(
+    return RuleInputs(
         tracks=tracks, now_s=observation.now_s, wall=observation.wall, before=before, is_after_gap=is_after_gap
     )
 

@@ -19,7 +19,7 @@ from stadimeter.core.alarms.state import Resumed, Timers
 from stadimeter.core.condition import PresenceCondition, leaves
 from stadimeter.core.decide import State
 from stadimeter.core.rule import AlarmRule, AnyRule
-from stadimeter.core.rules.judging import with_steps
+from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.tracking.life_cycle import TrackState
 
 _T = TypeVar("_T")
@@ -36,7 +36,7 @@ _SHORTLY = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class KeptAlarm:
+class AlarmSnapshot:
     """What an alarm remembers."""
 
     rule: str
@@ -90,10 +90,10 @@ def _is_set(value: object, field: Any) -> bool:
     return bool(getattr(value, field.name) != default)
 
 
-def kept(state: State) -> tuple[KeptAlarm, ...]:
+def kept(state: State) -> tuple[AlarmSnapshot, ...]:
     """Return a snapshot of the alarms of a run, in the order of the configuration."""
     return tuple(
-        KeptAlarm(rule=rule.name, meaning=meaning_of(rule), state=step.state, is_first_out=step.trace.first_out)
+        AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), state=step.state, is_first_out=step.trace.first_out)
         for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
         if isinstance(step, AlarmStep)
     )
@@ -167,7 +167,7 @@ def _passing(state: AlarmState) -> tuple[object, ...]:
 
 def restored(
     state: State,
-    memories: Iterable[KeptAlarm],
+    memories: Iterable[AlarmSnapshot],
     absences: Iterable[Absence] = (),
     *,
     shift_s: float,

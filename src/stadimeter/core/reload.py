@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 from stadimeter.core.alarms.actions import dismissed
 from stadimeter.core.alarms.alarm import AlarmStep
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
-from stadimeter.core.rules.judging import RuleStep, not_judged_yet, with_steps
+from stadimeter.core.rules.scheduler import RuleStep, new_rules, with_steps
 
 REMOVED = "removed from the configuration"
 CHANGED = "its rule was changed in the configuration"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TakenOver:
+class ReloadedState:
     """A state that goes on with other rules, and what became of which rule."""
 
     state: State
@@ -31,7 +31,7 @@ class TakenOver:
     removed: tuple[str, ...]
 
 
-def carried_over(state: State, plan: Plan) -> TakenOver:
+def reload(state: State, plan: Plan) -> ReloadedState:
     """Return a run that goes on with other rules, between two cycles.
 
     Rules that mean the same go on as if nothing had happened. An alarm whose rule is removed or changed, and that was
@@ -44,12 +44,12 @@ def carried_over(state: State, plan: Plan) -> TakenOver:
     is_kept = {rule.name: rule == old[rule.name][0] for rule in plan.rules if rule.name in old}
     steps = tuple(
         old[rule.name][1] if is_kept.get(rule.name) else new
-        for rule, new in zip(plan.rules, not_judged_yet(plan).steps, strict=True)
+        for rule, new in zip(plan.rules, new_rules(plan).steps, strict=True)
     )
     first_out = {group: name for group, name in state.rules.first_out.items() if is_kept.get(name)}
     removed = tuple(name for name in old if name not in is_kept)
     gone = dict.fromkeys(removed, REMOVED) | {name: CHANGED for name, same in is_kept.items() if not same}
-    return TakenOver(
+    return ReloadedState(
         state=replace(
             state,
             plan=plan,
@@ -65,9 +65,9 @@ def carried_over(state: State, plan: Plan) -> TakenOver:
 
 def _cleared(state: State, old: Mapping[str, tuple[AnyRule, RuleStep]], gone: Mapping[str, str]) -> tuple[Event, ...]:
     now_s = 0.0 if state.now_s is None else state.now_s
-    known = Known(tracks={each.track.target: each.track for each in state.tracks}, now_s=now_s)
+    inputs = RuleInputs(tracks={each.track.target: each.track for each in state.tracks}, now_s=now_s)
     events: tuple[Event, ...] = ()
     for name, (rule, step) in old.items():
         if name in gone and isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
-            events += dismissed(rule, step.state, known, gone[name])
+            events += dismissed(rule, step.state, inputs, gone[name])
     return events

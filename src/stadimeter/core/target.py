@@ -1,6 +1,6 @@
 """Shapes of targets: the known size that turns pixels into metres.
 
-A shape is all that the rest of the program knows of a kind of target. A detector brings it along as its `target_size`;
+A shape is all that the rest of the program knows of a kind of target. A detector brings it along as its `target_shape`;
 `stadimeter.ranging` has those of the built-in detectors, and a package of others adds its own by implementing
 `TargetShape`.
 """

@@ -99,7 +99,7 @@ def fields(rule: Rule, event: Event, track: Track | None, time: str, group: str 
     Returns:
         A value for each of `FIELDS`.
     """
-    known = track if track is not None and track.is_valid else Track(target=rule.target)
+    inputs = track if track is not None and track.is_valid else Track(target=rule.target)
     return {
         "rule": rule.name,
         "target": rule.target,
@@ -112,7 +112,7 @@ def fields(rule: Rule, event: Event, track: Track | None, time: str, group: str 
         "time_of_day": time[11:19],
         "sequence": event.sequence,
         "first_out": event.first_out,
-        **_figures(known),
+        **_figures(inputs),
     }
 
 

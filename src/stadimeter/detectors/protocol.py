@@ -15,7 +15,7 @@ class Detector(Protocol):
     """Finds one target in a frame. It keeps no state: the same frame, prediction and lens give the same answer."""
 
     @property
-    def target_size(self) -> TargetShape:
+    def target_shape(self) -> TargetShape:
         """The known size and form of the target."""
         ...
 

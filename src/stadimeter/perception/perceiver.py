@@ -24,7 +24,7 @@ SEARCH_EVERY_S = 1.0
 """Each target is looked for in the whole frame this often, in time of capture."""
 
 
-class Looking:
+class Perceiver:
     """Looks for the targets of one run, and measures them.
 
     The lens is scaled here, once for each resolution, and passed on: detectors and ranging must see the very same one.
@@ -57,7 +57,7 @@ class Looking:
         lens, at_s = self._lens_of(frame), frame.captured_at_s
         detections, measurements = [], []
         for name, detector in self.detectors.items():
-            shape = detector.target_size
+            shape = detector.target_shape
             expected = self.expectations.of(tracks.get(name), shape, lens, at_s) if tracks else None
             found = detector.detect(frame, expected, lens=lens)
             detections.append(found)

@@ -17,7 +17,7 @@ _SIGMA_OF_SMALL_PX2 = 0.85
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BallSize:
+class BallShape:
     """A sphere.
 
     Attributes:
@@ -93,7 +93,7 @@ def _direction(apparent: float, centre: tuple[float, float]) -> tuple[float, flo
     """Return the direction of a ball's centre, x and y per unit of depth, from that of the centre of its outline.
 
     The centre of the elliptical outline lies further out than the ball's, by the factor ``1 + b²`` with b as in
-    `BallSize._depth_m`.
+    `BallShape._depth_m`.
     """
     nearer = 1 + (apparent / 2) ** 2
     return centre[0] / nearer, centre[1] / nearer

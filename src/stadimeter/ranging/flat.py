@@ -42,7 +42,7 @@ class _Flat:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DiscSize(_Flat):
+class DiscShape(_Flat):
     """A flat circle, such as a sticker, a lid or a printed dot.
 
     Attributes:
@@ -95,7 +95,7 @@ class DiscSize(_Flat):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SheetSize(_Flat):
+class SheetShape(_Flat):
     """A flat rectangle, such as a sheet of paper.
 
     Attributes:
@@ -166,7 +166,7 @@ class SheetSize(_Flat):
         return max(sides, key=lambda side: side[1] / side[0])
 
 
-def sheet_poses(directions: Points, size: SheetSize) -> tuple[tuple[PlanePose, Points], ...]:
+def sheet_poses(directions: Points, size: SheetShape) -> tuple[tuple[PlanePose, Points], ...]:
     """Return the poses that a sheet may have, with its width across the picture or down it.
 
     Args:
@@ -186,7 +186,7 @@ def sheet_poses(directions: Points, size: SheetSize) -> tuple[tuple[PlanePose, P
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TagSize(_Flat):
+class TagShape(_Flat):
     """A square fiducial, such as an ArUco marker or an AprilTag.
 
     Attributes:
@@ -237,7 +237,7 @@ class TagSize(_Flat):
         return _of_pose(poses, noise_share * apparent / math.sqrt(2), noise_share)
 
 
-def tag_poses(directions: Points, size: TagSize) -> tuple[PlanePose, ...]:
+def tag_poses(directions: Points, size: TagShape) -> tuple[PlanePose, ...]:
     """Return the poses that a tag may have, the one that explains its corners best first.
 
     Args:

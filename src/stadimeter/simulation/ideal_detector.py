@@ -15,7 +15,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Predic
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import check_image
 from stadimeter.errors import ConfigError
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 from stadimeter.simulation.camera import lens
 from stadimeter.simulation.noise import gaussian_pair
 from stadimeter.simulation.silhouette import Silhouette, Vector, hits, silhouette
@@ -66,9 +66,9 @@ class IdealDetector:
         _check_diameter(options.diameter, self._diameter_m, context.name)
 
     @property
-    def target_size(self) -> BallSize:
+    def target_shape(self) -> BallShape:
         """The ball's diameter."""
-        return BallSize(diameter_m=self._diameter_m)
+        return BallShape(diameter_m=self._diameter_m)
 
     def detect(
         self,

@@ -101,7 +101,7 @@ class DetectorRig:
     def measured(self, detection: Detection, frame: Frame) -> Measurement:
         """Measure what was detected, as a run does."""
         lens = self.camera.scaled_to(frame.width_px, frame.height_px)
-        return measure(detection, self.detector.target_size, lens, frame.captured_at_s)
+        return measure(detection, self.detector.target_shape, lens, frame.captured_at_s)
 
     def check_distance(self, detection: Detection, frame: Frame, *known: KnownTarget) -> None:
         """Fail unless the target was found at one of the known distances, within what is stated of it."""

@@ -16,7 +16,7 @@ from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
-from stadimeter.perception.perceiver import Looking
+from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.measure import SigmaParts, sigma_parts
 
 
@@ -109,16 +109,16 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
         One result for each target. Where the picture cannot be read, or has another aspect than the camera model, the
         status is ``error`` and the reason says why.
     """
-    looking = Looking({each.name: each.detector for each in targets}, camera_model)
+    perceiver = Perceiver({each.name: each.detector for each in targets}, camera_model)
     frame = None
     try:
         frame = open_picture(path)
-        detections, measurements = looking.look(frame)
+        detections, measurements = perceiver.look(frame)
     except StadimeterError as error:
         return PictureResult(file=str(path), frame=frame, targets=_failed(path, targets, error))
     results, number = [], 1
     for target, detection, measurement in zip(targets, detections, measurements, strict=True):
-        shape = target.detector.target_size
+        shape = target.detector.target_shape
         results.append(
             TargetResult(
                 file=str(path),

@@ -104,7 +104,7 @@ class BallTarget:
         light = shade[:, :, None] * decode_srgb(self.bgr)
         if self.specular > 0:
             away = (u * lamp[0] + v * lamp[1] + lamp[2]).astype(np.float32)
-            looking = (u * normal[0] + v * normal[1] + normal[2]).astype(np.float32)
-            mirrored = (away - 2 * facing * looking) / np.sqrt(squared).astype(np.float32)
+            perceiver = (u * normal[0] + v * normal[1] + normal[2]).astype(np.float32)
+            mirrored = (away - 2 * facing * perceiver) / np.sqrt(squared).astype(np.float32)
             light = light + np.float32(self.specular) * (np.clip(mirrored, 0, 1) ** np.float32(SHININESS))[:, :, None]
         return np.asarray(light, np.float32)

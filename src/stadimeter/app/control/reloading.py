@@ -15,7 +15,7 @@ from stadimeter.app.control.messages import Reply
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.core.rules.judging import not_judged_yet
+from stadimeter.core.rules.scheduler import new_rules
 from stadimeter.errors import StadimeterError
 
 _LIVE = frozenset({"path", "text", "plan", "tests"})
@@ -101,7 +101,7 @@ class Reloader:
             self.done()
             answer(Reply(error=f"nothing was changed: restart to change {', '.join(asked)}"))
             return None
-        not_judged_yet(configuration.plan)  # what a plan may not be comes out here, and not in the loop
+        new_rules(configuration.plan)  # what a plan may not be comes out here, and not in the loop
         found = (*configuration.warnings, *feasibility_warnings(configuration))
         return Change(
             configuration=configuration,

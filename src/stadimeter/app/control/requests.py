@@ -23,7 +23,7 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.core.decision import Decision
 from stadimeter.core.operator import OperatorCommand
-from stadimeter.core.reload import TakenOver
+from stadimeter.core.reload import ReloadedState
 from stadimeter.core.rules.explaining import explain
 
 REMEMBERED_S = 60.0
@@ -85,7 +85,7 @@ class Control:
         """Return the configuration to apply now, if there is one."""
         return self._reloader.take()
 
-    def changed(self, change: Change, taken: TakenOver) -> None:
+    def changed(self, change: Change, taken: ReloadedState) -> None:
         """Answer whoever asked that a configuration was reloaded."""
         self._reloader.done(change.configuration)
         data = {name: getattr(taken, name) for name in ("kept", "changed", "added", "removed")}

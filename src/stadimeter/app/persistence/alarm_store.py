@@ -31,7 +31,7 @@ from stadimeter.app.persistence.resumption import Memory, Moment, upgraded
 from stadimeter.app.persistence.state_file import APPLICATION_ID, Kind, kind_of, put_aside, too_large
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
-from stadimeter.core.persistence import Absence, KeptAlarm
+from stadimeter.core.persistence import Absence, AlarmSnapshot
 from stadimeter.errors import StateError
 
 FORMAT = 2
@@ -46,7 +46,9 @@ VALUE_BYTES_MAX = 2 * 2**20
 _MOMENT = TypeAdapter(Moment)
 _ITEM: TypeAdapter[Message | Notification] = TypeAdapter(Message | Notification)
 _ABSENT = TypeAdapter(tuple[Absence, ...])
-_ROW: TypeAdapter[tuple[KeptAlarm]] = TypeAdapter(tuple[KeptAlarm], config=ConfigDict(ser_json_inf_nan="constants"))
+_ROW: TypeAdapter[tuple[AlarmSnapshot]] = TypeAdapter(
+    tuple[AlarmSnapshot], config=ConfigDict(ser_json_inf_nan="constants")
+)
 
 _UNWRITABLE = frozenset(
     {

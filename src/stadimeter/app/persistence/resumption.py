@@ -17,7 +17,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.wall_time import is_synchronised
 from stadimeter.core.decide import State
-from stadimeter.core.persistence import Absence, KeptAlarm, restored
+from stadimeter.core.persistence import Absence, AlarmSnapshot, restored
 from stadimeter.errors import StateError
 
 STEPPED = "stepped"
@@ -100,7 +100,7 @@ class Memory:
     """
 
     moment: Moment
-    alarms: tuple[KeptAlarm, ...]
+    alarms: tuple[AlarmSnapshot, ...]
     absent: tuple[Absence, ...] = ()
     undelivered: tuple[Undelivered, ...] = ()
 
@@ -122,7 +122,7 @@ class Resumption:
         absent: Which targets were out of sight.
     """
 
-    alarms: tuple[KeptAlarm, ...]
+    alarms: tuple[AlarmSnapshot, ...]
     shift_s: float
     from_s: float
     now_s: float

@@ -11,7 +11,7 @@ from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.machine import AlarmState, Phase, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Leg
 from stadimeter.core.conditions import verdict as conditions
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, Pattern, SequenceStep
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
@@ -38,12 +38,12 @@ class Evaluation:
         notices: What is to be sent.
     """
 
-    __slots__ = ("events", "is_first", "known", "notices", "rule", "state")
+    __slots__ = ("events", "inputs", "is_first", "notices", "rule", "state")
 
-    def __init__(self, rule: AlarmRule, state: AlarmState, known: Known, *, is_first: bool = False) -> None:
+    def __init__(self, rule: AlarmRule, state: AlarmState, inputs: RuleInputs, *, is_first: bool = False) -> None:
         self.rule = rule
         self.state = state
-        self.known = known
+        self.inputs = inputs
         self.is_first = is_first
         self.events: tuple[Event, ...] = ()
         self.notices: tuple[Notice, ...] = ()
@@ -83,7 +83,7 @@ class Evaluation:
         if state.is_chattering is not before.is_chattering:
             self._report_chattering()
         if state.is_active is not before.is_active:
-            reason = reason or in_words(self.rule, replace(state, phase=before.phase), self.known)
+            reason = reason or in_words(self.rule, replace(state, phase=before.phase), self.inputs)
             _begin(self, reason) if state.is_active else _end(self, reason, by)
         is_over = state.phase is Phase.NORMAL and before.phase not in {Phase.NORMAL, Phase.PENDING}
         if is_over and self.state.inhibits.is_one_shot:
@@ -91,11 +91,11 @@ class Evaluation:
 
     def add_event(self, kind: EventKind, reason: str, *, notify: bool, by: str = "") -> Event:
         """Add an event, and return it."""
-        track = self.known.tracks.get(self.rule.target, _NO_TRACK)
+        track = self.inputs.tracks.get(self.rule.target, _NO_TRACK)
         event = Event(
             kind=kind,
             source=self.rule.name,
-            at_s=self.known.now_s,
+            at_s=self.inputs.now_s,
             severity=Severity.INFO if kind in _GOOD_NEWS else self.rule.severity,
             reason=reason,
             distance_m=track.distance_m if track.is_valid else None,
@@ -117,7 +117,7 @@ class Evaluation:
 
 
 def _begin(evaluation: Evaluation, reason: str) -> None:
-    now_s, state = evaluation.known.now_s, evaluation.state
+    now_s, state = evaluation.inputs.now_s, evaluation.state
     may_notify = not evaluation.is_quiet and now_s >= _cooled_down_at_s(evaluation)
     reason = f"so from the start: {reason}" if state.held_from_start else reason
     event = evaluation.add_event(EventKind.RAISED, reason, notify=may_notify)
@@ -138,7 +138,7 @@ def _end(evaluation: Evaluation, reason: str, by: str) -> None:
         reported_at_s=None,
         owes_notice=False,
         is_announced_only=False,
-        leg=Leg(on="cleared", began_s=evaluation.known.now_s, event=event),
+        leg=Leg(on="cleared", began_s=evaluation.inputs.now_s, event=event),
     )
 
 
@@ -146,7 +146,7 @@ def stand(evaluation: Evaluation) -> None:
     """Let time pass for an alarm: inhibits may end, a re-alarm or a step may be due."""
     _suppress(evaluation)
     until_s = evaluation.state.inhibits.shelved_until_s
-    if until_s is not None and evaluation.known.now_s >= until_s:
+    if until_s is not None and evaluation.inputs.now_s >= until_s:
         unshelve(evaluation, "the time is over")
     if evaluation.state.is_active:
         _report_again(evaluation)
@@ -178,7 +178,7 @@ def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: froz
 def due_s(evaluation: Evaluation) -> float:
     """Return when a timer of an alarm fires, infinite for never. Those of its conditions are theirs."""
     state, rule = evaluation.state, evaluation.rule
-    due = machine.due_s(rule, state, evaluation.known.now_s)
+    due = machine.due_s(rule, state, evaluation.inputs.now_s)
     if state.inhibits.shelved_until_s is not None:
         due = min(due, state.inhibits.shelved_until_s)
     if state.is_active:
@@ -199,12 +199,12 @@ def _suppress(evaluation: Evaluation) -> None:
     condition, inhibits = evaluation.rule.suppress_when, evaluation.state.inhibits
     if condition is None:
         return
-    verdict = conditions.judge(condition, evaluation.known, inhibits.leaves, is_active=inhibits.is_suppressed)
+    verdict = conditions.judge(condition, evaluation.inputs, inhibits.leaves, is_active=inhibits.is_suppressed)
     is_suppressed = verdict.value is True
     if is_suppressed is not inhibits.is_suppressed or verdict.held != inhibits.leaves:
         evaluation.change(inhibits=replace(inhibits, is_suppressed=is_suppressed, leaves=verdict.held))
     if is_suppressed is not inhibits.is_suppressed:
-        words = conditions.in_words(condition, evaluation.known, inhibits.leaves, is_active=inhibits.is_suppressed)
+        words = conditions.in_words(condition, evaluation.inputs, inhibits.leaves, is_active=inhibits.is_suppressed)
         kind = EventKind.SUPPRESSED if is_suppressed else EventKind.UNSUPPRESSED
         evaluation.add_event(kind, words, notify=False)
 
@@ -222,7 +222,7 @@ def unshelve(evaluation: Evaluation, reason: str, by: str = "") -> None:
 
 def _report_again(evaluation: Evaluation) -> None:
     """Report an alarm that stands: since people were not notified yet, or since it has stood for long."""
-    state, now_s, realarm_s = evaluation.state, evaluation.known.now_s, evaluation.rule.realarm_s
+    state, now_s, realarm_s = evaluation.state, evaluation.inputs.now_s, evaluation.rule.realarm_s
     if state.raised_at_s is None or state.reported_at_s is None:
         return
     still = f"still active after {now_s - state.raised_at_s:.1f} s"
@@ -237,7 +237,7 @@ def _report_again(evaluation: Evaluation) -> None:
 
 def _realarm(evaluation: Evaluation, reason: str, *, may_notify: bool) -> None:
     """Report an alarm again. One of which nobody may be notified now does not begin its steps anew."""
-    now_s, state = evaluation.known.now_s, evaluation.state
+    now_s, state = evaluation.inputs.now_s, evaluation.state
     event = evaluation.add_event(EventKind.REALARMED, reason, notify=may_notify)
     evaluation.change(
         reported_at_s=now_s,
@@ -249,7 +249,7 @@ def _realarm(evaluation: Evaluation, reason: str, *, may_notify: bool) -> None:
 
 def _send(evaluation: Evaluation) -> None:
     """Send what is due. What is due while the alarm is quiet is not sent later either: by then it is no news."""
-    leg, now_s = evaluation.state.leg, evaluation.known.now_s
+    leg, now_s = evaluation.state.leg, evaluation.inputs.now_s
     if leg is None or not evaluation.rule.sequence:
         return
     due = [position for position, step in _unsent(evaluation) if now_s + ROUNDING_S >= leg.began_s + step.after_s]
@@ -267,7 +267,7 @@ def _send(evaluation: Evaluation) -> None:
 
 def _as_of_now(event: Event, evaluation: Evaluation) -> Event:
     """Return an event with the figures of this moment: a step that comes late tells what is, not what was."""
-    track = evaluation.known.tracks.get(evaluation.rule.target)
+    track = evaluation.inputs.tracks.get(evaluation.rule.target)
     if track is None or not track.is_valid:
         return replace(event, distance_m=None, sigma_m=None)
     return replace(event, distance_m=track.distance_m, sigma_m=track.sigma_m)
@@ -284,7 +284,7 @@ def _unsent(evaluation: Evaluation) -> Iterator[tuple[int, SequenceStep]]:
 
 def _sequence_due_s(evaluation: Evaluation) -> float:
     """Return when the next step of the sequence begins or ends."""
-    leg, now_s = evaluation.state.leg, evaluation.known.now_s
+    leg, now_s = evaluation.state.leg, evaluation.inputs.now_s
     if leg is None or not evaluation.rule.sequence:
         return math.inf
     due = [leg.began_s + step.after_s for _, step in _unsent(evaluation)]
@@ -299,12 +299,12 @@ def _requests(evaluation: Evaluation, bases: frozenset[str]) -> Iterator[Request
     rule, state, leg = evaluation.rule, evaluation.state, evaluation.state.leg
     if leg is None:
         return
-    since_s = evaluation.known.now_s - (state.raised_at_s if state.raised_at_s is not None else leg.began_s)
+    since_s = evaluation.inputs.now_s - (state.raised_at_s if state.raised_at_s is not None else leg.began_s)
     if rule.output is not None and state.is_active:
         yield _request(evaluation, rule.output, rule.level, rule.pattern, since_s, is_base=rule.output in bases)
     if state.is_active is not (leg.on == "raised"):
         return
-    since_s = evaluation.known.now_s - leg.began_s + ROUNDING_S
+    since_s = evaluation.inputs.now_s - leg.began_s + ROUNDING_S
     for step in rule.sequence:
         lasts_s = step.for_s if leg.on == "raised" or math.isfinite(step.for_s) else 0.0
         if step.output is None or step.on != leg.on or not step.after_s <= since_s < step.after_s + lasts_s:
@@ -327,25 +327,25 @@ def _request(
 # ---- In words ----
 
 
-def why(rule: AlarmRule, state: AlarmState, known: Known) -> str:
+def why(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
     """Return why an alarm does what it does, after a cycle, in words with figures."""
     if state.unknown_since_s is None:
-        return in_words(rule, state, known)
+        return in_words(rule, state, inputs)
     is_held = state.is_active and not state.has_let_go
-    is_held = is_held and machine.decided_by_policy(rule, state, known.now_s) is None
-    return f"{'held: ' if is_held else ''}{missing_in_words(rule, state, known)}: {in_words(rule, state, known)}"
+    is_held = is_held and machine.decided_by_policy(rule, state, inputs.now_s) is None
+    return f"{'held: ' if is_held else ''}{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}"
 
 
-def in_words(rule: AlarmRule, state: AlarmState, known: Known) -> str:
+def in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
     """Return the figures behind the condition of an alarm."""
-    return conditions.in_words(rule.condition, known, state.timers.leaves, is_active=state.is_judged_by_its_end)
+    return conditions.in_words(rule.condition, inputs, state.timers.leaves, is_active=state.is_judged_by_its_end)
 
 
-def missing_in_words(rule: AlarmRule, state: AlarmState, known: Known) -> str:
+def missing_in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
     """Return what is missing to judge by, for how long, and what it counts as. It need not be the rule's own target."""
-    away_s = 0.0 if state.unknown_since_s is None else known.now_s - state.unknown_since_s
-    seen = "not known" if known.tracks[rule.target].is_valid else "not seen"
-    return f"{seen} for {away_s:.1f} s{policy_in_words(rule, state, known.now_s)}"
+    away_s = 0.0 if state.unknown_since_s is None else inputs.now_s - state.unknown_since_s
+    seen = "not known" if inputs.tracks[rule.target].is_valid else "not seen"
+    return f"{seen} for {away_s:.1f} s{policy_in_words(rule, state, inputs.now_s)}"
 
 
 def policy_in_words(rule: AlarmRule, state: AlarmState, now_s: float) -> str:
@@ -354,9 +354,9 @@ def policy_in_words(rule: AlarmRule, state: AlarmState, now_s: float) -> str:
     return "" if decided is None else ", which counts as danger" if decided else ", which counts as over"
 
 
-def dismissed(rule: AlarmRule, state: AlarmState, known: Known, reason: str) -> tuple[Event, ...]:
+def dismissed(rule: AlarmRule, state: AlarmState, inputs: RuleInputs, reason: str) -> tuple[Event, ...]:
     """Return the event of an alarm that ceases to be, with its rule: that it cleared, if it was active."""
-    evaluation = Evaluation(rule, state, known)
+    evaluation = Evaluation(rule, state, inputs)
     if state.is_active:
         may_notify = not evaluation.is_quiet and not state.owes_notice
         evaluation.add_event(EventKind.CLEARED, reason, notify=may_notify)

@@ -24,7 +24,7 @@ from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, AlarmState, Pha
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample
 from stadimeter.core.condition import Condition, CountCondition, PresenceCondition, leaves
 from stadimeter.core.conditions import verdict as conditions
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
 from stadimeter.core.operator import Answer, OperatorAction, OperatorCommand
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
@@ -68,7 +68,7 @@ def with_state(rule: AlarmRule, step: AlarmStep, state: AlarmState) -> AlarmStep
 def step_alarm(
     rule: AlarmRule,
     before: AlarmStep,
-    known: Known,
+    inputs: RuleInputs,
     sample: Sample | None,
     bases: frozenset[str],
     *,
@@ -82,16 +82,16 @@ def step_alarm(
         bases: The names of the outputs that are bases. An alarm stops them.
         is_first: Whether no other alarm of its group has been raised.
     """
-    state, now_s = before.state, known.now_s
-    if known.is_after_gap:
+    state, now_s = before.state, inputs.now_s
+    if inputs.is_after_gap:
         state = machine.anew(state, now_s)
-    verdict = conditions.judge(rule.condition, known, state.timers.leaves, is_active=state.is_judged_by_its_end)
-    is_awaited = _is_awaited(rule, state, known)
+    verdict = conditions.judge(rule.condition, inputs, state.timers.leaves, is_active=state.is_judged_by_its_end)
+    is_awaited = _is_awaited(rule, state, inputs)
     if is_awaited:
         verdict = conditions.Verdict(None, state.timers.leaves)
-    if state is before.state and _stays(rule, before, verdict, known, sample):
+    if state is before.state and _stays(rule, before, verdict, inputs, sample):
         return Stepped(before)
-    evaluation = Evaluation(rule, state, known, is_first=is_first)
+    evaluation = Evaluation(rule, state, inputs, is_first=is_first)
     evaluation.go(machine.calmed(rule, state, now_s))
     if verdict.value is None:
         _without_verdict(evaluation, is_awaited=is_awaited)
@@ -110,57 +110,57 @@ def judged_by(rule: AlarmRule, state: AlarmState) -> tuple[tuple[Condition, tupl
 
 
 def _with_verdict(evaluation: Evaluation, holds: bool, held: tuple[bool, ...], sample: Sample | None) -> None:
-    rule, known, before = evaluation.rule, evaluation.known, evaluation.state
-    state = machine.back_in_sight(rule, before, known.now_s)
+    rule, inputs, before = evaluation.rule, evaluation.inputs, evaluation.state
+    state = machine.back_in_sight(rule, before, inputs.now_s)
     if before.is_given_up and not state.is_given_up and before.unknown_since_s is not None:
-        reason = f"there is something to judge by again, after {known.now_s - before.unknown_since_s:.1f} s"
+        reason = f"there is something to judge by again, after {inputs.now_s - before.unknown_since_s:.1f} s"
         evaluation.add_event(EventKind.MEASUREMENT_BACK, reason, notify=not evaluation.is_quiet)
     evaluation.go(state)
     # A frame whose measurement was refused as an outlier contradicts the track that the condition is judged by: it
     # counts neither for an alarm that is not raised nor against it.
-    is_refused = not state.is_active and known.tracks[rule.target].rejected > 0
+    is_refused = not state.is_active and inputs.tracks[rule.target].rejected > 0
     if sample is not None and not is_refused and not machine.is_settled(state, holds, held):
-        evaluation.go(machine.take_sample(rule, state, sample, holds, held, now_s=known.now_s))
+        evaluation.go(machine.take_sample(rule, state, sample, holds, held, now_s=inputs.now_s))
 
 
 def _without_verdict(evaluation: Evaluation, *, is_awaited: bool) -> None:
-    rule, known, before = evaluation.rule, evaluation.known, evaluation.state
+    rule, inputs, before = evaluation.rule, evaluation.inputs, evaluation.state
     if before.resumed is not None:
-        if known.now_s - before.resumed.at_s < AWAITED_S:
+        if inputs.now_s - before.resumed.at_s < AWAITED_S:
             return
         evaluation.change(resumed=None)
     if is_awaited:
         return
-    state = machine.take_nothing(rule, evaluation.state, known.now_s)
-    evaluation.go(state, f"{missing_in_words(rule, state, known)}: {in_words(rule, state, known)}")
+    state = machine.take_nothing(rule, evaluation.state, inputs.now_s)
+    evaluation.go(state, f"{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}")
     if state.is_given_up and not before.is_given_up:
         then = "it stays latched until it is reset" if rule.latch else "the output goes to its safe value"
-        reason = f"active, but {missing_in_words(rule, state, known)}; {then}"
+        reason = f"active, but {missing_in_words(rule, state, inputs)}; {then}"
         evaluation.add_event(EventKind.MEASUREMENT_LOST, reason, notify=not evaluation.is_quiet)
 
 
-def _is_awaited(rule: AlarmRule, state: AlarmState, known: Known) -> bool:
+def _is_awaited(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> bool:
     """Return whether it would be a guess that a target is lost: at the start none has been seen yet.
 
     A rule for safety does not wait: to it, not seeing counts at once.
     """
-    if rule.severity is Severity.SAFETY or not known.tracks:
+    if rule.severity is Severity.SAFETY or not inputs.tracks:
         return False
-    if any(track.status is not TrackStatus.SEARCHING for track in known.tracks.values()):
+    if any(track.status is not TrackStatus.SEARCHING for track in inputs.tracks.values()):
         return False
     if state.resumed is not None:
         began_s = state.resumed.at_s
     elif state.is_active or state.unknown_since_s is not None:
         return False  # it has gone on from an earlier run, and has waited already
     else:
-        began_s = max(known.now_s if track.since_s is None else track.since_s for track in known.tracks.values())
-    if known.now_s - began_s + ROUNDING_S >= AWAITED_S:
+        began_s = max(inputs.now_s if track.since_s is None else track.since_s for track in inputs.tracks.values())
+    if inputs.now_s - began_s + ROUNDING_S >= AWAITED_S:
         return False
     return any(isinstance(leaf, PresenceCondition | CountCondition) for leaf in leaves(rule.condition))
 
 
 def _stays(
-    rule: AlarmRule, before: AlarmStep, verdict: conditions.Verdict, known: Known, sample: Sample | None
+    rule: AlarmRule, before: AlarmStep, verdict: conditions.Verdict, inputs: RuleInputs, sample: Sample | None
 ) -> bool:
     """Return whether an alarm surely goes on as it is. Nearly all do in nearly every cycle, so this is worth a look."""
     state = before.state
@@ -168,7 +168,7 @@ def _stays(
         return False
     if state.unknown_since_s is not None or state.inhibits is not NO_INHIBITS or not before.rests:
         return False
-    if before.trace.status is not RuleStatus.IDLE or known.now_s >= before.due_s:
+    if before.trace.status is not RuleStatus.IDLE or inputs.now_s >= before.due_s:
         return False
     return sample is None or machine.is_settled(state, verdict.value, verdict.held)
 
@@ -179,7 +179,7 @@ def _stepped(
     rule, state = evaluation.rule, evaluation.state
     rests = not is_awaited and _rests(evaluation, holds)
     if holds is None:
-        holds = machine.decided_by_policy(rule, state, evaluation.known.now_s)
+        holds = machine.decided_by_policy(rule, state, evaluation.inputs.now_s)
     status, active = _status(state, holds), state.is_active or (None if holds is None else False)
     requests = requests_of(evaluation, before.requests, bases)
     due = due_s(evaluation) if rests else math.inf
@@ -244,7 +244,7 @@ Refusal = str
 
 
 def operated(
-    alarms: Mapping[str, tuple[int, AlarmRule, AlarmState]], known: Known, command: OperatorCommand
+    alarms: Mapping[str, tuple[int, AlarmRule, AlarmState]], inputs: RuleInputs, command: OperatorCommand
 ) -> tuple[Answer, list[tuple[int, Evaluation]]]:
     """Do what an operator wants of one alarm, or of all.
 
@@ -258,7 +258,7 @@ def operated(
         words = f"there is no alarm '{command.rule}'; there are: {', '.join(alarms) or 'none'}"
         return Answer(id=command.id, accepted=False, words=words), []
     chosen = [command.rule] if command.rule else list(alarms)
-    found = [(alarms[name][0], Evaluation(alarms[name][1], alarms[name][2], known)) for name in chosen]
+    found = [(alarms[name][0], Evaluation(alarms[name][1], alarms[name][2], inputs)) for name in chosen]
     if not command.rule:
         found = [(index, each) for index, each in found if _applies(each, command.action)]
     refusals = [(each.rule.name, _operate(each, command)) for _, each in found]
@@ -273,7 +273,7 @@ def _done(evaluation: Evaluation, action: OperatorAction) -> str:
     until_s = evaluation.state.inhibits.shelved_until_s
     if action is not OperatorAction.SHELVE or until_s is None:
         return evaluation.rule.name
-    return f"{evaluation.rule.name} for {duration(round(until_s - evaluation.known.now_s, 3))}"
+    return f"{evaluation.rule.name} for {duration(round(until_s - evaluation.inputs.now_s, 3))}"
 
 
 def _applies(evaluation: Evaluation, action: OperatorAction) -> bool:
@@ -322,15 +322,17 @@ def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
 
 
 def _why_not_latched(evaluation: Evaluation) -> Refusal:
-    rule, state, known = evaluation.rule, evaluation.state, evaluation.known
+    rule, state, inputs = evaluation.rule, evaluation.state, evaluation.inputs
     if not rule.latch:
         return "it does not latch, and clears by itself"
     if state.unknown_since_s is None:
         return "its condition still holds"
     if rule.lost.policy is LostPolicy.HOLD:
         late = f"after {duration(rule.lost.fault_after_s)} (lost.fault_after)"
-        return f"its condition held when last known; {missing_in_words(rule, state, known)}, and it can be reset {late}"
-    return f"its condition counts as holding: {missing_in_words(rule, state, known)} (lost.policy)"
+        return (
+            f"its condition held when last known; {missing_in_words(rule, state, inputs)}, and it can be reset {late}"
+        )
+    return f"its condition counts as holding: {missing_in_words(rule, state, inputs)} (lost.policy)"
 
 
 def _shelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
@@ -344,7 +346,7 @@ def _shelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     if not 0 < for_s <= longest_s:  # NaN fails this too
         longest = duration(longest_s)
         return f"{duration(for_s)} is not a time above zero and up to {longest}, the longest for '{rule.name}'"
-    until_s, inhibits = evaluation.known.now_s + for_s, evaluation.state.inhibits
+    until_s, inhibits = evaluation.inputs.now_s + for_s, evaluation.state.inhibits
     inhibits = replace(inhibits, shelved_until_s=until_s, is_one_shot=command.one_shot, shelved_by=command.by)
     evaluation.change(inhibits=inhibits)
     how = f"for {duration(for_s)}" + (", or until it has returned to normal" if command.one_shot else "")

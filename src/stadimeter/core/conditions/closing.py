@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from stadimeter.core.conditions.figures import Uncertain, closing_of
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import Box, Truth
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import Band, Figure
 from stadimeter.core.conditions.limits import LimitsCondition, back_said, ends_of, surely, value_of, within_said
 
@@ -59,9 +59,9 @@ class ClosingCondition(LimitsCondition):
         """The closing speed of its target."""
         return Figure(_closing_mps, (self.target,))
 
-    def uncertain(self, known: Known) -> Uncertain | None:
+    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the speed; see `LimitsCondition.uncertain`."""
-        return closing_of(known.tracks[self.target])
+        return closing_of(inputs.tracks[self.target])
 
     def said(self, value: float, sigma: float) -> str:
         """Return a closing speed with its standard deviation."""
@@ -91,8 +91,8 @@ def closing_said(closing_mps: float, sigma_mps: float) -> str:
     return f"closing at {closing_mps:.2f} m/s ± {sigma_mps:.2f}"
 
 
-def _closing_mps(known: Known, target: str) -> float:
-    return value_of(closing_of(known.tracks[target]))
+def _closing_mps(inputs: RuleInputs, target: str) -> float:
+    return value_of(closing_of(inputs.tracks[target]))
 
 
 def _speed(speed_mps: float) -> str:

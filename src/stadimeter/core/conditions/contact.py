@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 from stadimeter.core.conditions.closing import closing_said
 from stadimeter.core.conditions.figures import no_figures, probability_below
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import GONE, NO, SEEN, YES, Box, Truth, interval
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import UNKNOWN, Evidence, Figure, Leaf, Rest
 from stadimeter.core.conditions.limits import FAR_SIGMAS, back_said, likely_said, surely, turning_point
 from stadimeter.core.track import Track
@@ -152,9 +152,9 @@ class TimeToContactCondition(Leaf):
         """How many standard deviations the speed must be sure by; 0 for one that compares the figures alone."""
         return 0.0 if self.probability_on is None else self.speed_sigmas
 
-    def holds(self, known: Known, is_on: bool) -> bool | None:
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Return whether it holds; None also while the speed is not known well enough to tell."""
-        approach = approach_of(known.tracks[self.target])
+        approach = approach_of(inputs.tracks[self.target])
         return None if approach is None else self._holds(approach, is_on)
 
     def _pace(self, approach: Approach) -> Pace:
@@ -194,9 +194,9 @@ class TimeToContactCondition(Leaf):
             Figure(_earliest_s, (self.target, self.contact_m, self.closing_min_mps, sigmas)),
         )
 
-    def rest(self, known: Known, is_on: bool) -> Rest | None:
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:
         """Return for how long it stays as it is: while its times are on the side of their thresholds where they are."""
-        approach = approach_of(known.tracks[self.target])
+        approach = approach_of(inputs.tracks[self.target])
         time, earliest = self.figures()
         if approach is None:
             return Rest(((earliest, UNKNOWN, UNKNOWN),))
@@ -212,9 +212,9 @@ class TimeToContactCondition(Leaf):
         side = (_KNOWN_S, math.nextafter(self.below_s, -math.inf)) if is_on else _later_than(self.below_s)
         return Rest(((earliest, _KNOWN_S, _KNOWN_S), (time, *side)))
 
-    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:
+    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:
         """Return the figures behind `holds`; see `Leaf.in_words`."""
-        track = known.tracks[self.target]
+        track = inputs.tracks[self.target]
         approach = approach_of(track)
         if approach is None:
             return no_figures(track)
@@ -235,10 +235,10 @@ class TimeToContactCondition(Leaf):
         likely = self._likely(approach, limit_s)
         return words + likely_said(likely, self.probability_on, self.probability_off, is_on=is_on)
 
-    def evidence(self, known: Known, is_on: bool) -> Evidence:
+    def evidence(self, inputs: RuleInputs, is_on: bool) -> Evidence:
         """Return the figures behind `holds`; see `Leaf.evidence`."""
-        found = Leaf.evidence(self, known, is_on)
-        approach = approach_of(known.tracks[self.target])
+        found = Leaf.evidence(self, inputs, is_on)
+        approach = approach_of(inputs.tracks[self.target])
         if approach is None or self._pace(approach) is not Pace.KNOWN:
             return found
         time_s, limit_s = approach.time_s(self.contact_m), self._limit_s(approach, is_on=is_on)
@@ -300,13 +300,15 @@ def _later_than(time_s: float) -> tuple[float, float]:
     return math.nextafter(time_s, math.inf), math.inf
 
 
-def _time_s(known: Known, target: str, contact_m: float) -> float:
-    approach = approach_of(known.tracks[target])
+def _time_s(inputs: RuleInputs, target: str, contact_m: float) -> float:
+    approach = approach_of(inputs.tracks[target])
     return UNKNOWN if approach is None else approach.time_s(contact_m)
 
 
-def _earliest_s(known: Known, target: str, contact_m: float, closing_min_mps: float, speed_sigmas: float) -> float:
-    approach = approach_of(known.tracks[target])
+def _earliest_s(
+    inputs: RuleInputs, target: str, contact_m: float, closing_min_mps: float, speed_sigmas: float
+) -> float:
+    approach = approach_of(inputs.tracks[target])
     return UNKNOWN if approach is None else _earliest(approach, contact_m, closing_min_mps, speed_sigmas)
 
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import Box, Truth, interval
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import Band, Evidence, Figure, Leaf, Rest
 
 
@@ -33,9 +33,9 @@ class CountCondition(Leaf):
         """Those that it counts; empty for all."""
         return self.targets
 
-    def holds(self, known: Known, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
         """Return whether it holds; see `Leaf.holds`."""
-        count = _in_sight(known, *self.targets)
+        count = _in_sight(inputs, *self.targets)
         least, most = self.at_least, self.at_most
         return (least is None or count >= least) and (most is None or count <= most)
 
@@ -43,23 +43,23 @@ class CountCondition(Leaf):
         """Return the count."""
         return (Figure(_in_sight, self.targets),)
 
-    def rest(self, known: Known, is_on: bool) -> Rest:  # noqa: ARG002
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
         """Return that it stays as it is until the count changes."""
-        count = _in_sight(known, *self.targets)
+        count = _in_sight(inputs, *self.targets)
         return Rest(((self.figures()[0], count, count),))
 
-    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:  # noqa: ARG002
+    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:  # noqa: ARG002
         """Return the count; see `Leaf.in_words`."""
         thresholds = [f"at least {self.at_least}"] if self.at_least is not None else []
         thresholds += [f"at most {self.at_most}"] if self.at_most is not None else []
-        number = len(self.targets or known.tracks)
-        return f"{_in_sight(known, *self.targets):.0f} of {number} in sight, {' and '.join(thresholds)}"
+        number = len(self.targets or inputs.tracks)
+        return f"{_in_sight(inputs, *self.targets):.0f} of {number} in sight, {' and '.join(thresholds)}"
 
-    def evidence(self, known: Known, is_on: bool) -> Evidence:
+    def evidence(self, inputs: RuleInputs, is_on: bool) -> Evidence:
         """Return the count and its thresholds."""
         least, most = (None if number is None else float(number) for number in (self.at_least, self.at_most))
-        found = Leaf.evidence(self, known, is_on)
-        return replace(found, value=_in_sight(known, *self.targets), low=least, high=most)
+        found = Leaf.evidence(self, inputs, is_on)
+        return replace(found, value=_in_sight(inputs, *self.targets), low=least, high=most)
 
     def begins(self) -> str:
         """Return a clause that says when it begins."""
@@ -91,7 +91,7 @@ class CountCondition(Leaf):
         yield {("count", *counted): possible & (holds if truth is Truth.TRUE else ~holds)}
 
 
-def _in_sight(known: Known, *targets: str) -> float:
+def _in_sight(inputs: RuleInputs, *targets: str) -> float:
     """Return how many of some targets are in sight; of all, if none are named."""
-    tracks = known.tracks
+    tracks = inputs.tracks
     return float(sum([tracks[target].is_valid for target in targets or tracks]))

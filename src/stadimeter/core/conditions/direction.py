@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from stadimeter.core.conditions.figures import Direction, Uncertain, direction_of
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import Box, Truth
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import Band, Figure
 from stadimeter.core.conditions.limits import LimitsCondition, back_said, ends_of, moved, value_of, within_said
 
@@ -55,9 +55,9 @@ class DirectionCondition(LimitsCondition):
         """The bearing or the elevation of its target."""
         return Figure(_direction_rad, (self.target, self.quantity))
 
-    def uncertain(self, known: Known) -> Uncertain | None:
+    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the angle; see `LimitsCondition.uncertain`."""
-        return direction_of(known.tracks[self.target], self.quantity)
+        return direction_of(inputs.tracks[self.target], self.quantity)
 
     def chances(self) -> tuple[float | None, float]:
         """Return that the figures alone are compared."""
@@ -96,8 +96,8 @@ class DirectionCondition(LimitsCondition):
         yield from self.situations_of(truth, self.quantity)
 
 
-def _direction_rad(known: Known, target: str, quantity: Direction) -> float:
-    return value_of(direction_of(known.tracks[target], quantity))
+def _direction_rad(inputs: RuleInputs, target: str, quantity: Direction) -> float:
+    return value_of(direction_of(inputs.tracks[target], quantity))
 
 
 def _degrees(angle_rad: float) -> str:

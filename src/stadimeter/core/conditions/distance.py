@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from stadimeter.core.conditions.figures import Quantity, Uncertain, probability_below, quantity_of
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import LENGTHS, Box, Truth
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import Band, Figure, Rest
 from stadimeter.core.conditions.limits import (
     LimitsCondition,
@@ -75,9 +75,9 @@ class DistanceCondition(LimitsCondition):
         """The distance or the depth of its target."""
         return distance_figure(self.target, self.quantity)
 
-    def uncertain(self, known: Known) -> Uncertain | None:
+    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the distance or depth; see `LimitsCondition.uncertain`."""
-        return quantity_of(known.tracks[self.target], self.quantity)
+        return quantity_of(inputs.tracks[self.target], self.quantity)
 
     def widened_limits(self, value: float, noise: float) -> tuple[float, float]:
         """Return the thresholds outside which it ends. The noise at each is scaled with the square of the distance."""
@@ -91,14 +91,14 @@ class DistanceCondition(LimitsCondition):
         ratio = min(max(limit_m / value_m, 0.5), 2.0) if value_m > 0 else 1.0
         return max(self.deadband_m, self.deadband_sigmas * noise_m * ratio * ratio)
 
-    def holds(self, known: Known, is_on: bool) -> bool | None:
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Return whether it holds; one between two thresholds also in the frame in which it was passed through."""
-        figures = quantity_of(known.tracks[self.target], self.quantity)
+        figures = quantity_of(inputs.tracks[self.target], self.quantity)
         if figures is None:
             return None
         if self._is_near_or_far(*figures, is_on):
             return True
-        return not is_on and self.passed_through(known) is not None
+        return not is_on and self.passed_through(inputs) is not None
 
     def _is_near_or_far(self, value_m: float, sigma_m: float, noise_m: float, is_on: bool) -> bool:
         """Return what `is_within` returns, in half the time; most conditions are on a distance, with one threshold."""
@@ -115,21 +115,21 @@ class DistanceCondition(LimitsCondition):
             likely = 1.0
         return likely >= likely_on or (is_on and likely > self.probability_off)
 
-    def rest(self, known: Known, is_on: bool) -> Rest | None:
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:
         """Return for how long it stays as it is: not at all in the frame in which it was passed through."""
-        rest = LimitsCondition.rest(self, known, is_on)
-        return None if not is_on and self.passed_through(known) is not None else rest
+        rest = LimitsCondition.rest(self, inputs, is_on)
+        return None if not is_on and self.passed_through(inputs) is not None else rest
 
-    def passed_through(self, known: Known) -> tuple[float, float] | None:
+    def passed_through(self, inputs: RuleInputs) -> tuple[float, float] | None:
         """Return between which distances a target went through both thresholds unseen; None if it did not.
 
         A distance does not jump: a target that was surely on one side, and now surely is on the other, was in between.
         """
         if self.above_m is None or self.below_m is None:
             return None
-        track = known.before.get(self.target)
+        track = inputs.before.get(self.target)
         before = None if track is None else quantity_of(track, self.quantity)
-        now = self.uncertain(known)
+        now = self.uncertain(inputs)
         if before is None or now is None:
             return None
         sides = self._sure_side(before), self._sure_side(now)
@@ -148,11 +148,11 @@ class DistanceCondition(LimitsCondition):
         """Return a distance with its standard deviation."""
         return metres(value, sigma)
 
-    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:
+    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:
         """Return the figures behind `holds`; see `Leaf.in_words`."""
-        passed = None if is_on else self.passed_through(known)
+        passed = None if is_on else self.passed_through(inputs)
         if passed is None:
-            return LimitsCondition.in_words(self, known, is_on, names_target=names_target)
+            return LimitsCondition.in_words(self, inputs, is_on, names_target=names_target)
         words = f"passed through between two frames: {passed[0]:.2f} m, then {passed[1]:.2f} m"
         return self._named(words) if names_target else words
 
@@ -211,5 +211,5 @@ def distance_figure(target: str, quantity: Quantity) -> Figure:
     return Figure(_distance_m, (target, quantity))
 
 
-def _distance_m(known: Known, target: str, quantity: Quantity) -> float:
-    return value_of(quantity_of(known.tracks[target], quantity))
+def _distance_m(inputs: RuleInputs, target: str, quantity: Quantity) -> float:
+    return value_of(quantity_of(inputs.tracks[target], quantity))

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Self
 
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import Box, Truth
-from stadimeter.core.conditions.known import Known
 
 UNKNOWN = -math.inf
 """The value of a figure that is not known. No figure that is known has it."""
@@ -133,7 +133,7 @@ class Leaf:
         """The targets, or the rule, that it is about."""
         return self.targets_named
 
-    def holds(self, known: Known, is_on: bool) -> bool | None:
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Return whether it holds; None if that cannot be known.
 
         Args:
@@ -146,11 +146,11 @@ class Leaf:
         """Return the figures that its rest intervals may be on."""
         return ()
 
-    def rest(self, known: Known, is_on: bool) -> Rest | None:
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:
         """Return for how long it surely stays as it is; None if it must be judged in every cycle."""
         raise NotImplementedError
 
-    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:
+    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:
         """Return the figures behind `holds`.
 
         Args:
@@ -160,13 +160,13 @@ class Leaf:
         """
         raise NotImplementedError
 
-    def evidence(self, known: Known, is_on: bool) -> Evidence:
+    def evidence(self, inputs: RuleInputs, is_on: bool) -> Evidence:
         """Return the figures behind `holds`, for whoever asks why."""
         return Evidence(
             quantity=self.noun,
             about=self.about,
-            words=self.in_words(known, is_on, names_target=True),
-            holds=self.holds(known, is_on),
+            words=self.in_words(inputs, is_on, names_target=True),
+            holds=self.holds(inputs, is_on),
             unit=self.unit,
         )
 

@@ -18,8 +18,8 @@ from dataclasses import replace
 from typing import ClassVar
 
 from stadimeter.core.conditions.figures import Uncertain, no_figures, probability_between
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import ALL, GONE, SEEN, Box, Intervals, Truth, interval
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import UNKNOWN, Evidence, Figure, Leaf, Rest
 
 FAR_SIGMAS = 12.0
@@ -61,7 +61,7 @@ class LimitsCondition(Leaf):
         """The figure that it watches."""
         raise NotImplementedError
 
-    def uncertain(self, known: Known) -> Uncertain | None:
+    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure and how sure it is; None while there is no finite figure to act on."""
         raise NotImplementedError
 
@@ -94,18 +94,18 @@ class LimitsCondition(Leaf):
         # What is likely enough to begin does not end, whatever else is asked for: it would begin again at once.
         return likely >= likely_on or (is_on and likely > likely_off)
 
-    def holds(self, known: Known, is_on: bool) -> bool | None:
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Return whether it holds; see `Leaf.holds`."""
-        figures = self.uncertain(known)
+        figures = self.uncertain(inputs)
         return None if figures is None else self.is_within(*figures, is_on)
 
     def figures(self) -> tuple[Figure, ...]:
         """Return the figure that it watches."""
         return (self.figure,)
 
-    def rest(self, known: Known, is_on: bool) -> Rest | None:
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:
         """Return for how long it stays as it is: until its figure comes or goes, or gets to a threshold."""
-        figures = self.uncertain(known)
+        figures = self.uncertain(inputs)
         if figures is None:
             return Rest(((self.figure, UNKNOWN, UNKNOWN),))
         interval = self.rest_interval(figures[0], is_on)
@@ -146,11 +146,11 @@ class LimitsCondition(Leaf):
             return f"above {low:.{digits}f}{unit}"
         return f"between {low:.{digits}f} and {high:.{digits}f}{unit}"
 
-    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:
+    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:
         """Return the figures behind `holds`; see `Leaf.in_words`."""
-        figures = self.uncertain(known)
+        figures = self.uncertain(inputs)
         if figures is None:
-            return self._unseen(known)
+            return self._unseen(inputs)
         value, sigma, noise = figures
         low, high = self.widened_limits(value, noise) if is_on else self.limits
         words = f"{self.said(value, sigma)}, {self.limits_said(low, high)}"
@@ -162,16 +162,16 @@ class LimitsCondition(Leaf):
     def _named(self, words: str) -> str:
         return f"{self.targets_named[0]} {words}"
 
-    def _unseen(self, known: Known) -> str:
-        tracks = [known.tracks[target] for target in self.targets_named]
+    def _unseen(self, inputs: RuleInputs) -> str:
+        tracks = [inputs.tracks[target] for target in self.targets_named]
         away = [track for track in tracks if not track.is_valid]
         return " and ".join(no_figures(track) for track in away or tracks)
 
-    def evidence(self, known: Known, is_on: bool) -> Evidence:
+    def evidence(self, inputs: RuleInputs, is_on: bool) -> Evidence:
         """Return the figures behind `holds`; see `Leaf.evidence`."""
-        found = Leaf.evidence(self, known, is_on)
+        found = Leaf.evidence(self, inputs, is_on)
         found = replace(found, words=found.words + self.uncounted)
-        figures = self.uncertain(known)
+        figures = self.uncertain(inputs)
         if figures is None:
             return found
         value, sigma, noise = figures

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import NO, NOT_KNOWN, YES, Box, Truth
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import Leaf, Rest
 
 
@@ -25,18 +25,18 @@ class RuleCondition(Leaf):
         """The other rule."""
         return (self.rule,)
 
-    def holds(self, known: Known, is_on: bool) -> bool | None:  # noqa: ARG002
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
         """Return whether it holds; see `Leaf.holds`."""
-        return known.active.get(self.rule)
+        return inputs.active.get(self.rule)
 
-    def rest(self, known: Known, is_on: bool) -> Rest:  # noqa: ARG002
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
         """Return that it stays as it is: whoever judges the other rule judges those that ask for it after it."""
         return Rest()
 
-    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:  # noqa: ARG002
+    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:  # noqa: ARG002
         """Return what the other rule is doing; see `Leaf.in_words`."""
         state = {True: "is active", False: "is not active", None: "has nothing to judge by"}
-        return f"the rule {self.rule} {state[known.active.get(self.rule)]}"
+        return f"the rule {self.rule} {state[inputs.active.get(self.rule)]}"
 
     def begins(self) -> str:
         """Return a clause that says when it begins."""

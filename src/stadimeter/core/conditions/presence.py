@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import Box, Truth, interval
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import Evidence, Figure, Leaf, Rest
 from stadimeter.core.words import duration
 
@@ -34,41 +34,41 @@ class PresenceCondition(Leaf):
         """Its target."""
         return (self.target,)
 
-    def holds(self, known: Known, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
         """Return whether it holds; see `Leaf.holds`."""
-        track = known.tracks[self.target]
+        track = inputs.tracks[self.target]
         if track.is_valid is not self.seen:
             return False
-        return not self.for_s or (track.since_s is not None and known.now_s >= track.since_s + self.for_s)
+        return not self.for_s or (track.since_s is not None and inputs.now_s >= track.since_s + self.for_s)
 
     def figures(self) -> tuple[Figure, ...]:
         """Return whether its target is in sight, 1 or 0."""
         return (Figure(_is_seen, (self.target,)),)
 
-    def rest(self, known: Known, is_on: bool) -> Rest:  # noqa: ARG002
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
         """Return that it stays as it is until its target comes or goes, or until its time has come."""
-        track = known.tracks[self.target]
+        track = inputs.tracks[self.target]
         seen, due_s = float(track.is_valid), math.inf
         if self.for_s and track.is_valid is self.seen and track.since_s is not None:
             due_s = track.since_s + self.for_s
-        return Rest(((self.figures()[0], seen, seen),), due_s if known.now_s < due_s else math.inf)
+        return Rest(((self.figures()[0], seen, seen),), due_s if inputs.now_s < due_s else math.inf)
 
-    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:  # noqa: ARG002
+    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:  # noqa: ARG002
         """Return its target's status; see `Leaf.in_words`."""
-        track = known.tracks[self.target]
+        track = inputs.tracks[self.target]
         words = f"{track.target} is {track.status.value}"
         if self.for_s and track.is_valid is self.seen and track.since_s is not None:
-            words += f" for {known.now_s - track.since_s:.1f} s of {self.for_s:g} s"
+            words += f" for {inputs.now_s - track.since_s:.1f} s of {self.for_s:g} s"
         return words + (f": {track.reason}" if track.reason else "")
 
-    def evidence(self, known: Known, is_on: bool) -> Evidence:
+    def evidence(self, inputs: RuleInputs, is_on: bool) -> Evidence:
         """Return its status and, for one that takes time, how long it has been so."""
-        found = Leaf.evidence(self, known, is_on)
+        found = Leaf.evidence(self, inputs, is_on)
         if not self.for_s:
             return found
-        track = known.tracks[self.target]
+        track = inputs.tracks[self.target]
         is_so = track.is_valid is self.seen and track.since_s is not None
-        held_s = known.now_s - track.since_s if is_so and track.since_s is not None else 0.0
+        held_s = inputs.now_s - track.since_s if is_so and track.since_s is not None else 0.0
         return replace(found, unit="s", value=held_s, low=self.for_s)
 
     def begins(self) -> str:
@@ -83,5 +83,5 @@ class PresenceCondition(Leaf):
             yield {("in sight", self.target): holds if truth is Truth.TRUE else ~holds}
 
 
-def _is_seen(known: Known, target: str) -> float:
-    return float(known.tracks[target].is_valid)
+def _is_seen(inputs: RuleInputs, target: str) -> float:
+    return float(inputs.tracks[target].is_valid)

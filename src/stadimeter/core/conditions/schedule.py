@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import NOT_KNOWN, YES, Box, Intervals, Truth, interval, union_of
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import Leaf, Rest
 from stadimeter.core.observation import WallTime
 from stadimeter.core.words import day, time_of_day
@@ -33,9 +33,9 @@ class ScheduleCondition(Leaf):
     is_by_cycle = True
     is_sure = True
 
-    def holds(self, known: Known, is_on: bool) -> bool | None:  # noqa: ARG002
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
         """Return whether it holds; see `Leaf.holds`."""
-        return None if known.wall is None else self.covers(known.wall)
+        return None if inputs.wall is None else self.covers(inputs.wall)
 
     def covers(self, wall: WallTime) -> bool:
         """Return whether a local time of day is within it."""
@@ -46,16 +46,16 @@ class ScheduleCondition(Leaf):
         began_yesterday = not days or (wall.weekday - 1) % 7 in days
         return (is_today and second >= self.from_s) or (began_yesterday and second < self.to_s)
 
-    def rest(self, known: Known, is_on: bool) -> Rest | None:  # noqa: ARG002
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:  # noqa: ARG002
         """Return that it is judged in every cycle: the time of day goes by another clock, which may jump."""
         return None
 
-    def in_words(self, known: Known, is_on: bool, *, names_target: bool) -> str:  # noqa: ARG002
+    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:  # noqa: ARG002
         """Return the time of day; see `Leaf.in_words`."""
         when = self._when()
-        if known.wall is None:
+        if inputs.wall is None:
             return f"the time of day is not known yet, {when}"
-        return f"{day(known.wall.weekday)} {time_of_day(known.wall.second_of_day // 60 * 60)}, {when}"
+        return f"{day(inputs.wall.weekday)} {time_of_day(inputs.wall.second_of_day // 60 * 60)}, {when}"
 
     def _when(self) -> str:
         days = f" on {' and '.join(map(day, self.weekdays))}" if self.weekdays else ""

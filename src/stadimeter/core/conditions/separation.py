@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from stadimeter.core.conditions.figures import Uncertain, separation_of
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.intervals import GONE, LENGTHS, SEEN, Box, Truth, interval
-from stadimeter.core.conditions.known import Known
 from stadimeter.core.conditions.leaf import Band, Figure
 from stadimeter.core.conditions.limits import LimitsCondition, back_said, ends_of, moved, surely, value_of, within_said
 from stadimeter.core.words import length, metres
@@ -59,10 +59,10 @@ class SeparationCondition(LimitsCondition):
         """The distance of the two from each other."""
         return Figure(_separation_m, self.targets)
 
-    def uncertain(self, known: Known) -> Uncertain | None:
+    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the separation; see `LimitsCondition.uncertain`."""
         first, second = self.targets
-        return separation_of(known.tracks[first], known.tracks[second])
+        return separation_of(inputs.tracks[first], inputs.tracks[second])
 
     def said(self, value: float, sigma: float) -> str:
         """Return a separation with its standard deviation."""
@@ -104,5 +104,5 @@ class SeparationCondition(LimitsCondition):
         yield {first: SEEN, second: SEEN, axis: LENGTHS & (inside if truth is Truth.TRUE else ~inside)}
 
 
-def _separation_m(known: Known, first: str, second: str) -> float:
-    return value_of(separation_of(known.tracks[first], known.tracks[second]))
+def _separation_m(inputs: RuleInputs, first: str, second: str) -> float:
+    return value_of(separation_of(inputs.tracks[first], inputs.tracks[second]))

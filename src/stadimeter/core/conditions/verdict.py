@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.leaf import Evidence, Leaf, Rest
 
 
@@ -49,7 +49,7 @@ _SIMPLE = {value: Verdict(value) for value in (True, False, None)}
 _ANSWERS = {True: "yes", False: "no", None: "unknown"}
 
 
-def judge(condition: Condition, known: Known, held: tuple[bool, ...], *, is_active: bool) -> Verdict:
+def judge(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool) -> Verdict:
     """Judge a condition.
 
     Args:
@@ -59,29 +59,31 @@ def judge(condition: Condition, known: Known, held: tuple[bool, ...], *, is_acti
         is_active: Whether the alarm is active: then the parts that held are judged by what ends them.
     """
     if isinstance(condition, Leaf):
-        return _SIMPLE[condition.holds(known, is_active)]
+        return _SIMPLE[condition.holds(inputs, is_active)]
     memory: list[bool] = []
-    value = _judged(condition, known, held, memory, is_active, False)
+    value = _judged(condition, inputs, held, memory, is_active, False)
     return Verdict(value, tuple(memory))
 
 
-def rest_of(condition: Condition, known: Known, held: tuple[bool, ...], *, is_active: bool) -> Rest | None:
+def rest_of(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool) -> Rest | None:
     """Return for how long what `judge` returns for the same arguments surely stays; None for not at all."""
     if isinstance(condition, Leaf):
-        return condition.rest(known, is_active)
-    return _rest(condition, known, held, [], is_active, False)[1]
+        return condition.rest(inputs, is_active)
+    return _rest(condition, inputs, held, [], is_active, False)[1]
 
 
-def in_words(condition: Condition, known: Known, held: tuple[bool, ...], *, is_active: bool) -> str:
+def in_words(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool) -> str:
     """Return the figures behind what `judge` returns for the same arguments."""
     if isinstance(condition, Leaf):
-        return condition.in_words(known, is_active, names_target=False)
-    return _words(condition, known, iter(parts_of(condition, held, is_active=is_active)))
+        return condition.in_words(inputs, is_active, names_target=False)
+    return _words(condition, inputs, iter(parts_of(condition, held, is_active=is_active)))
 
 
-def evidence(condition: Condition, known: Known, held: tuple[bool, ...], *, is_active: bool) -> tuple[Evidence, ...]:
+def evidence(
+    condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool
+) -> tuple[Evidence, ...]:
     """Return the figures behind what `judge` returns for the same arguments: one for each part, from left to right."""
-    return tuple(_evidence(part, known) for part in parts_of(condition, held, is_active=is_active))
+    return tuple(_evidence(part, inputs) for part in parts_of(condition, held, is_active=is_active))
 
 
 def parts_of(condition: Condition, held: tuple[bool, ...], *, is_active: bool) -> tuple[Part, ...]:
@@ -100,21 +102,26 @@ def judged_by_cycle(condition: Condition) -> bool:
 
 
 def _judged(  # without keywords, which cost time: most of what a cycle costs is spent here
-    condition: Condition, known: Known, held: tuple[bool, ...], memory: list[bool], is_active: bool, is_inverted: bool
+    condition: Condition,
+    inputs: RuleInputs,
+    held: tuple[bool, ...],
+    memory: list[bool],
+    is_active: bool,
+    is_inverted: bool,
 ) -> bool | None:
     """Return whether a part of a condition holds, and add to the memory what to remember of its simple parts."""
     if isinstance(condition, Leaf):
         is_on = _is_on(held, len(memory), is_active, is_inverted)
-        value = condition.holds(known, is_on)
+        value = condition.holds(inputs, is_on)
         memory.append(is_on if value is None else value)
         return value
     if isinstance(condition, Not):
-        value = _judged(condition.condition, known, held, memory, is_active, not is_inverted)
+        value = _judged(condition.condition, inputs, held, memory, is_active, not is_inverted)
         return None if value is None else not value
     decisive = isinstance(condition, AnyOf)
     whole: bool | None = not decisive
     for part in condition.conditions:  # to the end, since each part has a memory to keep
-        value = _judged(part, known, held, memory, is_active, is_inverted)
+        value = _judged(part, inputs, held, memory, is_active, is_inverted)
         if value is decisive:
             whole = decisive
         elif value is None and whole is not decisive:
@@ -133,22 +140,27 @@ def _is_on(held: tuple[bool, ...], index: int, is_active: bool, is_inverted: boo
 
 
 def _rest(
-    condition: Condition, known: Known, held: tuple[bool, ...], gone: list[None], is_active: bool, is_inverted: bool
+    condition: Condition,
+    inputs: RuleInputs,
+    held: tuple[bool, ...],
+    gone: list[None],
+    is_active: bool,
+    is_inverted: bool,
 ) -> tuple[bool | None, Rest | None]:
     """Return whether a part of a condition holds, and for how long; `gone` counts the parts gone through."""
     if isinstance(condition, Leaf):
         is_on = _is_on(held, len(gone), is_active, is_inverted)
         gone.append(None)
-        return condition.holds(known, is_on), condition.rest(known, is_on)
+        return condition.holds(inputs, is_on), condition.rest(inputs, is_on)
     if isinstance(condition, Not):
-        value, rest = _rest(condition.condition, known, held, gone, is_active, not is_inverted)
+        value, rest = _rest(condition.condition, inputs, held, gone, is_active, not is_inverted)
         return None if value is None else not value, rest
     decisive = isinstance(condition, AnyOf)
     whole: bool | None = not decisive
     together: Rest | None = Rest()
     decided: Rest | None = None
     for part in condition.conditions:
-        value, rest = _rest(part, known, held, gone, is_active, is_inverted)
+        value, rest = _rest(part, inputs, held, gone, is_active, is_inverted)
         if value is decisive:
             whole = decisive
             decided = decided or rest
@@ -169,19 +181,19 @@ def _listed(condition: Condition, *, is_inverted: bool) -> Iterator[tuple[Leaf, 
             yield from _listed(part, is_inverted=is_inverted)
 
 
-def _words(condition: Condition, known: Known, parts: Iterator[Part]) -> str:
+def _words(condition: Condition, inputs: RuleInputs, parts: Iterator[Part]) -> str:
     if isinstance(condition, Leaf):
         is_on = next(parts).is_on
-        words = condition.in_words(known, is_on, names_target=True)
-        return f"{words} [{_ANSWERS[condition.holds(known, is_on)]}]"
+        words = condition.in_words(inputs, is_on, names_target=True)
+        return f"{words} [{_ANSWERS[condition.holds(inputs, is_on)]}]"
     if isinstance(condition, Not):
-        return f"not ({_words(condition.condition, known, parts)})"
-    within = "; ".join([_words(part, known, parts) for part in condition.conditions])
+        return f"not ({_words(condition.condition, inputs, parts)})"
+    within = "; ".join([_words(part, inputs, parts) for part in condition.conditions])
     return f"{'all' if isinstance(condition, AllOf) else 'any'} of ({within})"
 
 
-def _evidence(part: Part, known: Known) -> Evidence:
-    found = part.leaf.evidence(known, part.is_on)
+def _evidence(part: Part, inputs: RuleInputs) -> Evidence:
+    found = part.leaf.evidence(inputs, part.is_on)
     if part.is_inverted:  # the whole begins when this part ends
         return replace(found, begin_points=found.end_points, end_points=found.begin_points)
     return found

@@ -13,13 +13,13 @@ from stadimeter.core.alarms.actions import in_words, policy_in_words
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.machine import LATCHED, AlarmState, Phase
 from stadimeter.core.conditions import verdict as conditions
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.leaf import Evidence
 from stadimeter.core.conditions.verdict import evidence
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
 from stadimeter.core.rule import AlarmRule, AnyRule
-from stadimeter.core.rules.judging import RuleStep
 from stadimeter.core.rules.reasons import Reasons
+from stadimeter.core.rules.scheduler import RuleStep
 from stadimeter.core.words import rounded_duration
 
 
@@ -65,19 +65,19 @@ def explain(decision: Decision, name: str) -> Explanation:
     if not isinstance(reasons, Reasons):
         raise TypeError("a decision that was read from a file does not know its reasons; decide again")
     rule, step = reasons.step(name)
-    known = reasons.known_to_rules()
+    inputs = reasons.inputs_of_rules()
     output = next((trace for trace in decision.outputs if trace.output == rule.output), None)
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
-        clauses = [*_alarm(rule, step, known), *_consequence(rule, step, decision, known, output)]
-        timers, gates = tuple(_timers(rule, step.state, known.now_s)), tuple(_gates(rule, step.state, known))
+        clauses = [*_alarm(rule, step, inputs), *_consequence(rule, step, decision, inputs, output)]
+        timers, gates = tuple(_timers(rule, step.state, inputs.now_s)), tuple(_gates(rule, step.state, inputs))
         leaves = step.state.timers.leaves
-        found = evidence(rule.condition, known, leaves, is_active=step.state.is_judged_by_its_end)
+        found = evidence(rule.condition, inputs, leaves, is_active=step.state.is_judged_by_its_end)
     else:
-        clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, known, output)]
+        clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, inputs, output)]
         timers, gates, found = (), step.trace.gates, ()
     return Explanation(
         rule=name,
-        at_s=known.now_s,
+        at_s=inputs.now_s,
         status=step.trace.status,
         sentence="; ".join(clauses),
         evidence=found,
@@ -88,17 +88,17 @@ def explain(decision: Decision, name: str) -> Explanation:
     )
 
 
-def _alarm(rule: AlarmRule, step: AlarmStep, known: Known) -> Iterator[str]:
+def _alarm(rule: AlarmRule, step: AlarmStep, inputs: RuleInputs) -> Iterator[str]:
     """Say where an alarm is and why, and what would change that."""
     state = step.state
-    words = in_words(rule, state, known)
+    words = in_words(rule, state, inputs)
     if state.unknown_since_s is not None:
-        yield _unseen(rule, state, words, known.now_s)
-        yield from _timers(rule, state, known.now_s)
+        yield _unseen(rule, state, words, inputs.now_s)
+        yield from _timers(rule, state, inputs.now_s)
         return
-    yield f"{_where(state, known.now_s)}: {words}"
-    yield from _timers(rule, state, known.now_s)
-    yield from _turning_points(rule, state, known)
+    yield f"{_where(state, inputs.now_s)}: {words}"
+    yield from _timers(rule, state, inputs.now_s)
+    yield from _turning_points(rule, state, inputs)
 
 
 _PHASES = {
@@ -143,10 +143,10 @@ def _timers(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
         yield f"chattering: it does not clear for another {rounded_duration(calm_s)} at least"
 
 
-def _turning_points(rule: AlarmRule, state: AlarmState, known: Known) -> Iterator[str]:
+def _turning_points(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterator[str]:
     """Say at which figure a simple condition would begin, or end."""
     is_active = state.is_judged_by_its_end
-    found = evidence(rule.condition, known, state.timers.leaves, is_active=is_active)
+    found = evidence(rule.condition, inputs, state.timers.leaves, is_active=is_active)
     if len(found) != 1:
         return
     verb, points = ("would clear", found[0].ends_at) if is_active else ("would raise", found[0].begins_at)
@@ -154,8 +154,8 @@ def _turning_points(rule: AlarmRule, state: AlarmState, known: Known) -> Iterato
         yield f"{verb} at {points}"
 
 
-def _gates(rule: AlarmRule, state: AlarmState, known: Known) -> Iterator[str]:
-    gates, now_s = state.inhibits, known.now_s
+def _gates(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterator[str]:
+    gates, now_s = state.inhibits, inputs.now_s
     if rule.observe:
         yield "it is only observed"
     if gates.shelved_until_s is not None:
@@ -163,18 +163,18 @@ def _gates(rule: AlarmRule, state: AlarmState, known: Known) -> Iterator[str]:
         until = " at most" if gates.is_one_shot else ""
         yield f"shelved{by} for another {rounded_duration(gates.shelved_until_s - now_s)}{until}"
     if gates.is_suppressed and rule.suppress_when is not None:
-        yield f"suppressed: {conditions.in_words(rule.suppress_when, known, gates.leaves, is_active=True)}"
+        yield f"suppressed: {conditions.in_words(rule.suppress_when, inputs, gates.leaves, is_active=True)}"
     if gates.is_out_of_service:
         yield "out of service"
 
 
 def _consequence(
-    rule: AnyRule, step: RuleStep, decision: Decision, known: Known, output: OutputTrace | None
+    rule: AnyRule, step: RuleStep, decision: Decision, inputs: RuleInputs, output: OutputTrace | None
 ) -> Iterator[str]:
     """Say what an active rule drives, or why it does not."""
     if isinstance(step, AlarmStep) and isinstance(rule, AlarmRule):
-        state, now_s = step.state, known.now_s
-        gates = list(_gates(rule, state, known))
+        state, now_s = step.state, inputs.now_s
+        gates = list(_gates(rule, state, inputs))
         if gates:
             yield f"kept quiet: {', '.join(gates)}"
             return

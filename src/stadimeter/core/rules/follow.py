@@ -72,8 +72,8 @@ def why(rule: FollowRule, track: Track) -> str:
     """Return why a follow rule does what it does, in words with figures."""
     figures = _figures(track)
     if figures is None:
-        known = quantity_of(track, "distance")
-        return f"{metres(*known[:2])} is too unsure to drive by" if known else no_figures(track)
+        distance = quantity_of(track, "distance")
+        return f"{metres(*distance[:2])} is too unsure to drive by" if distance else no_figures(track)
     distance_m, sigma_m, bearing_rad = figures
     where = f"{metres(distance_m, sigma_m)} at {math.degrees(bearing_rad):+.0f}°"
     return f"{where}, to keep {rule.distance_m:.2f} m ahead"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.condition import leaves
 from stadimeter.core.conditions.distance import distance_figure
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Rest
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, RampRule
 
@@ -59,16 +59,16 @@ class Quiescence:
     next_due_s: float = math.inf
     active: frozenset[int] = frozenset()
 
-    def active_set(self, watch: Watch, known: Known) -> set[int]:
+    def active_set(self, watch: Watch, inputs: RuleInputs) -> set[int]:
         """Return the rules to judge in a cycle: the active ones, those with a figure outside its interval, or due."""
         found = set(self.active)
         if watch.figures:
-            read = np.array([figure.read(known, *figure.of) for figure in watch.figures])
+            read = np.array([figure.read(inputs, *figure.of) for figure in watch.figures])
             values = read[watch.figure_of_row]
             outside = (values < self.low) | (values > self.high)
             if outside.any():
                 found.update(watch.rule_of_row[outside].tolist())
-        now_s = known.now_s + ROUNDING_S
+        now_s = inputs.now_s + ROUNDING_S
         if self.next_due_s <= now_s:
             found.update((self.due_s <= now_s).nonzero()[0].tolist())
         return found

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 from stadimeter.core.alarms import actions
 from stadimeter.core.alarms.alarm import AlarmStep
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules import follow, ramp
-from stadimeter.core.rules.judging import Judged, RuleStep
+from stadimeter.core.rules.scheduler import EvaluatedRules, RuleStep
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -19,8 +19,8 @@ class Reasons(Mapping[str, str]):
     """The reason of each rule, by its name. Put into words when it is read: a hundred at every frame cost too much."""
 
     plan: Plan
-    judged: Judged
-    known: Known
+    judged: EvaluatedRules
+    inputs: RuleInputs
 
     def __getitem__(self, name: str) -> str:
         rule, step = self.step(name)
@@ -41,17 +41,17 @@ class Reasons(Mapping[str, str]):
         position = self.judged.layout.positions[name]
         return self.plan.rules[position], self.judged.steps[position]
 
-    def known_to_rules(self) -> Known:
+    def inputs_of_rules(self) -> RuleInputs:
         """Return all that the rules were judged by, with which of them are active."""
-        return replace(self.known, active=self.judged.active)
+        return replace(self.inputs, active=self.judged.active)
 
     def _why(self, rule: AnyRule, step: RuleStep) -> str:
         match rule, step:
             case AlarmRule(), AlarmStep():
-                return actions.why(rule, step.state, self.known_to_rules())
+                return actions.why(rule, step.state, self.inputs_of_rules())
             case RampRule(), _:
-                return ramp.why(rule, self.known.tracks[rule.target])
+                return ramp.why(rule, self.inputs.tracks[rule.target])
             case FollowRule(), _:
-                return follow.why(rule, self.known.tracks[rule.target])
+                return follow.why(rule, self.inputs.tracks[rule.target])
             case _:
                 raise TypeError(f"rule {rule.name} remembers a {type(step).__name__}")

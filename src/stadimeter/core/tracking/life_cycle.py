@@ -234,10 +234,10 @@ def _is_suspect(
     return state.suspect is None or (state.suspect.distance_m - expected_m) * innovation.constant_m <= 0
 
 
-def _innovation(known: MotionState | None, sighting: Sighting) -> Innovation:
-    if known is None:
+def _innovation(inputs: MotionState | None, sighting: Sighting) -> Innovation:
+    if inputs is None:
         return _UNEXPECTED
-    return motion.compare(known, sighting.distance_m, sighting.noise_m)
+    return motion.compare(inputs, sighting.distance_m, sighting.noise_m)
 
 
 def _predicted(state: TrackState, at_s: float, settings: Tracking) -> MotionState | None:
@@ -250,8 +250,8 @@ def _started(sighting: Sighting) -> MotionState:
     return motion.start(sighting.distance_m, sighting.noise_m)
 
 
-def _updated(known: MotionState | None, sighting: Sighting, innovation: Innovation) -> MotionState:
-    return motion.update(known, sighting.noise_m, innovation) if known else _started(sighting)
+def _updated(inputs: MotionState | None, sighting: Sighting, innovation: Innovation) -> MotionState:
+    return motion.update(inputs, sighting.noise_m, innovation) if inputs else _started(sighting)
 
 
 def _coast(state: TrackState, moved: MotionState | None, at_s: float, settings: Tracking, reason: str) -> TrackState:
@@ -264,7 +264,7 @@ def _coast(state: TrackState, moved: MotionState | None, at_s: float, settings: 
 
 def _shown(
     before: Track,
-    known: MotionState,
+    inputs: MotionState,
     sighting: Sighting,
     status: TrackStatus,
     *,
@@ -273,7 +273,7 @@ def _shown(
 ) -> TrackState:
     """Put what the filter knows into the track that others see."""
     as_of_s = sighting.at_s if at_s is None else at_s
-    together = known.estimate()
+    together = inputs.estimate()
     noise_m = math.sqrt(together.var_distance_m2)
     track = Track(
         target=before.target,
@@ -293,4 +293,4 @@ def _shown(
         since_s=before.since_s,
         closing_cov_m2ps=-together.cov_m2ps,
     )
-    return TrackState(track=track, filter=known, filter_at_s=as_of_s, sighting=sighting)
+    return TrackState(track=track, filter=inputs, filter_at_s=as_of_s, sighting=sighting)

@@ -28,7 +28,7 @@ from stadimeter.detectors.ball.judge import Ball, BallGates
 from stadimeter.detectors.ball.limb import find_limb, within
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
-from stadimeter.ranging.ball import BallSize
+from stadimeter.ranging.ball import BallShape
 
 FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
 """Reach of the search for the limb on either side of the circle around a blob: pixels, or cells and a half of the
@@ -94,7 +94,9 @@ class BallDetector:
 
     def __init__(self, name: str, options: BallOptions) -> None:
         self._name = name
-        self._size = BallSize(diameter_m=options.diameter, relative_sigma=(options.tolerance or 0.0) / options.diameter)
+        self._size = BallShape(
+            diameter_m=options.diameter, relative_sigma=(options.tolerance or 0.0) / options.diameter
+        )
         self._colour = options.hsv
         self._gates = BallGates(
             colour=options.hsv,
@@ -104,7 +106,7 @@ class BallDetector:
         self._step = search_step(options.min_radius_px)
 
     @property
-    def target_size(self) -> BallSize:
+    def target_shape(self) -> BallShape:
         """The ball's size."""
         return self._size
 

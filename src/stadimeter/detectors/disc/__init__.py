@@ -37,7 +37,7 @@ from stadimeter.detectors.disc.search import (
 )
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region, touches_border
-from stadimeter.ranging.flat import DiscSize
+from stadimeter.ranging.flat import DiscShape
 
 MOST_MEASURED = 12
 """Number of candidates whose outlines are measured: the most promising."""
@@ -145,12 +145,12 @@ class DiscDetector:
     def __init__(self, name: str, options: DiscOptions) -> None:
         self._name = name
         sigma_m = options.tolerance or 0.0
-        self._size = DiscSize(diameter_m=options.diameter, relative_sigma=sigma_m / options.diameter)
+        self._size = DiscShape(diameter_m=options.diameter, relative_sigma=sigma_m / options.diameter)
         self._least_px = options.min_diameter_px
         self._bright, self._dark = options.shade != "dark", options.shade != "bright"
 
     @property
-    def target_size(self) -> DiscSize:
+    def target_shape(self) -> DiscShape:
         """The disc's size."""
         return self._size
 

@@ -18,7 +18,7 @@ from stadimeter.detectors.region import Region
 from stadimeter.detectors.sheet.candidates import Candidate, Findings
 from stadimeter.detectors.sheet.search import SheetSearch
 from stadimeter.detectors.sides import diagonals_meet, grown, width_and_height
-from stadimeter.ranging.flat import KnownSide, SheetSize
+from stadimeter.ranging.flat import KnownSide, SheetShape
 
 REGION_SIDES = 0.8
 REGION_SIGMAS = 4.0
@@ -41,10 +41,10 @@ class SheetOptions(Options):
     """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
 
     @property
-    def size(self) -> SheetSize:
+    def size(self) -> SheetShape:
         """The sheet's size."""
         tolerance_m = 0.0 if self.tolerance is None else self.tolerance
-        return SheetSize(
+        return SheetShape(
             width_m=self.width,
             height_m=self.height,
             known_side=self.known_side,
@@ -61,7 +61,7 @@ class SheetDetector:
         self._min_side_px = options.min_side_px
 
     @property
-    def target_size(self) -> SheetSize:
+    def target_shape(self) -> SheetShape:
         """The sheet's size."""
         return self._size
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.detectors.sides import longest_sides_px, polygon_area
-from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.rectangle_fit import rectangle_fit
 
 Which = NDArray[np.bool_]
@@ -116,7 +116,7 @@ class SheetFit:
     chance_per_square: Values
 
 
-class SheetShape:
+class SheetOutlines:
     """Shapes that pictures of the sheet may have.
 
     Args:
@@ -124,7 +124,7 @@ class SheetShape:
         picture: Width and height of the picture.
     """
 
-    def __init__(self, size: SheetSize, lens: CameraModel | None, picture: tuple[int, int]) -> None:
+    def __init__(self, size: SheetShape, lens: CameraModel | None, picture: tuple[int, int]) -> None:
         aspect = size.width_m / size.height_m
         one_side = size.known_side != "auto"
         self._aspects = tuple(aspect * each for each in UNKNOWN_SIDES) if one_side else (aspect,)

@@ -19,7 +19,7 @@ from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
 from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
 from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
-from stadimeter.detectors.sheet.candidates import Candidate, Findings, SheetFit, SheetShape
+from stadimeter.detectors.sheet.candidates import Candidate, Findings, SheetFit, SheetOutlines
 from stadimeter.detectors.sheet.edges import (
     QuadEdges,
     distinct_edges,
@@ -35,7 +35,7 @@ from stadimeter.detectors.sheet.quadrilaterals import (
     thorough_masks,
 )
 from stadimeter.detectors.sides import QuadShapes, longest_sides_px, quad_shapes
-from stadimeter.ranging.flat import SheetSize
+from stadimeter.ranging.flat import SheetShape
 
 Values = NDArray[np.float64]
 Which = NDArray[np.bool_]
@@ -144,14 +144,14 @@ class SheetSearch:
         lens: The camera model at the picture's resolution; None if it is not known.
     """
 
-    def __init__(self, image: Image, size: SheetSize, min_side_px: float, lens: CameraModel | None) -> None:
+    def __init__(self, image: Image, size: SheetShape, min_side_px: float, lens: CameraModel | None) -> None:
         self._image = image
         self._lens = lens
         self._bent = lens if lens is not None and lens.distortion else None
         self._light = light_table("srgb" if lens is None else lens.tone_curve)
         self._min_side_px = min_side_px if lens is not None else max(min_side_px, LEAST_SHARE * max(image.shape[:2]))
         self._aspect = max(size.width_m, size.height_m) / min(size.width_m, size.height_m)
-        self._shape = SheetShape(size, lens, (image.shape[1], image.shape[0]))
+        self._shape = SheetOutlines(size, lens, (image.shape[1], image.shape[0]))
         self._is_strict = lens is not None and size.known_side == "auto"
         shape_share = FLATNESS_SHARE if self._is_strict else UNKNOWN_LENS_SHARE
         self._flatness = shape_share + TOLERANCE_FACTOR * size.relative_sigma

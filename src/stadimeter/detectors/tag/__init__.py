@@ -33,7 +33,7 @@ from stadimeter.detectors.tag.outlines import ApriltagFinder
 from stadimeter.detectors.tag.search import Sighting, SmallTagFinder, TagSearch, candidate
 from stadimeter.detectors.tag.sides import TagSides, measure_sides
 from stadimeter.errors import DriverUnavailableError
-from stadimeter.ranging.flat import TagSize
+from stadimeter.ranging.flat import TagShape
 
 MOST_REJECTED = 8
 """Number of reported candidates that are not the tag."""
@@ -111,7 +111,7 @@ class TagDetector:
         small_tags: SmallTagFinder | None = None,
     ) -> None:
         self._name = name
-        self._size = TagSize(side_m=options.side, relative_sigma=(options.tolerance or 0.0) / options.side)
+        self._size = TagShape(side_m=options.side, relative_sigma=(options.tolerance or 0.0) / options.side)
         self._number = options.id
         self._family = tag_family(options.family)
         self._min_side_px = options.min_side_px
@@ -127,7 +127,7 @@ class TagDetector:
         }
 
     @property
-    def target_size(self) -> TagSize:
+    def target_shape(self) -> TagShape:
         """The tag's size."""
         return self._size
 

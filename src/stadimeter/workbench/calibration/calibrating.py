@@ -60,7 +60,7 @@ def known_distance(
         width_px=frame.width_px,
         height_px=frame.height_px,
         detection=target.detector.detect(frame, lens=camera_model and camera_model.scaled_to(*_size_px(frame))),
-        size=target.detector.target_size,
+        size=target.detector.target_shape,
         depth_m=depth_m,
     )
 

@@ -11,9 +11,9 @@ from stadimeter.core.decide import State, decide
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import Observation
 from stadimeter.errors import ConfigError, DriverError, Problem
-from stadimeter.perception.perceiver import Looking
+from stadimeter.perception.perceiver import Perceiver
 from stadimeter.workbench.replay.recording_reader import McapRecording, decoded_frame
-from stadimeter.workbench.replay.replay import Replayed, TakeOver, first_state
+from stadimeter.workbench.replay.replay import OnReload, Replayed, first_state
 
 
 def _detectors(configuration: Configuration) -> tuple[NamedDetector, ...]:
@@ -40,7 +40,7 @@ class Redetection:
         if configuration.camera_model is None:
             raise ConfigError([Problem("there is no camera model to measure with", str(configuration.path))])
         named = _detectors(configuration)
-        self._looking = Looking({each.name: each.detector for each in named}, configuration.camera_model)
+        self._looking = Perceiver({each.name: each.detector for each in named}, configuration.camera_model)
 
     def observe(self, observation: Observation, frame: Frame | None, state: State) -> Observation:
         """Return what would have been observed.
@@ -65,7 +65,7 @@ class Redetection:
 
 
 def redetected(
-    recording: McapRecording, configuration: Configuration, take_over: TakeOver | None = None
+    recording: McapRecording, configuration: Configuration, on_reload: OnReload | None = None
 ) -> Iterator[Replayed]:
     """Measure again in the pictures of a recording, and decide on that.
 
@@ -84,8 +84,8 @@ def redetected(
     redetection = Redetection(configuration)
     state = first_state(recording, configuration.plan)
     for cycle, image in recording.cycles_and_images():
-        if cycle.reloaded is not None and take_over is not None:
-            state = take_over(state, cycle.reloaded)
+        if cycle.reloaded is not None and on_reload is not None:
+            state = on_reload(state, cycle.reloaded)
         frame = decoded_frame(image, cycle) if image is not None else None
         observation = redetection.observe(cycle.observation(), frame, state)
         state, decision = decide(state, observation)

@@ -17,7 +17,7 @@ from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
-from stadimeter.core.reload import carried_over
+from stadimeter.core.reload import reload
 from stadimeter.errors import JournalError, StateError
 from stadimeter.workbench.replay.opening import Recording
 
@@ -25,7 +25,7 @@ BATCH_CYCLES = 32
 
 Replayed = tuple[RecordedCycle, Observation, Decision]
 
-TakeOver = Callable[[State, RecordedConfiguration], State]
+OnReload = Callable[[State, RecordedConfiguration], State]
 """Returns the state with which to go on by another configuration, as a run does at a reload."""
 
 
@@ -47,7 +47,7 @@ def first_state(recording: Recording, plan: Plan) -> State:
         raise JournalError(f"{recording.path}: {error}") from error
 
 
-def decisions(recording: Recording, plan: Plan, take_over: TakeOver | None = None) -> Iterator[Replayed]:
+def decisions(recording: Recording, plan: Plan, on_reload: OnReload | None = None) -> Iterator[Replayed]:
     """Decide again on everything that was observed.
 
     Args:
@@ -64,8 +64,8 @@ def decisions(recording: Recording, plan: Plan, take_over: TakeOver | None = Non
     for batch in _batches(recording):
         decided: list[Replayed] = []
         for cycle, observation in batch:
-            if cycle.reloaded is not None and take_over is not None:
-                state = take_over(state, cycle.reloaded)
+            if cycle.reloaded is not None and on_reload is not None:
+                state = on_reload(state, cycle.reloaded)
             state, decision = decide(state, observation)
             decided.append((cycle, observation, decision))
         yield from decided
@@ -125,9 +125,9 @@ class ReplayRun:
             JournalError: The recording is damaged, or has no pictures to measure in.
             StadimeterError: The configuration cannot measure in its pictures.
         """
-        take_over = self._reloaded if self.is_recorded else None
+        on_reload = self._reloaded if self.is_recorded else None
         if not self.from_images:
-            return decisions(self.recording, self.configuration.plan, take_over)
+            return decisions(self.recording, self.configuration.plan, on_reload)
         from stadimeter.workbench.replay.recording_reader import McapRecording  # noqa: PLC0415 - it needs OpenCV
         from stadimeter.workbench.replay.redetection import redetected  # noqa: PLC0415 - likewise
 
@@ -137,10 +137,10 @@ class ReplayRun:
         if not self.recording.has_images():
             how = "it was made with `--record-images none`, or ends before the first"
             raise JournalError(f"{self.recording.path} has no pictures to measure in: {how}")
-        return redetected(self.recording, self.configuration, take_over)
+        return redetected(self.recording, self.configuration, on_reload)
 
     def _reloaded(self, state: State, recorded: RecordedConfiguration) -> State:
-        return carried_over(state, load_recorded(recorded, self.recording.path).plan).state
+        return reload(state, load_recorded(recorded, self.recording.path).plan).state
 
 
 @contextmanager

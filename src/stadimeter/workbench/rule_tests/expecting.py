@@ -11,7 +11,7 @@ from stadimeter.config.rule_tests.tables import PathPoint
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.conditions import verdict as conditions
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.plan import Output, Plan
@@ -201,8 +201,8 @@ class _Truth:
         track = replace(track, distance_m=true.distance_m, depth_m=depth_m)
         before = {} if self._before is None else {target: self._before}
         self._before = track
-        known = Known(tracks={target: track}, now_s=turn.at_s, before=before)
-        return conditions.judge(self._condition, known, (), is_active=is_on).value is True
+        inputs = RuleInputs(tracks={target: track}, now_s=turn.at_s, before=before)
+        return conditions.judge(self._condition, inputs, (), is_active=is_on).value is True
 
 
 def _acknowledged(*, is_so: bool) -> str:

@@ -78,7 +78,7 @@ def _model(configuration: Configuration, choice: DriverChoice, camera: CameraMod
     except StadimeterError as error:
         message = f"how large the target is cannot be known: {error}"
         raise ConfigError([_problem(configuration, f"targets.{choice.name}", message)]) from error
-    return SensorModel(size=detector.target_size, camera=camera)
+    return SensorModel(size=detector.target_shape, camera=camera)
 
 
 def _built(choice: DriverChoice, camera: CameraModel, shared: Shared) -> Any:

@@ -17,7 +17,7 @@ from stadimeter.core.alarms.actions import Evaluation
 from stadimeter.core.alarms.alarm import AlarmStep, Stepped, judged_by, new_alarm, operated, step_alarm, with_state
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions import verdict as conditions
-from stadimeter.core.conditions.known import Known
+from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.leaf import Rest
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import Answer, OperatorCommand
@@ -33,7 +33,7 @@ RuleStep = AlarmStep | RampStep | FollowStep
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Judged:
+class EvaluatedRules:
     """All rules after a cycle.
 
     Attributes:
@@ -66,7 +66,7 @@ class Outcome:
 _NOTHING = Outcome()
 
 
-def not_judged_yet(plan: Plan) -> Judged:
+def new_rules(plan: Plan) -> EvaluatedRules:
     """Return the rules of a plan at the start of a run.
 
     Raises:
@@ -75,7 +75,7 @@ def not_judged_yet(plan: Plan) -> Judged:
     return with_steps(plan, tuple(_new_step(rule) for rule in plan.rules))
 
 
-def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, str] | None = None) -> Judged:
+def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, str] | None = None) -> EvaluatedRules:
     """Return the rules of a plan as they were remembered. All of them are judged in the next cycle.
 
     Args:
@@ -87,7 +87,7 @@ def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, 
         ValueError: Rules ask for each other in a circle.
     """
     layout = layout_of(plan)
-    return Judged(
+    return EvaluatedRules(
         steps=steps,
         traces=tuple(step.trace for step in steps),
         wanted=arbitrate((request for step in steps for request in step.requests), layout.combined),
@@ -100,12 +100,12 @@ def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, 
 
 def judge(
     rules: tuple[AnyRule, ...],
-    before: Judged,
-    known: Known,
+    before: EvaluatedRules,
+    inputs: RuleInputs,
     sample: Sample | None,
     cycle: Sample,
     commands: tuple[OperatorCommand, ...] = (),
-) -> tuple[Judged, Outcome]:
+) -> tuple[EvaluatedRules, Outcome]:
     """Judge the rules for one cycle.
 
     Args:
@@ -117,11 +117,11 @@ def judge(
         commands: What operators want.
     """
     # After a gap timers begin anew, and so does the time for which a target has been in sight.
-    quiescence = before.quiescence.with_all_active() if known.is_after_gap else before.quiescence
-    active = quiescence.active_set(before.layout.watch, known)
+    quiescence = before.quiescence.with_all_active() if inputs.is_after_gap else before.quiescence
+    active = quiescence.active_set(before.layout.watch, inputs)
     if not (active or commands):
         return before, _NOTHING
-    evaluation = _Evaluation(rules, before, known, sample, cycle)
+    evaluation = _Evaluation(rules, before, inputs, sample, cycle)
     answers = tuple([evaluation.operate(command, active) for command in commands])
     evaluation.judge(active)
     return evaluation.judged(), evaluation.outcome(answers)
@@ -131,18 +131,23 @@ class _Evaluation:
     """Evaluates rules one after another, and collects what changes."""
 
     __slots__ = (
-        "active", "before", "changed", "cycle", "events", "first_out", "known", "notices", "rests", "rules", "sample",
+        "active", "before", "changed", "cycle", "events", "first_out", "inputs", "notices", "rests", "rules", "sample",
     )  # fmt: skip
 
     def __init__(
-        self, rules: tuple[AnyRule, ...], before: Judged, known: Known, sample: Sample | None, cycle: Sample
+        self,
+        rules: tuple[AnyRule, ...],
+        before: EvaluatedRules,
+        inputs: RuleInputs,
+        sample: Sample | None,
+        cycle: Sample,
     ) -> None:
         self.rules = rules
         self.before = before
         self.sample = sample
         self.cycle = cycle
         self.active = before.active
-        self.known = replace(known, active=before.active) if before.active else known
+        self.inputs = replace(inputs, active=before.active) if before.active else inputs
         self.first_out = before.first_out
         self.changed: dict[int, RuleStep] = {}
         self.rests: dict[int, Rest | None] = {}
@@ -156,7 +161,7 @@ class _Evaluation:
             for index, rule in enumerate(self.rules)
             if isinstance(rule, AlarmRule) and isinstance(step := self._step(index), AlarmStep)
         }
-        answer, turns = operated(alarms, self.known, command)
+        answer, turns = operated(alarms, self.inputs, command)
         for index, turn in turns:
             self._remember(index, turn)
             self.events += turn.events
@@ -182,13 +187,13 @@ class _Evaluation:
                         active.add(asking)
                         heapq.heappush(waiting, (rank[asking], asking))
 
-    def judged(self) -> Judged:
+    def judged(self) -> EvaluatedRules:
         """Return the rules after the cycle."""
         before = self.before
         self._mark_first_out()
         changed = {index: step for index, step in self.changed.items() if step is not before.steps[index]}
         steps = _with(before.steps, changed)
-        return Judged(
+        return EvaluatedRules(
             steps=steps,
             traces=_traces(before, changed, steps),
             wanted=_wanted(before, changed, steps),
@@ -225,10 +230,10 @@ class _Evaluation:
             if stepped.step.rests:
                 rest = self._rest_of_alarm(rule, last, stepped.step)
         elif isinstance(rule, RampRule) and isinstance(last, RampStep):
-            step = step_ramp(rule, last, self.known.tracks[rule.target])
-            rest = rest_of_ramp(rule, step, self.known.tracks[rule.target])
+            step = step_ramp(rule, last, self.inputs.tracks[rule.target])
+            rest = rest_of_ramp(rule, step, self.inputs.tracks[rule.target])
         elif isinstance(rule, FollowRule) and isinstance(last, FollowStep):
-            step = step_follow(rule, last, self.known.tracks[rule.target])
+            step = step_follow(rule, last, self.inputs.tracks[rule.target])
         else:
             raise TypeError(f"rule {rule.name} remembers a {type(last).__name__}")
         self.rests[index] = rest
@@ -246,7 +251,7 @@ class _Evaluation:
             return None
         rest = Rest(due_s=step.due_s)
         for condition, held, is_on in how:
-            one = conditions.rest_of(condition, self.known, held, is_active=is_on)
+            one = conditions.rest_of(condition, self.inputs, held, is_active=is_on)
             if one is None:
                 return None
             rest &= one
@@ -255,7 +260,7 @@ class _Evaluation:
     def _alarm(self, index: int, rule: AlarmRule, last: AlarmStep) -> Stepped:
         judged = self.cycle if index in self.before.layout.by_cycle else self.sample
         is_first = bool(rule.group) and rule.group not in self.first_out
-        return step_alarm(rule, last, self.known, judged, self.before.layout.bases, is_first=is_first)
+        return step_alarm(rule, last, self.inputs, judged, self.before.layout.bases, is_first=is_first)
 
     def _tells_others(self, index: int) -> bool:
         """Note whether a rule is active; return whether that is news."""
@@ -263,7 +268,7 @@ class _Evaluation:
         if self.active.get(name) is is_active:
             return False
         self.active = {**self.active, name: is_active}
-        self.known = replace(self.known, active=self.active)
+        self.inputs = replace(self.inputs, active=self.active)
         return True
 
     def _note_first_out(self, rule: AlarmRule, events: Iterable[Event]) -> None:
@@ -305,14 +310,16 @@ def _with(steps: tuple[RuleStep, ...], changed: Mapping[int, RuleStep]) -> tuple
     return tuple(after)
 
 
-def _traces(before: Judged, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]) -> tuple[RuleTrace, ...]:
+def _traces(
+    before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]
+) -> tuple[RuleTrace, ...]:
     """Return the traces. The same object tells those who listen, at no cost, that nothing changed."""
     if all(step.trace is before.steps[index].trace for index, step in changed.items()):
         return before.traces
     return tuple([step.trace for step in steps])
 
 
-def _wanted(before: Judged, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]) -> Wanted:
+def _wanted(before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]) -> Wanted:
     pairs = [(before.steps[index].requests, step.requests) for index, step in changed.items()]
     pairs = [(was, now) for was, now in pairs if now is not was]
     if not pairs:

@@ -50,7 +50,7 @@ MomentOf = Callable[[float], Moment]
 """Returns this moment, given what the run's clock shows."""
 
 
-class AlarmKeeper:
+class StateWriter:
     """Lets the alarms of a run remember what those of earlier runs did.
 
     Args:

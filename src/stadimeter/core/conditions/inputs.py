@@ -10,7 +10,7 @@ from stadimeter.core.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
+class RuleInputs:
     """All that conditions are judged by in one cycle.
 
     Attributes:
