@@ -62,9 +62,9 @@ def hang(*_):
 calls = []
 real = {name}.{method}
 
-def method(*args):
+def method(*args, **keywords):
     calls.append(args)
-    return hang() if len(calls) > {after} else real(*args)
+    return hang() if len(calls) > {after} else real(*args, **keywords)
 
 {name}.{method} = method
 from stadimeter.cli.main import main

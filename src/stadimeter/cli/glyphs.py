@@ -67,6 +67,8 @@ ASCII = Glyphs(
 
 def heading(name: str, width: int, glyphs: Glyphs, *details: tuple[str, str]) -> Text:
     """Return a line across the screen with a name in it, and details behind it, each with its style."""
+    from rich.text import Text  # noqa: PLC0415 - the plain view starts sooner without rich
+
     line = Text.assemble((f"{glyphs.line} ", "dim"), (glyphs.words(name), "bold"), " ")
     for words, style in details:
         line.append(glyphs.words(words), style).append(" ")
