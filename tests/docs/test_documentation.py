@@ -224,7 +224,7 @@ def python_in(folder, *arguments):
     )
 
 
-@pytest.mark.parametrize("test", ["tests/test_kernel_led.py", "tests/test_line_bot.py"])
+@pytest.mark.parametrize("test", ["tests/test_kernel_led.py", "tests/test_line_bot.py", "tests/test_lamp.py"])
 def test_the_drivers_of_the_guide_pass_their_contract_suites(driver_package, test):
     done = python_in(driver_package, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", ".", test)
     assert done.returncode == 0, done.stdout

@@ -7,14 +7,17 @@ from typing import Any
 
 from stadimeter.config.findings import Finding, did_you_mean
 from stadimeter.config.plain_words import known_keys
-from stadimeter.config.rules.condition_tables import DEEPEST, WhenTable
+from stadimeter.config.rules.condition_tables import (
+    DEEPEST,
+    KEYS_OF_A_TARGET,
+    KEYS_OF_NO_TARGET,
+    KEYS_OF_OTHERS,
+    WhenTable,
+)
 from stadimeter.config.toml_lines import KeyPath
 
 _LIMITS = (("above", "below"), ("between",))
-_PARTS = ("all", "any", "not")
-_OF_A_TARGET = ("seen", "lost", "seen_for", "lost_for", "bearing", "elevation", "closing_speed", "time_to_contact")
-_OTHERS = ("separation", "count", "rule", "time")
-_KINDS = (*_LIMITS, *((key,) for key in (*_OF_A_TARGET, *_OTHERS, *_PARTS)))
+_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_NO_TARGET, *KEYS_OF_OTHERS)))
 """What a condition can be: keys of exactly one of these groups are in its table."""
 
 _ABOUT_DISTANCE = ("of", "deadband", "deadband_sigmas", "probability", "probability_off")
@@ -24,10 +27,7 @@ _INSIDE = ("bearing", "elevation", "closing_speed", "time_to_contact", "separati
 
 _NAMED = [key for group in _KINDS for key in group]
 _KNOWN = known_keys(WhenTable)
-_ONE_OF = (
-    "write one of above, below, between, seen, lost, seen_for, lost_for, bearing, elevation, closing_speed, "
-    "time_to_contact, separation, count, rule, time, all, any and not"
-)
+_ONE_OF = f"write one of {', '.join(_NAMED[:-1])} and {_NAMED[-1]}"
 
 
 def written_condition(at: KeyPath, table: Mapping[str, Any], depth: int = 1) -> Iterator[Finding]:
@@ -71,8 +71,10 @@ def _meaningless(at: KeyPath, table: Mapping[str, Any], kind: str) -> Iterator[F
     for key in (key for key in _ABOUT_DISTANCE if key in table):
         hint = f"write it inside {kind}" if kind in _INSIDE and key != "of" else "leave it out"
         yield Finding((*at, key), f"'{key}' has no meaning beside '{kind}'", hint, "condition-keys")
-    if kind not in _OF_A_TARGET and "target" in table:
-        hint = "write it inside each condition that is about another target" if kind in _PARTS else "leave it out"
+    if kind not in KEYS_OF_A_TARGET and "target" in table:
+        hint = (
+            "write it inside each condition that is about another target" if kind in KEYS_OF_OTHERS else "leave it out"
+        )
         yield Finding((*at, "target"), f"'target' has no meaning beside '{kind}'", hint, "condition-keys")
 
 

@@ -93,7 +93,7 @@ class WhenTable(LimitsTable, LikelihoodTable):
             The condition.
         """
         for key, convert in _CONVERSIONS.items():
-            if getattr(self, key) is not None:
+            if getattr(self, "negated" if key == "not" else key) is not None:
                 return convert(self, severity)
         return self._distance(severity)
 
@@ -139,7 +139,9 @@ def _parts(tables: list[WhenTable] | None, severity: Severity) -> tuple[core.Con
     return tuple(part.to_plan(severity) for part in tables or ())
 
 
-_CONVERSIONS: dict[str, Callable[[Any, Severity], core.Condition]] = {
+_Conversion = Callable[[Any, Severity], core.Condition]
+
+_OF_A_TARGET: dict[str, _Conversion] = {
     "seen": lambda when, _: _presence(when, seen=True),
     "lost": lambda when, _: _presence(when, seen=False),
     "seen_for": lambda when, _: _presence(when, seen=True, for_s=when.seen_for),
@@ -148,12 +150,20 @@ _CONVERSIONS: dict[str, Callable[[Any, Severity], core.Condition]] = {
     "elevation": lambda when, _: when.elevation.to_plan("elevation", when.target or ""),
     "closing_speed": lambda when, severity: when.closing_speed.to_plan(severity, when.target or ""),
     "time_to_contact": lambda when, severity: when.time_to_contact.to_plan(severity, when.target or ""),
+}
+_OF_NO_TARGET: dict[str, _Conversion] = {
     "separation": lambda when, severity: when.separation.to_plan(severity),
     "count": lambda when, _: when.count.to_plan(),
     "rule": lambda when, _: core.RuleCondition(rule=when.rule),
     "time": lambda when, _: when.time.to_plan(),
+}
+_OF_OTHERS: dict[str, _Conversion] = {
     "all": lambda when, severity: core.AllOf(conditions=_parts(when.all, severity)),
     "any": lambda when, severity: core.AnyOf(conditions=_parts(when.any, severity)),
-    "negated": lambda when, severity: core.Not(condition=when.negated.to_plan(severity)),
+    "not": lambda when, severity: core.Not(condition=when.negated.to_plan(severity)),
 }
-"""Each key that makes a condition something else than one on the distance, and what it makes of it."""
+_CONVERSIONS = _OF_A_TARGET | _OF_NO_TARGET | _OF_OTHERS
+"""Each key that makes a condition something else than one on the distance, and its conversion."""
+
+KEYS_OF_A_TARGET, KEYS_OF_NO_TARGET, KEYS_OF_OTHERS = map(tuple, (_OF_A_TARGET, _OF_NO_TARGET, _OF_OTHERS))
+"""The keys of conditions on one target, on several or none, and on other conditions."""
