@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.config.describing.describe import describe
+from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.condition import AnyOf, Not, RuleCondition
 from stadimeter.core.plan import BaseOutput, LevelOutput

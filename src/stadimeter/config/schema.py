@@ -23,7 +23,7 @@ from pydantic_core import core_schema
 from stadimeter.config import camera_file, driver_tables, models, plugins
 from stadimeter.config.driver_tables import DriverKind
 from stadimeter.config.plugins import Plugin
-from stadimeter.config.rule_tests.tables import RuleTestTable
+from stadimeter.config.rule_test_tables import RuleTestTable
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.errors import DriverError
 

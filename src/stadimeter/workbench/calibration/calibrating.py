@@ -17,7 +17,7 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance
-from stadimeter.workbench.calibration.board_corners import Board
+from stadimeter.workbench.calibration.board_session import Board
 from stadimeter.workbench.measuring import open_picture
 
 SAME_ZOOM = 0.005

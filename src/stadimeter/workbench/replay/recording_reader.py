@@ -29,8 +29,7 @@ from stadimeter.app.recordings.recording import (
     RESUMED_NAME,
     require_mcap,
 )
-from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES
-from stadimeter.config.untrusted_picture import checked_picture
+from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES, checked_picture
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import JournalError, PictureError
 

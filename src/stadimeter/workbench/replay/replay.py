@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.persistence.resumption import read_resumption
@@ -20,6 +21,10 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.reload import reload
 from stadimeter.errors import JournalError, StateError
 from stadimeter.workbench.replay.opening import Recording
+
+if TYPE_CHECKING:
+    from stadimeter.workbench.replay.recording_reader import McapRecording
+    from stadimeter.workbench.replay.redetection import Redetection
 
 BATCH_CYCLES = 32
 
@@ -52,7 +57,7 @@ def decisions(recording: Recording, plan: Plan, on_reload: OnReload | None = Non
 
     Args:
         plan: The rules, which need not be those of the recording.
-        take_over: Applied where the run reloaded its configuration; None to go on with these rules.
+        on_reload: Applied where the run reloaded its configuration; None to go on with these rules.
 
     Yields:
         Each cycle, what was observed in it, and what is decided now.
@@ -88,6 +93,19 @@ def _batches(recording: Recording) -> Iterator[list[tuple[RecordedCycle, Observa
         yield batch  # what comes before the damage is good
         raise
     yield batch
+
+
+def _redetected(
+    recording: McapRecording, redetection: Redetection, plan: Plan, on_reload: OnReload | None
+) -> Iterator[Replayed]:
+    """Measure again in the pictures of a recording, and decide on that."""
+    state = first_state(recording, plan)
+    for cycle, image in recording.cycles_and_images():
+        if cycle.reloaded is not None and on_reload is not None:
+            state = on_reload(state, cycle.reloaded)
+        observation = redetection.observe(cycle, image, state)
+        state, decision = decide(state, observation)
+        yield cycle, observation, decision
 
 
 def replayed_record(cycle: Replayed) -> CycleRecord:
@@ -129,7 +147,7 @@ class ReplayRun:
         if not self.from_images:
             return decisions(self.recording, self.configuration.plan, on_reload)
         from stadimeter.workbench.replay.recording_reader import McapRecording  # noqa: PLC0415 - it needs OpenCV
-        from stadimeter.workbench.replay.redetection import redetected  # noqa: PLC0415 - likewise
+        from stadimeter.workbench.replay.redetection import Redetection  # noqa: PLC0415 - likewise
 
         if not isinstance(self.recording, McapRecording):
             how = "record one with `stadimeter run CONFIG --record FILE.mcap`"
@@ -137,7 +155,8 @@ class ReplayRun:
         if not self.recording.has_images():
             how = "it was made with `--record-images none`, or ends before the first"
             raise JournalError(f"{self.recording.path} has no pictures to measure in: {how}")
-        return redetected(self.recording, self.configuration, on_reload)
+        redetection = Redetection(self.configuration)
+        return _redetected(self.recording, redetection, self.configuration.plan, on_reload)
 
     def _reloaded(self, state: State, recorded: RecordedConfiguration) -> State:
         return reload(state, load_recorded(recorded, self.recording.path).plan).state

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rule_tests.tables import InputTable, MotionTable, OperatorTable, PathPoint, RuleTest
+from stadimeter.config.rule_test_tables import InputTable, MotionTable, OperatorTable, PathPoint, RuleTest
 from stadimeter.config.rules.figure_tables import DAYS
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Event

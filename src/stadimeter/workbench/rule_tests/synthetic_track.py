@@ -18,8 +18,7 @@ from typing import Any
 from stadimeter.app.clock import SteppedClock
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
-from stadimeter.config.rule_tests.expectations import SpanTable
-from stadimeter.config.rule_tests.tables import PathPoint
+from stadimeter.config.rule_test_tables import PathPoint, SpanTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import TargetShape

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from stadimeter.config.rule_tests.expectations import SpanTable
+from stadimeter.config.rule_test_tables import SpanTable
 from stadimeter.core.decision import Decision, Event
 
 SHOWN_EVENTS = 5
