@@ -108,10 +108,7 @@ def load_camera_model(path: Path) -> CameraModel:
 
 
 def save_camera_model(path: Path, model: CameraModel) -> None:
-    """Write a camera file, or leave what was there as it was: never half a file.
-
-    Args:
-        path: The file; one that exists is replaced.
+    """Write or replace a camera file, or leave what was there as it was: never half a file.
 
     Raises:
         ConfigError: It cannot be written there.

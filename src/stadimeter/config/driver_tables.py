@@ -25,8 +25,6 @@ class DriverKind(Generic[CommonT]):
 
     Attributes:
         group: The entry points that its drivers are found in.
-        common: The keys that it has whatever its driver.
-        key: The key that names the driver.
         default: The driver where none is named; empty if one must be.
     """
 

@@ -47,31 +47,19 @@ class Finding:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return a question that offers the likeliest of the known words.
-
-    Returns:
-        Such as ``did you mean 'below'?``, or an empty string if none is close.
-    """
+    """Return a question such as ``did you mean 'below'?``, or an empty string if no known word is close."""
     close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
     return f"did you mean '{close[0]}'?" if close else ""
 
 
 def did_you_mean_or_list(word: str, known: Iterable[str]) -> str:
-    """Return a question that offers the likeliest of the known words, or else all of them.
-
-    Returns:
-        Such as ``did you mean 'below'?`` or ``known are: above, below``.
-    """
+    """Return a question such as ``did you mean 'below'?``, or else ``known are: above, below``."""
     words = sorted(known)
     return did_you_mean(word, words) or (f"known are: {', '.join(words)}" if words else "")
 
 
 def problems(findings: Iterable[Finding], file: str, spans: Mapping[KeyPath, SourceSpan]) -> tuple[Problem, ...]:
-    """Give findings their lines, in the order of the file.
-
-    Returns:
-        One problem for each finding, without passwords in the addresses that it repeats.
-    """
+    """Give findings their lines, in the order of the file, and leave passwords out of addresses."""
     located = [(find_span(spans, finding.path), finding) for finding in findings]
     located.sort(key=lambda pair: (pair[0].line, pair[0].column) if pair[0] else (0, 0))
     return tuple(
@@ -141,7 +129,6 @@ def findings_of(
     """Say in plain words what is wrong with a table.
 
     Args:
-        model: The model that the table does not fit.
         also_known: Keys that the table may hold besides the model's.
 
     Yields:
@@ -177,14 +164,7 @@ def known_keys(model: type[BaseModel], path: KeyPath = ()) -> list[str]:
 
 
 def shown(value: object) -> str:
-    """Write a value as a person would, short enough for a message.
-
-    Args:
-        value: Any value that TOML can hold.
-
-    Returns:
-        Such as ``'35 cm'``, ``true`` or ``[1, 2]``.
-    """
+    """Write a value of TOML shortly, such as ``'35 cm'``, ``true`` or ``[1, 2]``."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):

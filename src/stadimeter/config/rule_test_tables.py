@@ -31,14 +31,7 @@ class SpanTable(Section):
         return self.start + self.duration
 
     def holds(self, at_s: float) -> bool:
-        """Return whether a moment lies in it.
-
-        Args:
-            at_s: The moment, in seconds from the start of the test.
-
-        Returns:
-            Whether it does; the end itself does not.
-        """
+        """Return whether a moment lies in it; its end does not."""
         return self.start <= at_s < self.end_s
 
 
@@ -115,9 +108,9 @@ class ExpectTable(Section):
     status: Annotated[RuleStatus, Field(strict=False)] | None = None
     """What it is doing at the end."""
     acknowledged: bool | None = None
-    """Whether, at the end, nobody needs to acknowledge it any more."""
+    """Whether, at the end, it needs no acknowledgement any more."""
     notified: Count | None = None
-    """How many of its events people are told of."""
+    """How many of its events are notified."""
     sent: Count | None = None
     """How many messages and notifications it sends."""
     level_at: Annotated[list[LevelAtTable], BeforeValidator(_as_list), Field(min_length=1)] | None = None
@@ -136,11 +129,7 @@ class ExpectTable(Section):
     """When it is not."""
 
     def moments(self) -> dict[str, list[float]]:
-        """Return every time that is named.
-
-        Returns:
-            The times in seconds, by key; of a stretch its end.
-        """
+        """Return every time that is named, in seconds, by key; of a stretch its end."""
         named: dict[str, list[float]] = {}
         for key in ("raised_by", "raised_after", "cleared_by", "cleared_after"):
             if (at_s := getattr(self, key)) is not None:
@@ -283,11 +272,7 @@ class MotionTable(Section):
     """When the target is out of sight."""
 
     def path(self) -> tuple[PathPoint, ...]:
-        """Return where the target is when.
-
-        Returns:
-            The points, in the order of their times; none if no motion is given.
-        """
+        """Return where the target is when, in the order of time; nothing if no motion is given."""
         if self.points is not None:
             return tuple(self._point(point) for point in self.points)
         motion = self.hover or self.approach or self.recede or self.skip
@@ -313,7 +298,7 @@ class MotionTable(Section):
 
 
 class OperatorTable(Section):
-    """What somebody tells a rule at some time; exactly one of the keys that name an action holds the rule's name."""
+    """An operator command to a rule at some time; exactly one of the keys that name an action holds the rule's name."""
 
     at: Duration
     """In seconds from the start of the test."""
@@ -373,11 +358,7 @@ class InputTable(MotionTable):
     """What people tell rules."""
 
     def motions(self, targets: Sequence[str]) -> Mapping[str, MotionTable]:
-        """Return how each target moves.
-
-        Returns:
-            The motions by target; without those that are never in sight.
-        """
+        """Return how each target moves, without those that are never in sight."""
         if self.targets is not None:
             return self.targets
         return {self.target or targets[0]: self}
@@ -416,12 +397,5 @@ class RuleTest:
 
 
 def name_of(table: RuleTestTable, position: int) -> str:
-    """Return the name of a test.
-
-    Args:
-        position: Its position among the tests, counted from 0.
-
-    Returns:
-        The name; ``test 1`` for a first one without.
-    """
+    """Return the name of a test; ``test 1`` for a first one without, whose position is 0."""
     return table.name or f"test {position + 1}"

@@ -121,11 +121,8 @@ def parse_angle_or_zero(text: object) -> float:
 def parse_time_of_day(text: object) -> float:
     """Read a time of day such as ``"22:30"``, return the seconds since midnight; raises ValueError if it is none.
 
-    Args:
-        text: Hours and minutes, with seconds if need be; ``24:00`` is the end of the day. TOML's own times will do too.
-
     Returns:
-        Seconds since midnight, 0 to 86400.
+        Seconds since midnight, 0 to 86400: ``24:00`` is the end of the day.
     """
     match = _TIME_OF_DAY.fullmatch(str(text)) if isinstance(text, str | time) else None
     if match is None:
@@ -178,7 +175,6 @@ def as_written(units: dict[str, float], example: str, *, is_signed: bool = False
 
     Args:
         units: The units that are meant, each with its size in the SI unit.
-        is_signed: Whether it may be below zero.
 
     Returns:
         What to annotate its type with. ``x-unit`` is the SI unit, in which its default is known.
@@ -218,11 +214,7 @@ FOLDER = "folder"
 
 
 def validation_context(file: Path) -> dict[str, Any]:
-    """Return the context with which options are validated, so that their paths are relative to a file.
-
-    Returns:
-        What to give to ``model_validate`` as ``context``.
-    """
+    """Return the ``context`` for ``model_validate`` with which paths are relative to the folder of a file."""
     return {FOLDER: file.parent}
 
 

@@ -48,10 +48,7 @@ have 12 to 16 megapixels."""
 
 
 def open_untrusted(path: Path) -> BinaryIO:
-    """Open a regular file for reading, without waiting for anything.
-
-    Returns:
-        The file, which is the caller's to close.
+    """Open a regular file for reading, without waiting for anything; the caller closes it.
 
     Raises:
         UnreadableError: It is not there, not a regular file, or may not be read.
@@ -67,9 +64,6 @@ def open_untrusted(path: Path) -> BinaryIO:
 
 def read_untrusted(path: Path, most_bytes: int) -> bytes:
     """Read a whole file.
-
-    Args:
-        most_bytes: How large a file of its kind may be.
 
     Raises:
         UnreadableError: It is larger, or as for `open_untrusted`.
@@ -87,9 +81,6 @@ def read_untrusted(path: Path, most_bytes: int) -> bytes:
 def read_untrusted_text(path: Path, most_bytes: int) -> str:
     """Read a whole text, as UTF-8 with or without a byte order mark, its lines ended by line feeds.
 
-    Args:
-        most_bytes: How large a file of its kind may be.
-
     Raises:
         UnreadableError: It is not UTF-8, then with the line; or as for `read_untrusted`.
     """
@@ -101,13 +92,7 @@ def read_untrusted_text(path: Path, most_bytes: int) -> str:
 
 
 def lines_of(file: BinaryIO, most_bytes: int = JSON_MAX_BYTES) -> Iterator[bytes]:
-    """Yield the lines of a file, each with the line feed that ends it.
-
-    Args:
-        most_bytes: How long a line may be.
-
-    Yields:
-        The lines. The last one may have no line feed.
+    """Yield the lines of a file, each with the line feed that ends it, if there is one.
 
     Raises:
         UnreadableError: A line is longer, with its number.
@@ -182,9 +167,6 @@ def checked_picture(data: bytes) -> bytes:
     """Return what is to be decoded: a whole picture, in which nothing asks for more than its pixels need.
 
     A JPEG or PNG that was cut short is refused; the decoders of the other kinds refuse them by themselves.
-
-    Args:
-        data: The file.
 
     Returns:
         The same without remarks, colour profiles and animations that need more than they seem to.

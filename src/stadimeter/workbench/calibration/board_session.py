@@ -48,7 +48,6 @@ class Chessboard:
 
     Attributes:
         columns: Inner corners along one side: one less than there are squares.
-        rows: Inner corners along the other side.
     """
 
     columns: int
@@ -56,14 +55,7 @@ class Chessboard:
     square_m: float
 
     def find(self, picture: str, image: Image) -> BoardView | str:
-        """Find the inner corners.
-
-        Args:
-            image: The picture, shape (height, width, 3).
-
-        Returns:
-            All corners; or why there are none.
-        """
+        """Return all inner corners; or why there are none."""
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         rough = self._rough(grey)
         if rough is None:
@@ -219,8 +211,6 @@ class BoardSession:
         must_be_steady: Whether a view counts only if the board was in the same place in the frame before.
 
     Attributes:
-        views: The views that were taken, in order.
-        width_px: The pictures' width; 0 before the first.
         calibration: What the views give so far; None while they are too few, or do not fix the camera.
     """
 

@@ -20,13 +20,7 @@ LOOKED_INTO = 1000
 
 @dataclass(slots=True, kw_only=True)
 class Difference:
-    """A cycle in which the decision is not the recorded one.
-
-    Attributes:
-        cycle: The cycle, counted from 0.
-        now_s: Its time on the run's clock.
-        what: The parts of the decision that differ.
-    """
+    """A cycle, counted from 0, in which parts of the decision are not the recorded ones."""
 
     cycle: int
     now_s: float
@@ -39,10 +33,6 @@ class ReplayResult:
 
     Attributes:
         identical: Cycles in which the decision was the recorded one, to the last bit.
-        differences: The first cycles that differ.
-        frames: Frames that were decided on.
-        recorded_frames: The same when it was recorded.
-        targets: The targets that were looked for.
     """
 
     cycles: int = 0
@@ -70,11 +60,7 @@ class Comparison:
         self._is_ours = True
 
     def add(self, cycle: RecordedCycle, observation: Observation, decision: Decision) -> None:
-        """Add one cycle.
-
-        Raises:
-            JournalError: The recorded cycle is damaged.
-        """
+        """Add one cycle; raises JournalError if the recorded one is damaged."""
         result = self.result
         if observation.frame is not None:
             result.frames += 1
@@ -121,7 +107,6 @@ class MeasuredAgain:
         found_before: Those of them in which it was measured when they were recorded.
         found_again: Those of them in which it is measured now.
         differs_median_m: Median difference of the two distances; None if it was never measured both times.
-        differs_most_m: The largest difference.
     """
 
     target: str
@@ -139,11 +124,7 @@ class AgainTally:
         self._pairs: dict[str, list[tuple[float | None, float | None]]] = {}
 
     def add(self, before: Observation, again: Observation) -> None:
-        """Add one cycle.
-
-        Args:
-            before: What was observed when it was recorded.
-        """
+        """Add what was observed in a cycle when it was recorded, and what is measured in it again."""
         before_m = {measured.target: measured.distance_m for measured in before.measurements}
         for measured in again.measurements:
             pair = before_m.get(measured.target), measured.distance_m

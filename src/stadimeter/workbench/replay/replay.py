@@ -37,9 +37,6 @@ OnReload = Callable[[State, RecordedConfiguration], State]
 def first_state(recording: Recording, plan: Plan) -> State:
     """Return the state with which a replay begins: the snapshot that the run restored, if any.
 
-    Args:
-        plan: The rules, which need not be those of the recording.
-
     Raises:
         JournalError: The snapshot is damaged.
     """
@@ -53,14 +50,10 @@ def first_state(recording: Recording, plan: Plan) -> State:
 
 
 def decisions(recording: Recording, plan: Plan, on_reload: OnReload | None = None) -> Iterator[Replayed]:
-    """Decide again on everything that was observed.
+    """Decide again on everything that was observed, by rules that need not be those of the recording.
 
     Args:
-        plan: The rules, which need not be those of the recording.
         on_reload: Applied where the run reloaded its configuration; None to go on with these rules.
-
-    Yields:
-        Each cycle, what was observed in it, and what is decided now.
 
     Raises:
         JournalError: The recording is damaged.
@@ -119,9 +112,7 @@ class ReplayRun:
     """Decides over a recording by one configuration. It may be gone through any number of times, always the same.
 
     Attributes:
-        configuration: The configuration that it begins with.
         is_recorded: Whether that is the recording's own: then recorded reloads are followed.
-        from_images: Whether to measure again in the recorded pictures.
     """
 
     recording: Recording
@@ -175,11 +166,7 @@ def uncollected() -> Iterator[None]:
 
 
 def replay_run(recording: Recording, config: Path | None, *, from_images: bool = False) -> ReplayRun:
-    """Prepare a replay.
-
-    Args:
-        config: The configuration; None for that of the recording.
-        from_images: Whether to measure again in the recorded pictures.
+    """Prepare a replay by a configuration, or by that of the recording.
 
     Raises:
         ConfigError: The configuration cannot be used.

@@ -110,9 +110,7 @@ class RuleFigures:
     """What one rule comes to.
 
     Attributes:
-        transitions_per_minute: How often it was raised or cleared in a minute.
         late_median_s: How long after its distance was crossed it was raised, the median; None if that is not known.
-        missed: How often its distance was crossed and it was not raised.
         unfounded: How often it was raised while its distance was not crossed; None if that is not known.
         least_distance_m: The least distance of what it watches while it was not active; None if it watches none.
     """
@@ -129,12 +127,7 @@ class RuleFigures:
 
 @dataclass(slots=True)
 class Tally:
-    """Counts through a replay what its figures are made of.
-
-    Attributes:
-        from_s: The time of the first cycle.
-        to_s: The time of the last one.
-    """
+    """Counts through a replay what its figures are made of."""
 
     plan: Plan
     events: list[Event] = field(default_factory=list)
