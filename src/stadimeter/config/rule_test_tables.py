@@ -146,7 +146,6 @@ OF_OUTPUTS = ("stopped_at", "acts_at")
 OF_RULES = tuple(key for key in ExpectTable.model_fields if key not in {*OF_ACTUATORS, *OF_BASES, *OF_OUTPUTS})
 """Keys of the table, by what they can be expected of."""
 
-
 FRAMES_MAX = 1_000_000
 """The longest test, in frames: nine hours at 30 a second. More is a slip of the pen."""
 
@@ -383,12 +382,7 @@ class RuleTestTable(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RuleTest:
-    """One test of a configuration.
-
-    Attributes:
-        line: Where it stands in the file, counted from 1.
-        expect: What is expected, by the name of a rule or an output.
-    """
+    """One test of a configuration, and its line in the file, counted from 1."""
 
     name: str
     line: int

@@ -103,14 +103,7 @@ class CharucoBoard:
         self._dictionary()
 
     def find(self, picture: str, image: Image) -> BoardView | str:
-        """Find the corners between the squares.
-
-        Args:
-            image: The picture, shape (height, width, 3).
-
-        Returns:
-            Those corners that can be seen; or why there are too few.
-        """
+        """Return the corners between the squares that can be seen; or why there are too few."""
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         board_m, corners_px = max(
             (self._found(grey, legacy=old) for old in (False, True)), key=lambda found: len(found[0])
