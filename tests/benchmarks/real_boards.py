@@ -8,7 +8,7 @@ import ours
 from part import Part, table
 
 from stadimeter.ranging.board_calibration import BoardView, calibrate_board
-from stadimeter.workbench.calibration.board_corners import Chessboard
+from stadimeter.workbench.calibration.board_session import Chessboard
 
 BOARD = Chessboard(columns=9, rows=6, square_m=0.025)
 FOCAL_PX = {"left": 532.8, "right": 537.4}

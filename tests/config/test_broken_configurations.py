@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.app.feasibility import feasibility_warnings
-from stadimeter.config.describing.describe import describe
+from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.rules.compiled import toml_of
 from stadimeter.config.schema import configuration_schema

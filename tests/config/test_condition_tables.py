@@ -9,7 +9,7 @@ from datetime import time
 
 import pytest
 
-from stadimeter.config.describing.describe import describe
+from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.condition_tables import DEEPEST, WhenTable, simple_tables
 from stadimeter.config.units import parse_angle_or_zero, parse_duration, parse_time_of_day, parse_velocity

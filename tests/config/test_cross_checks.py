@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 import pytest
 
 from stadimeter.config import plugins
-from stadimeter.config.describing.describe import describe
+from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import Options, Plugin
 from stadimeter.config.units import Pin, SerialPort

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from stadimeter.config.describing.describe import describe, length
+from stadimeter.config.describe import describe, length
 from stadimeter.config.loader import Configuration
 
 Load = Callable[[str], Configuration]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.config.describing.describe import describe
+from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 

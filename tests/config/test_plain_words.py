@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from stadimeter.config.plain_words import findings, known_keys, shown
+from stadimeter.config.findings import findings_of, known_keys, shown
 from stadimeter.config.plugins import Options
 from stadimeter.config.units import Duration, Length, Pin
 
@@ -63,7 +63,7 @@ def told(table: dict[str, Any], model: type[BaseModel] = Zoo) -> list[str]:
         model.model_validate(table)
     return [
         f"{'.'.join(map(str, each.path))}: {each.message}" + (f" ({each.hint})" if each.hint else "")
-        for each in findings(caught.value, model, table, ("zoo",), ["driver"])
+        for each in findings_of(caught.value, model, table, ("zoo",), ["driver"])
     ]
 
 
@@ -139,7 +139,7 @@ def test_no_jargon_whatever_was_written(table: dict[str, Any]) -> None:
     try:
         Zoo.model_validate(table)
     except ValidationError as error:
-        found = list(findings(error, Zoo, table, ("zoo",)))
+        found = list(findings_of(error, Zoo, table, ("zoo",)))
         assert found
         for finding in found:
             text = finding.message + finding.hint

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rule_tests.expectations import SpanTable
+from stadimeter.config.rule_test_tables import SpanTable
 from stadimeter.core.operator import OperatorAction
 from stadimeter.errors import Problem
 

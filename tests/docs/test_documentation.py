@@ -15,8 +15,7 @@ import typer
 from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ActuatorTable, BaseTable
-from stadimeter.config.rule_tests.expectations import ExpectTable
-from stadimeter.config.rule_tests.tables import InputTable
+from stadimeter.config.rule_test_tables import ExpectTable, InputTable
 from stadimeter.config.rules.condition_tables import WhenTable
 from stadimeter.config.rules.figure_tables import (
     ClosingTable,

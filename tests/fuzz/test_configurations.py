@@ -11,7 +11,7 @@ import pytest
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
-from stadimeter.config.describing.describe import describe
+from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_camera_choice, load_configuration
 from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.errors import ConfigError, Problem

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.rule_tests.tables import RuleTest
+from stadimeter.config.rule_test_tables import RuleTest
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement

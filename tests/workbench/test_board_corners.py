@@ -11,7 +11,7 @@ import pytest
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardCalibration, BoardView, calibrate_board
-from stadimeter.workbench.calibration.board_corners import CharucoBoard, Chessboard
+from stadimeter.workbench.calibration.board_session import CharucoBoard, Chessboard
 from stadimeter.workbench.calibration.calibrating import find_boards
 
 BOARD = Chessboard(columns=9, rows=6, square_m=0.025)

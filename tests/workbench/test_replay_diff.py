@@ -11,9 +11,8 @@ from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, OnDelay
-from stadimeter.workbench.replay.crossing_times import Stay, stays
-from stadimeter.workbench.replay.replay_diff import compare
-from stadimeter.workbench.replay.replay_figures import Tally
+from stadimeter.workbench.replay.comparison import compare
+from stadimeter.workbench.replay.replay_figures import Stay, Tally, stays
 from support.observing import Rehearsal
 
 FRAME_S = 0.05

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.config.rule_tests.expectations import SpanTable
-from stadimeter.config.rule_tests.tables import MotionTable, PathPoint
+from stadimeter.config.rule_test_tables import MotionTable, PathPoint, SpanTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.ball import BallShape

@@ -9,12 +9,15 @@ import cv2
 import numpy as np
 
 from stadimeter.config.untrusted_file import (
+    HEAD_BYTES,
+    KINDS,
     PICTURE_MAX_BYTES,
     PICTURE_MAX_PIXELS,
+    checked_picture,
+    is_picture,
     open_untrusted,
     read_untrusted,
 )
-from stadimeter.config.untrusted_picture import HEAD_BYTES, KINDS, checked_picture, is_picture
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError, UnreadableError
 

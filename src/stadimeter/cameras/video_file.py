@@ -14,8 +14,7 @@ from stadimeter.cameras.picture import check_file
 from stadimeter.cameras.recorded import RecordedCamera
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import FilePath, Frequency
-from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
-from stadimeter.config.untrusted_picture import is_picture
+from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS, is_picture
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import EndOfFramesError, PictureError

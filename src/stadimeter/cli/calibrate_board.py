@@ -18,8 +18,13 @@ from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.board_calibration import BoardCalibration, calibrate_board
-from stadimeter.workbench.calibration.board_corners import Board, CharucoBoard, Chessboard
-from stadimeter.workbench.calibration.board_session import GOOD_COVERAGE, GOOD_FOCAL_SHARE
+from stadimeter.workbench.calibration.board_session import (
+    GOOD_COVERAGE,
+    GOOD_FOCAL_SHARE,
+    Board,
+    CharucoBoard,
+    Chessboard,
+)
 from stadimeter.workbench.calibration.calibrating import check_lens_settings, find_boards
 
 _SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")

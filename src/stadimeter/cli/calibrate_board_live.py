@@ -11,13 +11,12 @@ from pydantic import ValidationError
 
 from stadimeter.cli.known_pictures import today
 from stadimeter.cli.target_options import key_and_value
-from stadimeter.config import plain_words
+from stadimeter.config.findings import findings_of
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, ConfigError, EndOfFramesError, Problem
-from stadimeter.workbench.calibration.board_corners import Board
-from stadimeter.workbench.calibration.board_session import BoardSession, Source, open_source
+from stadimeter.workbench.calibration.board_session import Board, BoardSession, Source, open_source
 
 FRAME_WAIT_S = 0.5
 SAY_EVERY_S = 2.0
@@ -116,6 +115,6 @@ def _camera(live: str) -> DriverChoice:
     try:
         return DriverChoice(name="camera", driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
     except ValidationError as error:
-        found = plain_words.findings(error, plugin.options, table, ())
+        found = findings_of(error, plugin.options, table, ())
         hint = f"write it such as --live {driver},KEY=VALUE, or write a configuration and give that"
         raise ConfigError([Problem(f"{driver}: {each.message}", key="--live", hint=hint) for each in found]) from error

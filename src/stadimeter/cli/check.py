@@ -15,7 +15,7 @@ from rich.text import Text
 
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.cli.exits import MOST_SHOWN, WRONG
-from stadimeter.config.describing.describe import describe
+from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import ConfigError, Problem, UnreadableError

@@ -15,10 +15,18 @@ from stadimeter.app.recordings.journal import Journal, JournalWriter, sha256_of
 from stadimeter.cli.exits import NOT_FOUND, plain_errors
 from stadimeter.core.decision import Event
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.comparison import AgainTally, Comparison, MeasuredAgain, ReplayResult
+from stadimeter.workbench.replay.comparison import (
+    AgainTally,
+    Comparison,
+    EventChange,
+    MeasuredAgain,
+    ReplayDiff,
+    ReplayResult,
+    RuleChange,
+    compare,
+)
 from stadimeter.workbench.replay.opening import Recording, read_recording
 from stadimeter.workbench.replay.replay import Replayed, ReplayRun, replay_run, replayed_record, uncollected
-from stadimeter.workbench.replay.replay_diff import EventChange, ReplayDiff, RuleChange, compare
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
 
 

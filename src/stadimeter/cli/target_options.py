@@ -15,7 +15,7 @@ import typer
 from pydantic import ValidationError
 
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
-from stadimeter.config import plain_words
+from stadimeter.config.findings import findings_of
 from stadimeter.config.plugins import DETECTORS, DriverChoice, load_plugin
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.config.units import LENGTHS_M, parse_length
@@ -322,7 +322,7 @@ def _choice(driver: str, table: dict[str, Any], keys: Mapping[str, str]) -> Driv
     try:
         options = plugin.options.model_validate(table)
     except ValidationError as error:
-        found = plain_words.findings(error, plugin.options, table, ())
+        found = findings_of(error, plugin.options, table, ())
         wrong = [_problem(str(each.path[-1]), each.message, each.hint, keys) for each in found]
         of_each_option = {each.key if each.key != "--target" else each.message: each for each in reversed(wrong)}
         raise ConfigError(reversed(of_each_option.values())) from error

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from stadimeter.cli.exits import NOT_FOUND, WRONG, plain_errors
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.rule_tests.tables import RuleTest
+from stadimeter.config.rule_test_tables import RuleTest
 from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
 from stadimeter.workbench.rule_tests.watching import Failure
 

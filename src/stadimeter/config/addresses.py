@@ -22,13 +22,9 @@ _PARAMETERS = re.compile(r"[?#;]|(?<=/)[^/?#;]*=")
 
 
 def address_for_people(address: str) -> str:
-    """Return an address without what may be a secret in it. Doing so twice changes nothing more.
+    """Return an address without what may be a secret in it; idempotent.
 
-    Args:
-        address: Such as ``rtsp://me:secret@camera/live?token=abc``.
-
-    Returns:
-        Such as ``rtsp://camera/live?…``.
+    Of ``rtsp://me:secret@camera/live?token=abc``, ``rtsp://camera/live?…`` is left.
     """
     scheme, mark, rest = address.partition("://")
     return f"{scheme}{mark}{_for_people(rest)}"

@@ -7,12 +7,9 @@ from pathlib import Path
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file, or leave what was there as it was: never half a file, not even after a power cut.
+    """Write or replace a file, or leave what was there as it was: never half a file, not even after a power cut.
 
     The bytes go to a temporary file beside it, which takes its name once they are on the disk.
-
-    Args:
-        path: The file; one that exists is replaced.
 
     Raises:
         OSError: It cannot be written there.

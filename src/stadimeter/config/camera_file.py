@@ -10,9 +10,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from stadimeter.config import plain_words
 from stadimeter.config.atomic_file import write_atomically
-from stadimeter.config.findings import Finding, problems
+from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
@@ -109,10 +108,7 @@ def load_camera_model(path: Path) -> CameraModel:
 
 
 def save_camera_model(path: Path, model: CameraModel) -> None:
-    """Write a camera file, or leave what was there as it was: never half a file.
-
-    Args:
-        path: The file; one that exists is replaced.
+    """Write or replace a camera file, or leave what was there as it was: never half a file.
 
     Raises:
         ConfigError: It cannot be written there.
@@ -175,7 +171,7 @@ def _model(table: Mapping[str, Any], file: str, spans: Mapping[KeyPath, SourceSp
     try:
         return CameraTable.model_validate(dict(table)).to_model()
     except ValidationError as error:
-        found = plain_words.findings(error, CameraTable, table, ())
+        found = findings_of(error, CameraTable, table, ())
         raise ConfigError(problems(found, file, spans)) from error
     except CalibrationError as error:
         raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, spans)) from error

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 from stadimeter.config import driver_tables, models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
 from stadimeter.config.driver_tables import CommonT, DriverKind, DriverTable, read_driver_table, validate
-from stadimeter.config.findings import MOST_EXPLAINED, Finding, did_you_mean_or_list
-from stadimeter.config.plain_words import shown
+from stadimeter.config.findings import MOST_EXPLAINED, Finding, did_you_mean_or_list, shown
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rules.compiled import CompiledRule, compile_rules
 from stadimeter.config.rules.tables import RuleTable
@@ -23,7 +22,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
-    from stadimeter.config.rule_tests.tables import RuleTestTable
+    from stadimeter.config.rule_test_tables import RuleTestTable
 
 BASE_NAME = "base"
 """The name of the base in rules."""
@@ -240,7 +239,7 @@ class _Reader:
             return
         if not tables:
             return
-        from stadimeter.config.rule_tests.tables import RuleTestTable  # noqa: PLC0415 - most runs have no tests
+        from stadimeter.config.rule_test_tables import RuleTestTable  # noqa: PLC0415 - most runs have no tests
 
         for position, table in enumerate(tables):
             at = ("tests", position)

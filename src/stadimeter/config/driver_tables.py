@@ -9,9 +9,8 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from stadimeter.config import models, plain_words, plugins
-from stadimeter.config.findings import Finding, did_you_mean
-from stadimeter.config.plain_words import shown
+from stadimeter.config import models, plugins
+from stadimeter.config.findings import Finding, did_you_mean, findings_of, known_keys, shown
 from stadimeter.config.plugins import DriverChoice, Plugin
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.errors import DriverError
@@ -26,8 +25,6 @@ class DriverKind(Generic[CommonT]):
 
     Attributes:
         group: The entry points that its drivers are found in.
-        common: The keys that it has whatever its driver.
-        key: The key that names the driver.
         default: The driver where none is named; empty if one must be.
     """
 
@@ -69,7 +66,7 @@ def read_driver_table(
         at: The table's path; its last key is the part's name.
     """
     findings: list[Finding] = []
-    common_keys = plain_words.known_keys(kind.common)
+    common_keys = known_keys(kind.common)
     common_part = {key: value for key, value in table.items() if key in common_keys}
     own_part = {key: value for key, value in table.items() if key not in (*common_keys, kind.key)}
     common = validate(kind.common, common_part, at, context, findings)
@@ -105,7 +102,7 @@ def validate(
         try:
             return model.model_validate(rest, context=dict(context))
         except ValidationError as error:
-            found = list(plain_words.findings(error, model, rest, at, also_known))
+            found = list(findings_of(error, model, rest, at, also_known))
         if is_first_look:  # later looks find only what was taken out
             findings += found
         is_first_look = False

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+import re
+import typing
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from stadimeter.config.addresses import words_for_people
 from stadimeter.config.toml_lines import KeyPath, SourceSpan, find_span
@@ -40,31 +47,19 @@ class Finding:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return a question that offers the likeliest of the known words.
-
-    Returns:
-        Such as ``did you mean 'below'?``, or an empty string if none is close.
-    """
+    """Return a question such as ``did you mean 'below'?``, or an empty string if no known word is close."""
     close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
     return f"did you mean '{close[0]}'?" if close else ""
 
 
 def did_you_mean_or_list(word: str, known: Iterable[str]) -> str:
-    """Return a question that offers the likeliest of the known words, or else all of them.
-
-    Returns:
-        Such as ``did you mean 'below'?`` or ``known are: above, below``.
-    """
+    """Return a question such as ``did you mean 'below'?``, or else ``known are: above, below``."""
     words = sorted(known)
     return did_you_mean(word, words) or (f"known are: {', '.join(words)}" if words else "")
 
 
 def problems(findings: Iterable[Finding], file: str, spans: Mapping[KeyPath, SourceSpan]) -> tuple[Problem, ...]:
-    """Give findings their lines, in the order of the file.
-
-    Returns:
-        One problem for each finding, without passwords in the addresses that it repeats.
-    """
+    """Give findings their lines, in the order of the file, and leave passwords out of addresses."""
     located = [(find_span(spans, finding.path), finding) for finding in findings]
     located.sort(key=lambda pair: (pair[0].line, pair[0].column) if pair[0] else (0, 0))
     return tuple(
@@ -85,3 +80,173 @@ def problems(findings: Iterable[Finding], file: str, spans: Mapping[KeyPath, Sou
 def _readable(text: str) -> str:
     """Cut what repeats a value of many pages."""
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+_LONGEST_VALUE = 60
+
+_KINDS = {
+    "bool": "neither true nor false",
+    "bytes": "not text; put it in quotes",
+    "date": "not a date",
+    "dict": "not a table; write it as { … }",
+    "float": "not a number",
+    "frozen_set": "not a list; write it as [ … ]",
+    "int": "not a whole number",
+    "is_instance": "of the wrong kind",
+    "list": "not a list; write it as [ … ]",
+    "mapping": "not a table; write it as { … }",
+    "model": "not a table; write it as { … }",
+    "path": "not a path; put it in quotes",
+    "set": "not a list; write it as [ … ]",
+    "string": "not text; put it in quotes",
+    "tuple": "not a list; write it as [ … ]",
+}
+"""Complaints about the kind of a value, by the beginning of pydantic's name for the error."""
+
+_LIMITS = {
+    "finite_number": "not a finite number",
+    "greater_than": "not above {gt}",
+    "greater_than_equal": "below {ge}",
+    "less_than": "not below {lt}",
+    "less_than_equal": "above {le}",
+    "multiple_of": "not a multiple of {multiple_of}",
+    "string_pattern_mismatch": "not of the form {pattern}",
+    "string_too_long": "longer than {max_length} characters",
+    "string_too_short": "shorter than {min_length} characters",
+    "too_long": "a list of more than {max_length} entries",
+    "too_short": "a list of fewer than {min_length} entries",
+}
+"""The same for limits, by pydantic's full name for the error."""
+
+
+def findings_of(
+    error: ValidationError,
+    model: type[BaseModel],
+    table: Mapping[str, Any],
+    at: KeyPath,
+    also_known: Iterable[str] = (),
+) -> Iterator[Finding]:
+    """Say in plain words what is wrong with a table.
+
+    Args:
+        also_known: Keys that the table may hold besides the model's.
+
+    Yields:
+        One finding for each key that is wrong, however many ways it could have been right.
+    """
+    by_path: dict[KeyPath, tuple[Any, list[ErrorDetails]]] = {}
+    for details in error.errors(include_url=False):
+        path, value = _path_and_value(table, details)
+        by_path.setdefault(path, (value, []))[1].append(details)
+    for path, (value, complaints) in islice(by_path.items(), MOST_EXPLAINED):
+        known = [*known_keys(model, path[:-1]), *(also_known if len(path) == 1 else ())]
+        yield _finding((*at, *path), complaints, known, value)
+    if (left := len(by_path) - MOST_EXPLAINED) > 0:
+        yield Finding(at, f"{left} more keys are wrong", code="unknown-key")
+
+
+def known_keys(model: type[BaseModel], path: KeyPath = ()) -> list[str]:
+    """Return the keys that a table may hold.
+
+    Args:
+        path: The way from there to the table in question.
+
+    Returns:
+        The keys as they are written; none where the way leads out of the model.
+    """
+    models: list[type[BaseModel]] = [model]
+    for part in path:
+        if isinstance(part, str):
+            fields = [field for each in models for key, field in _fields(each) if key == part]
+            # What is no key of theirs is a name in a table of tables, which leads no further.
+            models = [inner for annotation in fields for inner in _models_in(annotation)] if fields else models
+    return [key for each in models for key, _ in _fields(each)]
+
+
+def shown(value: object) -> str:
+    """Write a value of TOML shortly, such as ``'35 cm'``, ``true`` or ``[1, 2]``."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, list):
+        text = f"[{', '.join(shown(entry) for entry in value)}]"
+    else:
+        text = repr(value) if isinstance(value, str) else str(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
+
+
+def _fields(model: type[BaseModel]) -> Iterator[tuple[str, Any]]:
+    for name, field in model.model_fields.items():
+        yield field.alias or name, field.annotation
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in typing.get_args(annotation):
+        yield from _models_in(argument)
+
+
+def _path_and_value(table: Mapping[str, Any], details: ErrorDetails) -> tuple[KeyPath, Any]:
+    """Leave out what pydantic adds to a path to name an alternative: the file holds no such key."""
+    path: KeyPath = ()
+    value: Any = table
+    *_, last = details["loc"] or ("",)
+    for part in details["loc"]:
+        try:
+            value = value[part]
+        except (LookupError, TypeError):
+            if details["type"] != "missing" or part != last:
+                continue
+        path = (*path, part)
+    return path, value
+
+
+def _finding(path: KeyPath, complaints: list[ErrorDetails], known: list[str], written: Any) -> Finding:
+    key = str(path[-1]) if path else ""
+    types = {details["type"] for details in complaints}
+    if "extra_forbidden" in types:
+        others = [word for word in known if word != key]
+        return Finding(path, f"unknown key '{key}'", did_you_mean_or_list(key, others), "unknown-key")
+    if "missing" in types:
+        return Finding(path, f"'{key}' is missing", code="missing-key")
+    sentences = _unique(_sentence(details) for details in complaints)
+    if any(sentences):
+        return Finding(path, "; ".join(filter(None, sentences)), code="bad-value")
+    wrong = " and ".join(_unique(_complaint(details, written) for details in complaints))
+    return Finding(path, f"{shown(written)} is {wrong}", _suggestion(written, complaints), "bad-value")
+
+
+def _unique(texts: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(texts))
+
+
+def _sentence(details: ErrorDetails) -> str:
+    """Return what one of our own checks has said, which needs no rewording."""
+    if details["type"] in {"value_error", "assertion_error"}:
+        return str(details.get("ctx", {}).get("error", ""))
+    return ""
+
+
+def _complaint(details: ErrorDetails, written: Any) -> str:
+    name, context = details["type"], details.get("ctx", {})
+    if name in _LIMITS:
+        # The limit of a quantity is known only in the unit that the program computes in.
+        unit = " in SI units" if isinstance(written, str) and isinstance(details["input"], float) else ""
+        limits = {key: f"{limit:.10g}" if isinstance(limit, float) else limit for key, limit in context.items()}
+        return _LIMITS[name].format(**limits) + unit
+    if name in {"literal_error", "enum"}:
+        return f"not one of: {', '.join(_choices(details))}"
+    kind = next((text for start, text in _KINDS.items() if name.startswith(start)), "")
+    return kind or f"wrong: {details['msg'].removeprefix('Input ')}"
+
+
+def _choices(details: ErrorDetails) -> list[str]:
+    expected = str(details.get("ctx", {}).get("expected", ""))
+    return re.findall(r"'([^']*)'", expected) or re.split(r", | or ", expected)
+
+
+def _suggestion(value: object, complaints: list[ErrorDetails]) -> str:
+    choices = [word for details in complaints if "expected" in details.get("ctx", {}) for word in _choices(details)]
+    return did_you_mean(str(value), choices)

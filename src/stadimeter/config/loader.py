@@ -30,7 +30,7 @@ from stadimeter.core.plan import Output, Plan
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:  # loaded only for configurations whose tests are asked for
-    from stadimeter.config.rule_tests.tables import RuleTest
+    from stadimeter.config.rule_test_tables import RuleTest
 
 __all__ = ["Configuration", "DriverChoice", "load_camera_choice", "load_configuration"]
 
@@ -173,7 +173,7 @@ def _test_findings(draft: Draft) -> tuple[Finding, ...]:
 def _tests(draft: Draft, source: TomlSource) -> tuple[RuleTest, ...]:
     if not draft.tests:
         return ()
-    from stadimeter.config.rule_tests.tables import RuleTest, name_of  # noqa: PLC0415 - likewise
+    from stadimeter.config.rule_test_tables import RuleTest, name_of  # noqa: PLC0415 - likewise
 
     return tuple(
         RuleTest(

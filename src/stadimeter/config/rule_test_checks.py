@@ -8,8 +8,18 @@ from typing import Any
 
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list
-from stadimeter.config.rule_tests.expectations import OF_ACTUATORS, OF_BASES, OF_OUTPUTS, OF_RULES, ExpectTable
-from stadimeter.config.rule_tests.tables import FRAMES_MAX, MOTIONS, InputTable, MotionTable, name_of
+from stadimeter.config.rule_test_tables import (
+    FRAMES_MAX,
+    MOTIONS,
+    OF_ACTUATORS,
+    OF_BASES,
+    OF_OUTPUTS,
+    OF_RULES,
+    ExpectTable,
+    InputTable,
+    MotionTable,
+    name_of,
+)
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.rule import AlarmRule

@@ -23,7 +23,7 @@ from pydantic_core import core_schema
 from stadimeter.config import camera_file, driver_tables, models, plugins
 from stadimeter.config.driver_tables import DriverKind
 from stadimeter.config.plugins import Plugin
-from stadimeter.config.rule_tests.tables import RuleTestTable
+from stadimeter.config.rule_test_tables import RuleTestTable
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.errors import DriverError
 
@@ -76,11 +76,7 @@ class _Driver:
 
 
 def configuration_schema() -> JsonSchema:
-    """Return the JSON Schema of a configuration.
-
-    Returns:
-        A schema in the dialect of draft 2020-12, with only what JSON knows.
-    """
+    """Return the JSON Schema of a configuration, in the dialect of draft 2020-12, with only what JSON knows."""
     drivers = [driver for kind in (*_ONE.values(), *_MANY.values()) for driver in _drivers(kind)]
     by_model, definitions = schemas_of(_models(drivers))
     sections: dict[str, JsonSchema] = {}
@@ -216,11 +212,7 @@ def _named(table: JsonSchema) -> JsonSchema:
 
 
 def schemas_of(models: Sequence[type[BaseModel]]) -> tuple[dict[type[BaseModel], JsonSchema], dict[str, JsonSchema]]:
-    """Return the JSON Schemas of models.
-
-    Returns:
-        The schema of each, and the definitions that they refer to as ``#/$defs/NAME``.
-    """
+    """Return the JSON Schemas of models, and the definitions that they refer to as ``#/$defs/NAME``."""
     unique = dict.fromkeys(models)
     mode: JsonSchemaMode = "validation"
     made, whole = models_json_schema([(model, mode) for model in unique], schema_generator=_Generator)
@@ -229,11 +221,7 @@ def schemas_of(models: Sequence[type[BaseModel]]) -> tuple[dict[type[BaseModel],
 
 
 def described(model: type[BaseModel]) -> str:
-    """Return what a model is, in one sentence.
-
-    Returns:
-        The first sentence of its docstring, without what is meant for those who read the code.
-    """
+    """Return the first sentence of a model's docstring, without what is meant for those who read the code."""
     first = (inspect.getdoc(model) or "").partition("\n")[0]
     return _for_writers(_plain(first.partition("; see `")[0].rstrip(".") + "."), model)
 

@@ -44,10 +44,7 @@ class SourceSpan:
 
 
 def key_spans(text: str) -> dict[KeyPath, SourceSpan]:
-    """Find every table, key and array entry of a TOML text.
-
-    Args:
-        text: A TOML text that `tomllib.loads` accepts.
+    """Find every table, key and array entry of a TOML text that `tomllib.loads` accepts.
 
     Returns:
         For each path the span where it is first written. A key's span goes from the key to the end of its value.
@@ -56,27 +53,12 @@ def key_spans(text: str) -> dict[KeyPath, SourceSpan]:
 
 
 def find_span(spans: Mapping[KeyPath, SourceSpan], path: KeyPath) -> SourceSpan | None:
-    """Look up a path, or else the closest table around it.
-
-    Args:
-        spans: From `key_spans`.
-        path: The path; it may name a key that is not there.
-
-    Returns:
-        The span, or None if not even the path's first part is there.
-    """
+    """Look up a path, or else the closest table around it; None if not even the path's first part is there."""
     return next((spans[path[:end]] for end in range(len(path), 0, -1) if path[:end] in spans), None)
 
 
 def syntax_error(error: tomllib.TOMLDecodeError, text: str) -> tuple[str, int]:
-    """Take a syntax error apart.
-
-    Args:
-        text: The text that it parsed.
-
-    Returns:
-        The message without its position, and the line, counted from 1.
-    """
+    """Return the message of a syntax error without its position, and its line in the text, counted from 1."""
     message = str(error)
     where = _WHERE.search(message)
     if where is None:

@@ -56,10 +56,6 @@ class TomlSource:
 def read_toml(path: Path, most_bytes: int, missing_hint: str = "") -> TomlSource:
     """Read a TOML file.
 
-    Args:
-        most_bytes: How large it may be.
-        missing_hint: What to do if there is no such file.
-
     Raises:
         ConfigError: It cannot be read, or as for `parse_toml`.
     """

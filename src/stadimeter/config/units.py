@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+from collections.abc import Callable
 from datetime import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -83,29 +84,9 @@ def parse_length(text: object) -> float:
     return value
 
 
-def parse_length_or_zero(text: object) -> float:
-    """Read a length that may be zero and return it in metres; raises ValueError if it is none, or below 0."""
-    return _not_negative(text, LENGTHS_M, "5 cm")
-
-
-def parse_duration(text: object) -> float:
-    """Read a duration such as ``"250 ms"`` and return it in seconds; raises ValueError if it is none, or below 0."""
-    return _not_negative(text, DURATIONS_S, "250 ms")
-
-
-def parse_speed(text: object) -> float:
-    """Read a speed such as ``"0.4 m/s"`` and return it in m/s; raises ValueError if it is none, or below 0."""
-    return _not_negative(text, SPEEDS_MPS, "0.4 m/s")
-
-
 def parse_velocity(text: object) -> float:
     """Read a speed with a direction, such as ``"-0.4 m/s"``, and return it in m/s; raises ValueError if it is none."""
     return parse_quantity(text, SPEEDS_MPS, "0.4 m/s")
-
-
-def parse_acceleration(text: object) -> float:
-    """Read an acceleration such as ``"0.5 m/s2"``, return it in m/s²; raises ValueError if it is none, or below 0."""
-    return _not_negative(text, ACCELERATIONS_MPS2, "0.5 m/s2")
 
 
 def parse_angle(text: object) -> float:
@@ -113,19 +94,11 @@ def parse_angle(text: object) -> float:
     return parse_quantity(text, ANGLES_RAD, "30 deg")
 
 
-def parse_angle_or_zero(text: object) -> float:
-    """Read an angle that has no direction and return it in radians; raises ValueError if it is none, or below 0."""
-    return _not_negative(text, ANGLES_RAD, "1 deg")
-
-
 def parse_time_of_day(text: object) -> float:
     """Read a time of day such as ``"22:30"``, return the seconds since midnight; raises ValueError if it is none.
 
-    Args:
-        text: Hours and minutes, with seconds if need be; ``24:00`` is the end of the day. TOML's own times will do too.
-
     Returns:
-        Seconds since midnight, 0 to 86400.
+        Seconds since midnight, 0 to 86400: ``24:00`` is the end of the day.
     """
     match = _TIME_OF_DAY.fullmatch(str(text)) if isinstance(text, str | time) else None
     if match is None:
@@ -137,26 +110,26 @@ def parse_time_of_day(text: object) -> float:
     return second
 
 
-def parse_turn_rate(text: object) -> float:
-    """Read a rate of turn such as ``"60 deg/s"``, return it in rad/s; raises ValueError if it is none, or below 0."""
-    return _not_negative(text, TURN_RATES_RADPS, "60 deg/s")
+def _not_negative(units: dict[str, float], example: str) -> Callable[[object], float]:
+    """Return a parser of quantities in SI units; it raises ValueError for a text that is none, or is below zero."""
+
+    def parse(text: object) -> float:
+        value = parse_quantity(text, units, example)
+        if value < 0:
+            raise ValueError(f"{text!r} is below zero")
+        return value
+
+    return parse
 
 
-def parse_turn_acceleration(text: object) -> float:
-    """Read a change of the rate of turn such as ``"200 deg/s2"``, return it in rad/s²; ValueError if it is below 0."""
-    return _not_negative(text, TURN_ACCELERATIONS_RADPS2, "200 deg/s2")
-
-
-def parse_frequency(text: object) -> float:
-    """Read a frequency such as ``"100 Hz"``, return it in hertz; raises ValueError if it is none, or below 0."""
-    return _not_negative(text, FREQUENCIES_HZ, "100 Hz")
-
-
-def _not_negative(text: object, units: dict[str, float], example: str) -> float:
-    value = parse_quantity(text, units, example)
-    if value < 0:
-        raise ValueError(f"{text!r} is below zero")
-    return value
+parse_length_or_zero = _not_negative(LENGTHS_M, "5 cm")
+parse_duration = _not_negative(DURATIONS_S, "250 ms")
+parse_speed = _not_negative(SPEEDS_MPS, "0.4 m/s")
+parse_acceleration = _not_negative(ACCELERATIONS_MPS2, "0.5 m/s2")
+parse_angle_or_zero = _not_negative(ANGLES_RAD, "1 deg")
+parse_turn_rate = _not_negative(TURN_RATES_RADPS, "60 deg/s")
+parse_turn_acceleration = _not_negative(TURN_ACCELERATIONS_RADPS2, "200 deg/s2")
+parse_frequency = _not_negative(FREQUENCIES_HZ, "100 Hz")
 
 
 class PinMark:
@@ -178,7 +151,6 @@ def as_written(units: dict[str, float], example: str, *, is_signed: bool = False
 
     Args:
         units: The units that are meant, each with its size in the SI unit.
-        is_signed: Whether it may be below zero.
 
     Returns:
         What to annotate its type with. ``x-unit`` is the SI unit, in which its default is known.
@@ -218,11 +190,7 @@ FOLDER = "folder"
 
 
 def validation_context(file: Path) -> dict[str, Any]:
-    """Return the context with which options are validated, so that their paths are relative to a file.
-
-    Returns:
-        What to give to ``model_validate`` as ``context``.
-    """
+    """Return the ``context`` for ``model_validate`` with which paths are relative to the folder of a file."""
     return {FOLDER: file.parent}
 
 

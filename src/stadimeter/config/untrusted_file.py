@@ -11,12 +11,14 @@ command below 300 MB, of which 65 MB are the program itself.
 from __future__ import annotations
 
 import os
+import re
 import stat
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from stadimeter.errors import UnreadableError
+from stadimeter.errors import PictureError, UnreadableError
 
 CONFIGURATION_MAX_BYTES = 850_000
 """Ten thousand rules fit in. Nothing of that size takes more than 300 MB, or more than some seconds to refuse."""
@@ -46,10 +48,7 @@ have 12 to 16 megapixels."""
 
 
 def open_untrusted(path: Path) -> BinaryIO:
-    """Open a regular file for reading, without waiting for anything.
-
-    Returns:
-        The file, which is the caller's to close.
+    """Open a regular file for reading, without waiting for anything; the caller closes it.
 
     Raises:
         UnreadableError: It is not there, not a regular file, or may not be read.
@@ -65,9 +64,6 @@ def open_untrusted(path: Path) -> BinaryIO:
 
 def read_untrusted(path: Path, most_bytes: int) -> bytes:
     """Read a whole file.
-
-    Args:
-        most_bytes: How large a file of its kind may be.
 
     Raises:
         UnreadableError: It is larger, or as for `open_untrusted`.
@@ -85,9 +81,6 @@ def read_untrusted(path: Path, most_bytes: int) -> bytes:
 def read_untrusted_text(path: Path, most_bytes: int) -> str:
     """Read a whole text, as UTF-8 with or without a byte order mark, its lines ended by line feeds.
 
-    Args:
-        most_bytes: How large a file of its kind may be.
-
     Raises:
         UnreadableError: It is not UTF-8, then with the line; or as for `read_untrusted`.
     """
@@ -99,13 +92,7 @@ def read_untrusted_text(path: Path, most_bytes: int) -> str:
 
 
 def lines_of(file: BinaryIO, most_bytes: int = JSON_MAX_BYTES) -> Iterator[bytes]:
-    """Yield the lines of a file, each with the line feed that ends it.
-
-    Args:
-        most_bytes: How long a line may be.
-
-    Yields:
-        The lines. The last one may have no line feed.
+    """Yield the lines of a file, each with the line feed that ends it, if there is one.
 
     Raises:
         UnreadableError: A line is longer, with its number.
@@ -139,3 +126,124 @@ def _reason(error: OSError | ValueError) -> str:
     if isinstance(error, FileNotFoundError):
         return "there is no such file"
     return (getattr(error, "strerror", None) or str(error)).lower()
+
+
+KINDS = "JPEG, PNG, BMP, TIFF, WebP, PBM, PGM or PPM"
+"""The kinds of pictures that are read."""
+
+HEAD_BYTES = 12
+"""So much of a file is needed to know its kind."""
+
+_JPEG_START = b"\xff\xd8"
+_JPEG_END = 0xD9
+_JPEG_SCAN = 0xDA
+_JPEG_WITHOUT_LENGTH = (0x01, 0xD8)
+# Inside compressed data FF is followed by 00 or by a restart marker, D0 to D7; FF before a marker is padding.
+_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+_JPEG_SCANS_MAX = 100
+"""Progressive pictures have about ten. Each costs a pass over all pixels, and may be as short as a dozen bytes."""
+
+_PNG_START = b"\x89PNG\r\n\x1a\n"
+_PNG_NOT_PICTURE = frozenset({b"tEXt", b"zTXt", b"iTXt", b"iCCP", b"acTL", b"fcTL", b"fdAT"})
+"""Chunks of remarks, colour profiles and animations. A thousand remarks of 8 MB each may be packed into a few MB."""
+
+_TIFF_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
+_TIFF_SIZES = _WIDTH, _HEIGHT, _STRIP_HEIGHT, _TILE_WIDTH, _TILE_HEIGHT = 256, 257, 278, 322, 323
+_TIFF_NUMBERS = {3: "H", 4: "L"}
+_TIFF_PIECE_MAX_PIXELS = 16_000_000
+"""A tile or strip is decoded as a whole, however little of it the picture shows, and with up to 8 bytes a pixel."""
+
+_WEBP_ANIMATED = 0x02
+_CUT_SHORT = "is cut short: its end is missing; copy it again"
+_STARTS = (_JPEG_START, _PNG_START, b"BM", *_TIFF_ORDERS, b"RIFF", *(b"P%d" % kind for kind in range(1, 7)))
+
+
+def is_picture(head: bytes) -> bool:
+    """Return whether a file begins as a picture does that can be read here."""
+    return head.startswith(_STARTS) and (not head.startswith(b"RIFF") or head[8:12] == b"WEBP")
+
+
+def checked_picture(data: bytes) -> bytes:
+    """Return what is to be decoded: a whole picture, in which nothing asks for more than its pixels need.
+
+    A JPEG or PNG that was cut short is refused; the decoders of the other kinds refuse them by themselves.
+
+    Returns:
+        The same without remarks, colour profiles and animations that need more than they seem to.
+
+    Raises:
+        PictureError: It is cut short, or asks for more; the message goes on after the name of the picture.
+    """
+    why = ""
+    if data.startswith(_JPEG_START):
+        why = _why_no_jpeg(data)
+    elif data.startswith(_PNG_START):
+        chunks = list(_png_chunks(data))
+        why = "" if chunks and chunks[-1][0] == b"IEND" else _CUT_SHORT
+        data = _PNG_START + b"".join(data[begin:end] for kind, begin, end in chunks if kind not in _PNG_NOT_PICTURE)
+    elif data[:4] in _TIFF_ORDERS:
+        why = _why_no_tiff(data)
+    elif data[12:16] == b"VP8X" and data[20:21] and data[20] & _WEBP_ANIMATED:
+        why = "is an animation"
+    if why:
+        raise PictureError(why)
+    return data
+
+
+def _why_no_jpeg(data: bytes) -> str:
+    codes = list(_jpeg_codes(data))
+    if codes.count(_JPEG_SCAN) > _JPEG_SCANS_MAX:
+        return f"has more than {_JPEG_SCANS_MAX} scans, which no camera writes"
+    return "" if _JPEG_END in codes else _CUT_SHORT
+
+
+def _jpeg_codes(data: bytes) -> Iterator[int]:
+    """Walk the segments to the end marker and yield the code of each (ITU-T T.81, annex B).
+
+    Looking for the last two bytes is not enough: a thumbnail inside the file has an end marker of its own, and some
+    cameras write more after the picture's end.
+    """
+    at = len(_JPEG_START)
+    while marker := _JPEG_MARKER.search(data, at):
+        at = marker.end()
+        code = data[at - 1]
+        yield code
+        if code == _JPEG_END:
+            return
+        if code not in _JPEG_WITHOUT_LENGTH:
+            at += int.from_bytes(data[at : at + 2], "big")
+
+
+def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Yield kind, begin and end of each whole chunk, to ``IEND`` (Portable Network Graphics specification, 5.3)."""
+    at = len(_PNG_START)
+    while at + 12 <= len(data):
+        following = at + 12 + int.from_bytes(data[at : at + 4], "big")
+        kind = data[at + 4 : at + 8]
+        if following > len(data):
+            return
+        yield kind, at, following
+        if kind == b"IEND":
+            return
+        at = following
+
+
+def _why_no_tiff(data: bytes) -> str:
+    """Return what is wrong with the first directory of a TIFF (TIFF 6.0, sections 2 and 15), or an empty string."""
+    order = _TIFF_ORDERS[data[:4]]
+    sizes: dict[int, int] = {}
+    try:
+        (directory,) = struct.unpack_from(f"{order}L", data, 4)
+        (count,) = struct.unpack_from(f"{order}H", data, directory)
+        for at in range(directory + 2, directory + 2 + 12 * count, 12):
+            tag, kind, values = struct.unpack_from(f"{order}HHL", data, at)
+            if tag in _TIFF_SIZES:
+                (number,) = struct.unpack_from(order + _TIFF_NUMBERS[kind], data, at + 8)
+                sizes[tag] = max(number * values, sizes.get(tag, 0))
+    except (struct.error, KeyError):  # another type than the specification has
+        return "is damaged: its directory cannot be read; copy it again"
+    strip_height = min(sizes.get(_HEIGHT, 0), sizes.get(_STRIP_HEIGHT, 2**32))
+    piece = sizes.get(_TILE_WIDTH, sizes.get(_WIDTH, 0)) * sizes.get(_TILE_HEIGHT, strip_height)
+    if piece > _TIFF_PIECE_MAX_PIXELS:
+        return f"has a tile or strip of more than {_TIFF_PIECE_MAX_PIXELS / 1e6:.0f} megapixels"
+    return ""

@@ -47,11 +47,8 @@ class Mark:
     """Drawing for one target.
 
     Attributes:
-        detection: Where it is.
         has_corners: Whether its outline is corners in order, or else points on a rim that may be hidden in parts.
         headline: What stands beside it, such as ``35.0 in ± 0.4``; for a target that was not found, the legend only.
-        lines: What the legend says about it.
-        rejected: Rejected candidates, each with its number.
     """
 
     detection: Detection
@@ -62,15 +59,7 @@ class Mark:
 
 
 def annotate(image: Image, marks: Sequence[Mark]) -> Image:
-    """Draw what was measured into a copy of a picture.
-
-    Args:
-        image: The picture; it is not changed.
-        marks: One for each target.
-
-    Returns:
-        The copy, enlarged by a whole factor if the picture is small.
-    """
+    """Draw what was measured into a copy of a picture, which is enlarged by a whole factor if it is small."""
     factor = math.ceil(SMALLEST_LONG_SIDE_PX / max(image.shape[:2]))
     canvas = image.copy() if factor == 1 else _enlarged(image, factor)
     scale = max(canvas.shape[:2]) / REFERENCE_PX
@@ -87,10 +76,7 @@ def annotate(image: Image, marks: Sequence[Mark]) -> Image:
 
 
 def write_picture(path: Path, image: Image) -> None:
-    """Write a picture whole or not at all.
-
-    Args:
-        path: The file; its ending says the kind.
+    """Write a picture whole or not at all; the ending of the path says the kind.
 
     Raises:
         PictureError: It cannot be written there.

@@ -50,7 +50,6 @@ class Computer:
 
     Attributes:
         board: The board, or the processor where there is no board to name.
-        cores: How many processor cores this program may use.
     """
 
     board: str
@@ -82,13 +81,7 @@ class DetectorSpeed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Latency:
-    """Latency from the arrival of a frame until every actuator has its command, in the demonstration's run.
-
-    Attributes:
-        p50_ms: Median.
-        p95_ms: 95th percentile.
-        p99_ms: 99th percentile.
-    """
+    """Latency from the arrival of a frame until every actuator has its command, in the demonstration's run."""
 
     frames: int
     p50_ms: float | None
@@ -101,7 +94,6 @@ class Figures:
     """All figures of a computer.
 
     Attributes:
-        latency: How long from frame to actuator.
         peak_memory_mb: The most memory that this program had in the demonstration's run, in 10⁶ bytes.
     """
 
@@ -116,7 +108,6 @@ def measure(seconds: float, sizes_px: Sequence[tuple[int, int]] = SIZES_PX) -> F
 
     Args:
         seconds: For about how long; drawing the pictures comes on top.
-        sizes_px: The sizes of pictures, width first.
 
     Raises:
         StadimeterError: A driver cannot be built.
@@ -269,7 +260,6 @@ def with_patch(frames: Sequence[Frame], patch: Image) -> list[Frame]:
     """Put a flat target into pictures, each time somewhere else.
 
     Args:
-        frames: The pictures, which are not changed.
         patch: The target, as it looks in a picture 480 px high.
     """
     return [

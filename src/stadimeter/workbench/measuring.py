@@ -25,8 +25,6 @@ class TargetResult:
     """Result for one target in one picture.
 
     Attributes:
-        file: The picture's path as it was given.
-        measurement: The measurement, with the reason where there is no distance.
         detection: Where the target is; None if the picture could not be read.
         parts: What the standard deviation is made up of; None without a distance.
         rejected_from: The number of the first of the candidates that were rejected. They are counted through all
@@ -66,12 +64,7 @@ class TargetResult:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PictureResult:
-    """Results of one picture.
-
-    Attributes:
-        file: The picture's path as it was given.
-        frame: The picture; None if it could not be read.
-    """
+    """Results of one picture; without a frame it could not be read."""
 
     file: str
     frame: Frame | None

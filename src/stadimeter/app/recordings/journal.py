@@ -27,7 +27,7 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, first_detail, reload_json, reload_of
 from stadimeter.app.recordings.record_file import RecordFile
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, sha256_of
-from stadimeter.config.plain_words import shown
+from stadimeter.config.findings import shown
 from stadimeter.config.untrusted_file import lines_of, open_untrusted
 from stadimeter.core.frame import Frame
 from stadimeter.errors import JournalError, UnreadableError

@@ -52,7 +52,6 @@ class Logic:
     """Answers which conditions can hold together.
 
     Attributes:
-        targets: Every target that there is.
         steps_left: How many boxes may still be looked at.
     """
 

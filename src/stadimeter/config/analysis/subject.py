@@ -19,7 +19,6 @@ class Subject:
     """Everything that an analysis needs.
 
     Attributes:
-        draft: The configuration as far as it could be read.
         rules: Its rules, in the order of the file; one of each table that names several targets.
         every_rule: The same with every rule of such tables.
     """
@@ -35,11 +34,7 @@ class Subject:
         return ((each, each.rule) for each in self.rules if isinstance(each.rule, AlarmRule))
 
     def combination(self, output: str) -> str | None:
-        """Return how an output combines what several rules of one priority ask of it.
-
-        Returns:
-            Such as ``max``, or None if it does not.
-        """
+        """Return how an output combines what rules of one priority ask of it, such as ``max``; None if it does not."""
         tables = self.draft.tables("actuators")
         base = self.draft.table.get(BASE_NAME)
         if output == BASE_NAME and isinstance(base, Mapping):
@@ -60,19 +55,11 @@ def subject_of(draft: Draft) -> Subject:
 
 
 def delay_s(alarm: AlarmRule, rate_hz: float) -> float:
-    """Return how long a condition must hold before an alarm is raised.
-
-    Returns:
-        Seconds, at the longest if every frame agrees.
-    """
+    """Return the longest time for which a condition must hold in every frame before an alarm is raised, in seconds."""
     return alarm.on_delay.frames / rate_hz if alarm.on_delay.frames else alarm.on_delay.hold_s
 
 
 def frame_rate_hz(draft: Draft) -> float:
-    """Return how many frames the camera gives in a second.
-
-    Returns:
-        The rate that the camera was asked for, or else `ASSUMED_RATE_HZ`.
-    """
+    """Return the frame rate that the camera was asked for, or else `ASSUMED_RATE_HZ`."""
     rate_hz = getattr(draft.camera.options, "rate", None) if draft.camera else None
     return rate_hz if isinstance(rate_hz, float) and rate_hz > 0 else ASSUMED_RATE_HZ

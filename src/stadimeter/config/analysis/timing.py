@@ -21,11 +21,7 @@ ASSUMED_CLOSING_MPS = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Approach:
-    """The largest closing speed of a target, and the time between two frames.
-
-    Attributes:
-        frame_s: From one frame to the next.
-    """
+    """The largest closing speed of a target, and the time between two frames."""
 
     speed_mps: float
     is_stated: bool
@@ -155,7 +151,7 @@ def _cut_off_delay(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding
 def _hidden_realarm(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     if alarm.realarm_s is not None and alarm.cooldown_s > alarm.realarm_s:
         message = (
-            f"cooldown {alarm.cooldown_s:g} s is longer than realarm {alarm.realarm_s:g} s: nobody is told that the "
+            f"cooldown {alarm.cooldown_s:g} s is longer than realarm {alarm.realarm_s:g} s: no event says that the "
             "alarm still stands"
         )
         key = "cooldown" if "cooldown" in declared.table else "realarm"

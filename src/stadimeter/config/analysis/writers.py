@@ -27,11 +27,7 @@ MOST_RIVALS = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Writer:
-    """One place that says that an output is driven.
-
-    Attributes:
-        path: Where that stands.
-    """
+    """One place that says that an output is driven."""
 
     declared: CompiledRule
     output: str

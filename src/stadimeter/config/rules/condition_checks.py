@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from stadimeter.config.findings import Finding, did_you_mean
-from stadimeter.config.plain_words import known_keys
+from stadimeter.config.findings import Finding, did_you_mean, known_keys
 from stadimeter.config.rules.condition_tables import (
     DEEPEST,
     KEYS_OF_A_TARGET,

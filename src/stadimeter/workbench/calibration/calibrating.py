@@ -17,7 +17,7 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance
-from stadimeter.workbench.calibration.board_corners import Board
+from stadimeter.workbench.calibration.board_session import Board
 from stadimeter.workbench.measuring import open_picture
 
 SAME_ZOOM = 0.005
@@ -32,7 +32,6 @@ class BoardPictures:
     """Views of a board in pictures.
 
     Attributes:
-        views: The corners, for each picture in which the board was found.
         missed: Picture and reason, for each in which it was not.
     """
 
@@ -74,9 +73,6 @@ def with_bias_undone(
         known: Pictures in which the target was found whole, all of one resolution.
         rough: A camera model that was made from them, without an edge bias.
 
-    Returns:
-        The same pictures, with both answers.
-
     Raises:
         StadimeterError: A picture can no longer be read.
     """
@@ -99,9 +95,6 @@ def _size_px(frame: Frame) -> tuple[int, int]:
 
 def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:
     """Look for a board in pictures.
-
-    Args:
-        paths: The picture files, one at least.
 
     Raises:
         PictureError: A picture cannot be read.
@@ -128,10 +121,7 @@ def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:
 
 
 def check_lens_settings(paths: Sequence[Path]) -> tuple[str, ...]:
-    """Check that the lens was set the same way in all pictures, as far as their EXIF data tell.
-
-    Returns:
-        Notes on what may matter: another focus.
+    """Check by EXIF data that the lens was set the same way in all pictures, and return notes on other focuses.
 
     Raises:
         CalibrationError: Pictures have different zoom or lenses, so no one focal length fits them all.
@@ -193,12 +183,7 @@ class LensSettings:
 
 
 def read_lens_settings(path: Path) -> LensSettings:
-    """Read how the lens was set.
-
-    Returns:
-        What the picture says; nothing if it is not a JPEG, has no EXIF data, or has damaged ones, since a picture is as
-        good without them.
-    """
+    """Return how a picture says that the lens was set; nothing without good EXIF data."""
     try:
         with open_untrusted(path) as file:
             tiff = _exif_block(file.read(_HEADER_MAX_BYTES))

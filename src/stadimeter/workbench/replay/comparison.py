@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from statistics import median
+from typing import Any, Literal
 
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
+from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
 
 SHOWN_DIFFERENCES = 10
 LOOKED_INTO = 1000
@@ -16,13 +20,7 @@ LOOKED_INTO = 1000
 
 @dataclass(slots=True, kw_only=True)
 class Difference:
-    """A cycle in which the decision is not the recorded one.
-
-    Attributes:
-        cycle: The cycle, counted from 0.
-        now_s: Its time on the run's clock.
-        what: The parts of the decision that differ.
-    """
+    """A cycle, counted from 0, in which parts of the decision are not the recorded ones."""
 
     cycle: int
     now_s: float
@@ -35,10 +33,6 @@ class ReplayResult:
 
     Attributes:
         identical: Cycles in which the decision was the recorded one, to the last bit.
-        differences: The first cycles that differ.
-        frames: Frames that were decided on.
-        recorded_frames: The same when it was recorded.
-        targets: The targets that were looked for.
     """
 
     cycles: int = 0
@@ -66,11 +60,7 @@ class Comparison:
         self._is_ours = True
 
     def add(self, cycle: RecordedCycle, observation: Observation, decision: Decision) -> None:
-        """Add one cycle.
-
-        Raises:
-            JournalError: The recorded cycle is damaged.
-        """
+        """Add one cycle; raises JournalError if the recorded one is damaged."""
         result = self.result
         if observation.frame is not None:
             result.frames += 1
@@ -117,7 +107,6 @@ class MeasuredAgain:
         found_before: Those of them in which it was measured when they were recorded.
         found_again: Those of them in which it is measured now.
         differs_median_m: Median difference of the two distances; None if it was never measured both times.
-        differs_most_m: The largest difference.
     """
 
     target: str
@@ -135,11 +124,7 @@ class AgainTally:
         self._pairs: dict[str, list[tuple[float | None, float | None]]] = {}
 
     def add(self, before: Observation, again: Observation) -> None:
-        """Add one cycle.
-
-        Args:
-            before: What was observed when it was recorded.
-        """
+        """Add what was observed in a cycle when it was recorded, and what is measured in it again."""
         before_m = {measured.target: measured.distance_m for measured in before.measurements}
         for measured in again.measurements:
             pair = before_m.get(measured.target), measured.distance_m
@@ -160,3 +145,114 @@ def _compared(target: str, pairs: list[tuple[float | None, float | None]]) -> Me
         differs_median_m=median(apart_m) if apart_m else None,
         differs_most_m=max(apart_m, default=None),
     )
+
+
+SAME_WITHIN_S = 5.0
+"""Two events of one kind and source that are further apart than this are different events."""
+
+MOVED_S = 1e-9
+"""Events that are nearer than this are at the same time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventChange:
+    """An event that is not the same with both sets of rules; it is of the new rules, unless it is lost.
+
+    Attributes:
+        by_s: The time by which it moved, positive for later; 0 if it did not move.
+    """
+
+    change: Literal["added", "lost", "moved"]
+    event: Event
+    by_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RuleChange:
+    """The figures of a rule with both sets of rules; None where there is no such rule."""
+
+    rule: str
+    old: RuleFigures | None
+    new: RuleFigures | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayDiff:
+    """The difference that new rules make: changed events in order of time, and the figures of each rule."""
+
+    changes: tuple[EventChange, ...]
+    same: int
+    rules: tuple[RuleChange, ...]
+    minutes: float
+
+    def record(self) -> dict[str, Any]:
+        """Return the object that ``--json`` prints."""
+        return {
+            "minutes": self.minutes,
+            "same_events": self.same,
+            "changes": [asdict(change) for change in self.changes],
+            "rules": [asdict(rule) for rule in self.rules],
+        }
+
+
+def compare(old: Tally, new: Tally) -> ReplayDiff:
+    """Compare two replays of one recording."""
+    changes: list[EventChange] = []
+    same = 0
+    old_events, new_events = _by_subject(old.events), _by_subject(new.events)
+    for subject in {**old_events, **new_events}:
+        for before, after in _paired(old_events[subject], new_events[subject]):
+            change = _change(before, after)
+            changes += [change] if change else []
+            same += change is None
+    changes.sort(key=lambda change: (change.event.at_s, change.event.sequence, change.change))
+    return ReplayDiff(changes=tuple(changes), same=same, rules=_rules(old, new), minutes=new.minutes)
+
+
+def _change(before: Event | None, after: Event | None) -> EventChange | None:
+    if before is not None and after is not None:
+        by_s = after.at_s - before.at_s
+        return EventChange(change="moved", event=after, by_s=by_s) if abs(by_s) > MOVED_S else None
+    if after is not None:
+        return EventChange(change="added", event=after)
+    return EventChange(change="lost", event=before) if before is not None else None
+
+
+def _by_subject(events: Sequence[Event]) -> defaultdict[tuple[str, str], list[Event]]:
+    found: defaultdict[tuple[str, str], list[Event]] = defaultdict(list)
+    for event in events:
+        found[event.kind.value, event.source].append(event)
+    return found
+
+
+def _paired(old: Sequence[Event], new: Sequence[Event]) -> list[tuple[Event | None, Event | None]]:
+    """Pair events of one kind and source, in order of time: each with the nearest that is left for it."""
+    # Both lists are sorted by time, so one pass does: the earlier of the two heads is paired, or is alone for good.
+    pairs: list[tuple[Event | None, Event | None]] = []
+    i = j = 0
+    while i < len(old) and j < len(new):
+        apart_s = new[j].at_s - old[i].at_s
+        if abs(apart_s) <= SAME_WITHIN_S and not _has_nearer(old, new, i, j):
+            pairs.append((old[i], new[j]))
+            i, j = i + 1, j + 1
+        elif apart_s > 0:
+            pairs.append((old[i], None))
+            i += 1
+        else:
+            pairs.append((None, new[j]))
+            j += 1
+    return [*pairs, *((event, None) for event in old[i:]), *((None, event) for event in new[j:])]
+
+
+def _has_nearer(old: Sequence[Event], new: Sequence[Event], i: int, j: int) -> bool:
+    """Return whether the later of two events is nearer to the one that follows the earlier."""
+    apart_s = new[j].at_s - old[i].at_s
+    if apart_s > 0:
+        return i + 1 < len(old) and abs(new[j].at_s - old[i + 1].at_s) < apart_s
+    return j + 1 < len(new) and abs(new[j + 1].at_s - old[i].at_s) < -apart_s
+
+
+def _rules(old: Tally, new: Tally) -> tuple[RuleChange, ...]:
+    before = {figures.rule: figures for figures in old.figures()}
+    after = {figures.rule: figures for figures in new.figures()}
+    return tuple(RuleChange(rule=name, old=before.get(name), new=after.get(name)) for name in {**after, **before})

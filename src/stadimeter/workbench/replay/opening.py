@@ -34,10 +34,7 @@ class Recording(Protocol):
 
 
 def read_recording(path: Path) -> Recording:
-    """Open a journal or a recording.
-
-    Returns:
-        The recording, of which only the beginning was read.
+    """Open a journal or a recording, of which only the beginning is read.
 
     Raises:
         JournalError: It cannot be read, is neither, or is of a later format.

@@ -29,8 +29,7 @@ from stadimeter.app.recordings.recording import (
     RESUMED_NAME,
     require_mcap,
 )
-from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES
-from stadimeter.config.untrusted_picture import checked_picture
+from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES, checked_picture
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import JournalError, PictureError
 
@@ -61,11 +60,7 @@ class RecordedImage:
     place: str
 
     def decode(self) -> Image:
-        """Return the picture.
-
-        Raises:
-            JournalError: It is damaged.
-        """
+        """Return the picture; raises JournalError if it is damaged."""
         begin = self.message.find(_IMAGE_BEGINS) + len(_IMAGE_BEGINS)
         try:
             jpeg = b64decode(self.message[begin : self.message.find(b'"', begin)], validate=True)
@@ -79,41 +74,22 @@ class RecordedImage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class McapRecording:
-    """A recording that was opened.
-
-    Attributes:
-        header: What it says about its run.
-    """
+    """A recording that was opened."""
 
     path: Path
     header: JournalHeader
 
     def cycles(self) -> Iterator[RecordedCycle]:
-        """Yield every cycle, in order.
-
-        Raises:
-            JournalError: The file is damaged.
-        """
+        """Yield every cycle, in order; raises JournalError if the file is damaged."""
         for cycle, _ in self._cycles(with_images=False):
             yield cycle
 
     def cycles_and_images(self) -> Iterator[tuple[RecordedCycle, RecordedImage | None]]:
-        """Yield every cycle with the picture that was new in it.
-
-        Yields:
-            The cycle, and the picture; None where none was new or none was recorded.
-
-        Raises:
-            JournalError: The file is damaged.
-        """
+        """Yield every cycle with its new picture, if it was recorded; raises JournalError for damage."""
         return self._cycles(with_images=True)
 
     def has_images(self) -> bool:
-        """Return whether there is a picture at all.
-
-        Raises:
-            JournalError: The file is damaged.
-        """
+        """Return whether there is a picture at all; raises JournalError if the file is damaged."""
         return any(True for _ in _messages(self.path, {IMAGES}))
 
     def is_cut_off(self) -> bool:
@@ -172,10 +148,7 @@ def read_mcap(path: Path) -> McapRecording:
 
 
 def decoded_frame(image: RecordedImage, cycle: RecordedCycle) -> Frame | None:
-    """Return the frame that was new in a cycle, with its recorded picture.
-
-    Returns:
-        The frame; None if the picture belongs to another one.
+    """Return the frame that was new in a cycle, with its recorded picture; None if the picture is of another one.
 
     Raises:
         JournalError: The picture or the cycle is damaged.

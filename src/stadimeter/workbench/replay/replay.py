@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.persistence.resumption import read_resumption
@@ -21,6 +22,10 @@ from stadimeter.core.reload import reload
 from stadimeter.errors import JournalError, StateError
 from stadimeter.workbench.replay.opening import Recording
 
+if TYPE_CHECKING:
+    from stadimeter.workbench.replay.recording_reader import McapRecording
+    from stadimeter.workbench.replay.redetection import Redetection
+
 BATCH_CYCLES = 32
 
 Replayed = tuple[RecordedCycle, Observation, Decision]
@@ -31,9 +36,6 @@ OnReload = Callable[[State, RecordedConfiguration], State]
 
 def first_state(recording: Recording, plan: Plan) -> State:
     """Return the state with which a replay begins: the snapshot that the run restored, if any.
-
-    Args:
-        plan: The rules, which need not be those of the recording.
 
     Raises:
         JournalError: The snapshot is damaged.
@@ -48,14 +50,10 @@ def first_state(recording: Recording, plan: Plan) -> State:
 
 
 def decisions(recording: Recording, plan: Plan, on_reload: OnReload | None = None) -> Iterator[Replayed]:
-    """Decide again on everything that was observed.
+    """Decide again on everything that was observed, by rules that need not be those of the recording.
 
     Args:
-        plan: The rules, which need not be those of the recording.
-        take_over: Applied where the run reloaded its configuration; None to go on with these rules.
-
-    Yields:
-        Each cycle, what was observed in it, and what is decided now.
+        on_reload: Applied where the run reloaded its configuration; None to go on with these rules.
 
     Raises:
         JournalError: The recording is damaged.
@@ -90,6 +88,19 @@ def _batches(recording: Recording) -> Iterator[list[tuple[RecordedCycle, Observa
     yield batch
 
 
+def _redetected(
+    recording: McapRecording, redetection: Redetection, plan: Plan, on_reload: OnReload | None
+) -> Iterator[Replayed]:
+    """Measure again in the pictures of a recording, and decide on that."""
+    state = first_state(recording, plan)
+    for cycle, image in recording.cycles_and_images():
+        if cycle.reloaded is not None and on_reload is not None:
+            state = on_reload(state, cycle.reloaded)
+        observation = redetection.observe(cycle, image, state)
+        state, decision = decide(state, observation)
+        yield cycle, observation, decision
+
+
 def replayed_record(cycle: Replayed) -> CycleRecord:
     """Return a cycle of a replay for a journal: nothing was applied, and nothing is timed, so it is always the same."""
     _, observation, decision = cycle
@@ -101,9 +112,7 @@ class ReplayRun:
     """Decides over a recording by one configuration. It may be gone through any number of times, always the same.
 
     Attributes:
-        configuration: The configuration that it begins with.
         is_recorded: Whether that is the recording's own: then recorded reloads are followed.
-        from_images: Whether to measure again in the recorded pictures.
     """
 
     recording: Recording
@@ -129,7 +138,7 @@ class ReplayRun:
         if not self.from_images:
             return decisions(self.recording, self.configuration.plan, on_reload)
         from stadimeter.workbench.replay.recording_reader import McapRecording  # noqa: PLC0415 - it needs OpenCV
-        from stadimeter.workbench.replay.redetection import redetected  # noqa: PLC0415 - likewise
+        from stadimeter.workbench.replay.redetection import Redetection  # noqa: PLC0415 - likewise
 
         if not isinstance(self.recording, McapRecording):
             how = "record one with `stadimeter run CONFIG --record FILE.mcap`"
@@ -137,7 +146,8 @@ class ReplayRun:
         if not self.recording.has_images():
             how = "it was made with `--record-images none`, or ends before the first"
             raise JournalError(f"{self.recording.path} has no pictures to measure in: {how}")
-        return redetected(self.recording, self.configuration, on_reload)
+        redetection = Redetection(self.configuration)
+        return _redetected(self.recording, redetection, self.configuration.plan, on_reload)
 
     def _reloaded(self, state: State, recorded: RecordedConfiguration) -> State:
         return reload(state, load_recorded(recorded, self.recording.path).plan).state
@@ -156,11 +166,7 @@ def uncollected() -> Iterator[None]:
 
 
 def replay_run(recording: Recording, config: Path | None, *, from_images: bool = False) -> ReplayRun:
-    """Prepare a replay.
-
-    Args:
-        config: The configuration; None for that of the recording.
-        from_images: Whether to measure again in the recorded pictures.
+    """Prepare a replay by a configuration, or by that of the recording.
 
     Raises:
         ConfigError: The configuration cannot be used.

@@ -7,12 +7,99 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stadimeter.core.condition import DistanceCondition, leaves
 from stadimeter.core.decision import Decision, Event, EventKind
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
-from stadimeter.workbench.replay.crossing_times import Stay, stays
+
+HALF_WINDOW_S = 0.25
+"""A distance is the mean of those measured within this before and after."""
+
+GAP_S = 1.0
+"""Where nothing was measured for longer than this, nothing is known of the time between."""
+
+BRIEF_S = 0.5
+"""What is shorter than this is no crossing, but noise: inside as well as outside."""
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Stay:
+    """A time through which a target was where a condition holds.
+
+    Attributes:
+        is_entered: Whether the recording shows how it began; not where it was there from the first.
+    """
+
+    from_s: float
+    to_s: float
+    is_entered: bool
+
+
+def stays(at_s: Sequence[float], distances_m: Sequence[float], condition: DistanceCondition) -> list[Stay]:
+    """Return, in order, when a target was where a condition holds, regardless of hysteresis, delays and probability.
+
+    Args:
+        at_s: The times of the measurements, in order.
+        distances_m: The distances, or depths; a NaN counts as not measured.
+    """
+    times, measured = np.asarray(at_s, float), np.asarray(distances_m, float)
+    known = np.isfinite(measured)
+    times, measured = times[known], measured[known]
+    found: list[Stay] = []
+    for part in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > GAP_S) + 1):
+        if len(part) > 1:
+            found += _merged(_stays(times[part], _smoothed(times[part], measured[part]), condition))
+    return [stay for stay in found if stay.to_s - stay.from_s >= BRIEF_S]
+
+
+def _smoothed(at_s: Values, distances_m: Values) -> Values:
+    """Return the mean around each moment; the window is as long before as after, so it shrinks at the ends."""
+    half_s = np.minimum(HALF_WINDOW_S, np.minimum(at_s - at_s[0], at_s[-1] - at_s))
+    begin = np.searchsorted(at_s, at_s - half_s - 1e-9, "left")
+    end = np.searchsorted(at_s, at_s + half_s + 1e-9, "right")
+    total = np.concatenate([[0.0], np.cumsum(distances_m)])
+    mean: Values = (total[end] - total[begin]) / (end - begin)
+    return mean
+
+
+def _margins_m(distances_m: Values, condition: DistanceCondition) -> Values:
+    """Return by how much the condition holds at each moment; below 0 it does not."""
+    below_m = np.inf if condition.below_m is None else condition.below_m
+    above_m = -np.inf if condition.above_m is None else condition.above_m
+    margins: Values = np.minimum(below_m - distances_m, distances_m - above_m)
+    return margins
+
+
+def _stays(at_s: Values, distances_m: Values, condition: DistanceCondition) -> list[Stay]:
+    margins_m = _margins_m(distances_m, condition)
+    inside = margins_m > 0
+    changes = np.flatnonzero(inside[1:] != inside[:-1])
+    shares = margins_m[changes] / (margins_m[changes] - margins_m[changes + 1])
+    crossed_s = at_s[changes] + shares * (at_s[changes + 1] - at_s[changes])
+    bounds_s = [float(at_s[0])] * bool(inside[0]) + [float(time_s) for time_s in crossed_s]
+    bounds_s += [float(at_s[-1])] * bool(inside[-1])
+    return [
+        Stay(from_s, to_s, is_entered=number > 0 or not inside[0])
+        for number, (from_s, to_s) in enumerate(zip(bounds_s[::2], bounds_s[1::2], strict=True))
+    ]
+
+
+def _merged(found: Sequence[Stay]) -> list[Stay]:
+    """Join stays with hardly any time between them."""
+    joined: list[Stay] = []
+    for stay in found:
+        if joined and stay.from_s - joined[-1].to_s < BRIEF_S:
+            joined[-1] = Stay(joined[-1].from_s, stay.to_s, joined[-1].is_entered)
+        else:
+            joined.append(stay)
+    return joined
+
 
 EARLY_S = 0.5
 """An alarm that is raised at most this long before its distance was truly crossed was raised by that crossing."""
@@ -23,9 +110,7 @@ class RuleFigures:
     """What one rule comes to.
 
     Attributes:
-        transitions_per_minute: How often it was raised or cleared in a minute.
         late_median_s: How long after its distance was crossed it was raised, the median; None if that is not known.
-        missed: How often its distance was crossed and it was not raised.
         unfounded: How often it was raised while its distance was not crossed; None if that is not known.
         least_distance_m: The least distance of what it watches while it was not active; None if it watches none.
     """
@@ -42,12 +127,7 @@ class RuleFigures:
 
 @dataclass(slots=True)
 class Tally:
-    """Counts through a replay what its figures are made of.
-
-    Attributes:
-        from_s: The time of the first cycle.
-        to_s: The time of the last one.
-    """
+    """Counts through a replay what its figures are made of."""
 
     plan: Plan
     events: list[Event] = field(default_factory=list)

@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from stadimeter.config.rule_tests.expectations import ExpectTable, SpanTable
-from stadimeter.config.rule_tests.tables import PathPoint
+from stadimeter.config.rule_test_tables import ExpectTable, PathPoint, SpanTable
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.conditions import verdict as conditions

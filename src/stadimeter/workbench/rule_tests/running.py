@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rule_tests.tables import InputTable, MotionTable, OperatorTable, PathPoint, RuleTest
+from stadimeter.config.rule_test_tables import InputTable, MotionTable, OperatorTable, PathPoint, RuleTest
 from stadimeter.config.rules.figure_tables import DAYS
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Event
@@ -61,11 +61,7 @@ def observations(
 
 
 def frame_rate_hz(given: InputTable, configuration: Configuration) -> float:
-    """Return how many frames a second a test has.
-
-    Returns:
-        The rate that the test names; else that of the camera; else a usual one.
-    """
+    """Return the frame rate that a test names; else that of the camera; else a usual one."""
     return given.rate or getattr(configuration.camera.options, "rate", None) or RATE_HZ
 
 
@@ -175,14 +171,7 @@ class RuleTests:
         self._sensors: Mapping[str, SensorModel] | None = None
 
     def run(self, test: RuleTest) -> RuleTestResult:
-        """Run one test. The same test gives the same result.
-
-        Args:
-            test: The test, one of the configuration's.
-
-        Returns:
-            What came of it. A recording that cannot be read, or a target whose size cannot be known, is trouble.
-        """
+        """Run one test; a recording that cannot be read, or a target of unknown size, is trouble. Deterministic."""
         try:
             return self._run(test)
         except ConfigError as error:

@@ -18,8 +18,7 @@ from typing import Any
 from stadimeter.app.clock import SteppedClock
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
-from stadimeter.config.rule_tests.expectations import SpanTable
-from stadimeter.config.rule_tests.tables import PathPoint
+from stadimeter.config.rule_test_tables import PathPoint, SpanTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import TargetShape
@@ -132,7 +131,6 @@ class Nuisances:
         correlation: Of the noise, from one frame to the next.
         dropouts: The share of frames in which the target is not found.
         outliers: The share of frames in which the distance is grossly wrong.
-        lost: When the target is out of sight.
     """
 
     noise: float = 1.0
@@ -147,7 +145,6 @@ class SyntheticTrack:
 
     Args:
         path: Where it truly is when; empty for a target that is never in sight.
-        sensor: How sure camera and target are.
         seed: Everything random follows from it and the target's name.
     """
 
@@ -166,9 +163,6 @@ class SyntheticTrack:
 
         Args:
             at_s: When the frame was taken, in seconds from the start of the test; later than the frame before.
-
-        Returns:
-            The measurement, or why there is none.
         """
         deviation = self._next_deviation()
         is_dropped = self._random.random() < self._nuisances.dropouts

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from stadimeter.config.rule_tests.expectations import SpanTable
+from stadimeter.config.rule_test_tables import SpanTable
 from stadimeter.core.decision import Decision, Event
 
 SHOWN_EVENTS = 5
@@ -74,11 +74,7 @@ class Subject:
     doing: Callable[[Turn], str]
 
     def failure(self, expected: str, got: str, turn: Turn | None = None) -> Failure:
-        """Return a failure of it.
-
-        Args:
-            turn: The turn to tell about; None for none.
-        """
+        """Return a failure of it, at a turn if there is one."""
         at_s, why = (None, "") if turn is None else (turn.at_s, self.doing(turn))
         return Failure(subject=self.name, key=self.key, expected=expected, got=got, at_s=at_s, why=why)
 
@@ -133,11 +129,7 @@ class MomentWatch:
 
 
 class AlwaysWatch:
-    """Expects something in every turn.
-
-    Args:
-        is_met: Tells whether it is so in a turn.
-    """
+    """Expects something in every turn."""
 
     def __init__(
         self, subject: Subject, expected: str, is_met: Callable[[Turn], bool], got: Callable[[Turn], str]
@@ -210,7 +202,6 @@ class CountWatch:
     """Expects a number of events.
 
     Args:
-        counted: Returns the events of a turn that count.
         limits: The least and the greatest number that will do, given how many seconds the test took.
         noun: What is counted, in words: one, and several.
         is_near: Tells whether a turn came near to such an event, for saying why there was not one more.
@@ -272,7 +263,6 @@ class FirstWatch:
     """Expects the first event of a kind within a stretch of time.
 
     Args:
-        counted: Returns the events of a turn that count.
         verb: What happens, in words, such as ``raised``.
         stretch_s: The earliest and the latest time that will do.
     """

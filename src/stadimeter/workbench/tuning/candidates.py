@@ -26,9 +26,7 @@ class Settings:
 
     Attributes:
         probability: The probability of its condition from which it begins; None compares the figures alone.
-        on_delay: How long it must hold first.
         deadband_sigmas: Hysteresis: how far the target must come back, in standard deviations.
-        off_delay_s: How long its condition must no longer hold.
     """
 
     probability: float | None

@@ -1,6 +1,6 @@
-"""The noise of a target's distance in recordings, told from the movement of the target.
+"""The noise of a target's distance in recordings, separated from the movement of the target.
 
-Noise is what is left when the target's own movement is taken away. A target that moves as it likes cannot be told from
+Noise is what is left when the target's own movement is taken away. Free movement of a target cannot be separated from
 noise, so only calm stretches are used: some seconds in which a straight line fits about as well as it does elsewhere.
 They give the noise, frame by frame, in units of the standard deviation that each measurement stated. Nothing is
 assumed about its true size, its correlation, its outliers and its gaps: it is replayed as it was.
@@ -65,7 +65,6 @@ class Stretch:
         begins_s: The capture time of its first frame.
         steps_s: The time since the frame before, for each frame.
         first_m: The distance at its beginning, by the line that fits.
-        last_m: The distance at its end.
         errors: The distance of each measurement from the line, in standard deviations as stated; NaN without one.
         spread: The standard deviation of the errors, those that are grossly wrong left out.
     """
@@ -88,7 +87,6 @@ class Noise:
     """The noise of recordings.
 
     Attributes:
-        stretches: All stretches in which the target was there.
         recorded_s: Length of the recordings, the time without the target included.
         frame_s: Median time from frame to frame.
         stated_per_m2: Median of the stated standard deviation of the noise divided by the square of the distance.
@@ -96,7 +94,6 @@ class Noise:
         ratio: The true standard deviation of the noise over the stated one.
         correlation: Of the noise from one frame to the next.
         gross: The share of outliers among the measurements.
-        missing: The share of frames without a measurement.
     """
 
     stretches: tuple[Stretch, ...]
@@ -207,11 +204,7 @@ def noise_of(recordings: Sequence[Series]) -> Noise:
 
 
 def stretches_of(series: Series) -> list[Stretch]:
-    """Cut a recording into stretches in which the target was there.
-
-    Returns:
-        The stretches, in order.
-    """
+    """Cut a recording into stretches in which the target was there."""
     steps_s = np.diff(series.times_s, prepend=series.times_s[0] - _usual_step_s(series.times_s))
     return [
         _stretch(series, part, steps_s)

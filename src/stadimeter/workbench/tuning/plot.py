@@ -33,9 +33,6 @@ def require_matplotlib() -> None:
 def draw_plot(proposal: Proposal, path: Path) -> None:
     """Draw a chart of the settings for when the alarm begins.
 
-    Args:
-        path: The PNG file; an old one is replaced.
-
     Raises:
         DriverUnavailableError: The library matplotlib is not installed.
         PictureError: The file cannot be written.

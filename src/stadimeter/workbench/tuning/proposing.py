@@ -65,7 +65,6 @@ class Beginning:
         rate: False alarms a day, if the noise goes on as it was recorded.
         recorded_raises: False alarms that the recordings would have had.
         late_s: Mean latency for a target that comes at the closing speed.
-        late_p95_s: The 95th percentile of it.
     """
 
     settings: Settings
@@ -94,9 +93,7 @@ class Proposal:
     """The proposed settings, and all that they rest on.
 
     Attributes:
-        wanted_a_day: The false alarms a day that were asked for.
         speed_mps: The closing speed that latency is for.
-        beginnings: All that were tried, the rule's own first.
         endings: All that were tried, with the proposed beginning; the rule's own first.
         points: Where the target stood while no alarm was right.
     """
@@ -145,7 +142,6 @@ def tune(  # noqa: PLR0913 - what is asked for
     """Propose settings.
 
     Args:
-        wanted_a_day: The false alarms a day that are allowed.
         speed_mps: The closing speed of the target, for latency.
         events_s: Capture times at which the alarm is right to be raised, besides those when the target has crossed the
             threshold clearly.
@@ -179,7 +175,6 @@ def chosen_beginning(tried: Sequence[Beginning], wanted_a_day: float, quiet_s: f
     """Return the earliest beginning with few enough false alarms; if there is none, the one with the fewest.
 
     Args:
-        wanted_a_day: The false alarms a day that are allowed.
         quiet_s: The time without a true alarm in the recordings.
     """
     most = wanted_a_day * quiet_s / DAY_S

@@ -77,11 +77,7 @@ def at_most(count: int) -> float:
 
 
 def slope_of(all_counts: Iterable[Sequence[Count]]) -> Slope:
-    """Return the slope that all settings have together.
-
-    Args:
-        all_counts: The counts of each of them, by growing clearance.
-    """
+    """Return the slope that all settings have together."""
     tails = [_tail(counts) for counts in all_counts]
     rise = spread = 0.0
     for at, raises, duration_s in tails:

@@ -46,7 +46,6 @@ class OperatingPoints:
     Attributes:
         clearances: Distance from the threshold in each twentieth of that time, in standard deviations of the noise
             there; 0 at the threshold.
-        median_m: The median distance.
     """
 
     quiet_s: float
@@ -114,9 +113,6 @@ def operating_points_of(
 ) -> OperatingPoints:
     """Return the operating points of recordings.
 
-    Args:
-        quiet: For each recording, the frames in which no alarm was right.
-
     Raises:
         JournalError: There is no such time.
     """
@@ -164,11 +160,7 @@ class Trials:
         self._random = random
 
     def standing(self, rules: Sequence[AlarmRule], distance_m: float, frames: int) -> tuple[Transitions, float]:
-        """Let the target stand.
-
-        Returns:
-            The transitions, and the seconds that they took.
-        """
+        """Let the target stand, and return the transitions and the seconds that they took."""
         times_s, errors = self._frames(frames)
         seen = self._series(times_s, np.full(frames, distance_m), errors)
         return judged(self._plan, rules, seen), float(times_s[-1] - times_s[0])
@@ -219,11 +211,7 @@ class Trials:
 
 
 def judged(plan: Plan, rules: Sequence[AlarmRule], series: Series) -> Transitions:
-    """Evaluate several alarms on the same measurements.
-
-    Args:
-        rules: The alarms, all on one target.
-    """
+    """Evaluate several alarms on the same measurements."""
     target = rules[0].target
     tried = Plan(targets=(target,), rules=tuple(rules), tracking=plan.tracking, safety=plan.safety)
     transitions: dict[str, list[Transition]] = {rule.name: [] for rule in rules}
@@ -261,11 +249,7 @@ def _measurement(target: str, at_s: float, figure_m: float, noise_m: float, scal
 
 
 def late_s(transitions: Sequence[Transition]) -> float:
-    """Return how long after the time 0 an alarm stood.
-
-    Returns:
-        0 if it was raised before and still stood, infinite if it was never raised.
-    """
+    """Return how long after the time 0 an alarm stood: 0 if it did already, infinite if it was never raised."""
     is_active = False
     for transition in transitions:
         if transition.at_s >= 0 and (is_active or transition.is_raise):
@@ -275,11 +259,7 @@ def late_s(transitions: Sequence[Transition]) -> float:
 
 
 def ended_s(transitions: Sequence[Transition]) -> float:
-    """Return how long after the time 0 an alarm was over for good.
-
-    Returns:
-        0 if it was over before, infinite if it still stood at the end.
-    """
+    """Return how long after the time 0 an alarm was over for good: 0 if it was before, infinite if it never was."""
     if not transitions or transitions[-1].is_raise:
         return math.inf if transitions else 0.0
     return max(0.0, transitions[-1].at_s)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from stadimeter.config.describing.conditions import begins, ends, needs_figures
 from stadimeter.config.loader import Configuration
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, leaves
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnDelay, Pattern, RampRule, SequenceStep
 from stadimeter.core.words import duration, length
@@ -18,7 +18,7 @@ Verb = Callable[[str], str]
 _RAISES_MAX = AlarmRule.__dataclass_fields__["raises_per_minute_max"].default
 
 NAMED_MAX = 10
-"""Of more rules than these, the rest are counted: nobody reads a list of hundreds."""
+"""Of more rules than these, the rest are counted: a list of hundreds is of no use."""
 
 
 def describe(configuration: Configuration) -> tuple[str, ...]:
@@ -148,11 +148,7 @@ def _follow(rule: FollowRule, configuration: Configuration) -> str:
 
 
 def _strength(rule: RampRule) -> str:
-    """Say how strongly a ramp acts where.
-
-    Returns:
-        Such as ``when `ball` is further than 3.05 m (10.0 ft), full at 6.10 m (20.0 ft)``.
-    """
+    """Say where a ramp acts, such as ``when `ball` is further than 3.05 m (10.0 ft), full at 6.10 m (20.0 ft)``."""
     along = " along the optical axis" if rule.quantity == "depth" else ""
     dead_zone = f", and not at all below {rule.dead_zone:.0%}" if rule.dead_zone else ""
     if rule.points:
@@ -171,14 +167,7 @@ def _full(level: float) -> str:
 
 
 def _rhythm(pattern: Pattern | None) -> str:
-    """Say how a level changes by itself.
-
-    Args:
-        pattern: The pattern; None for none.
-
-    Returns:
-        Such as `` in turns of 100% for 0.2 s and 0% for 0.3 s, 3 times``; empty for none.
-    """
+    """Say how a level changes by itself, such as `` in turns of 100% for 0.2 s and 0% for 0.3 s, 3 times``."""
     if pattern is None:
         return ""
     turns = " and ".join(f"{level:.0%} for {duration(for_s)}" for level, for_s in pattern.steps)
@@ -186,11 +175,7 @@ def _rhythm(pattern: Pattern | None) -> str:
 
 
 def _consequences(rule: AlarmRule, verb: Verb) -> str:
-    """Say what an alarm does besides, and what becomes of it.
-
-    Returns:
-        Sentences, each with a space before it; empty for a plain alarm.
-    """
+    """Say what an alarm does besides, and what becomes of it, each sentence with a space before it."""
     return "".join(f" {sentence}." for sentence in _sentences(rule, verb))
 
 
@@ -200,9 +185,9 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
     for step in rule.sequence:
         yield _step(step, verb)
     if rule.latch:
-        yield "Latches: stands until somebody resets it"
+        yield "Latches: stands until it is reset"
     if rule.needs_ack:
-        yield "Somebody must acknowledge it"
+        yield "Must be acknowledged"
     if rule.realarm_s is not None:
         yield f"Is reported again every {duration(rule.realarm_s)} while it stands"
     yield from _governor(rule)
@@ -223,7 +208,7 @@ def _governor(rule: AlarmRule) -> Iterator[str]:
 def _step(step: SequenceStep, verb: Verb) -> str:
     when = "When it clears" if step.on == "cleared" else "When raised"
     after = f", {duration(step.after_s)} later" if step.after_s else ""
-    unless = " unless somebody has acknowledged it" if step.only_unacknowledged else ""
+    unless = " unless it has been acknowledged" if step.only_unacknowledged else ""
     return f"{when}{after} {_does(step, verb)}{unless}"
 
 
@@ -235,3 +220,30 @@ def _does(step: SequenceStep, verb: Verb) -> str:
     if step.send is not None and step.send.notifier:
         return f"notifies `{step.send.notifier}`"
     return f"sends `{step.send.topic}`" if step.send is not None else "does nothing"
+
+
+def begins(condition: Condition) -> str:
+    r"""Return a clause such as ``\`ball\` is nearer than 0.50 m (1.6 ft) with a probability of 80%``."""
+    match condition:
+        case Leaf():
+            return condition.begins()
+        case Not():
+            return f"not ({begins(condition.condition)})"
+        case _:
+            word = " and " if isinstance(condition, AllOf) else " or "
+            return word.join(_inner(part) for part in condition.conditions)
+
+
+def ends(condition: Condition) -> str:
+    """Return a clause such as ``it is further than 0.50 m (1.6 ft) by 3 standard deviations of the noise``."""
+    return condition.ends() if isinstance(condition, Leaf) else "that has ended"
+
+
+def needs_figures(condition: Condition) -> bool:
+    """Return whether a condition asks for a figure that is not known while its target is out of sight."""
+    return any(leaf.has_figures for leaf in leaves(condition))
+
+
+def _inner(condition: Condition) -> str:
+    words = begins(condition)
+    return f"({words})" if isinstance(condition, AllOf | AnyOf) else words

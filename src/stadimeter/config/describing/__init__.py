@@ -1,1 +1,0 @@
-"""A configuration in plain sentences."""
