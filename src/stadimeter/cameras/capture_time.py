@@ -134,14 +134,10 @@ class _Lag:
 
 @dataclass(slots=True)
 class _CatchUp:
-    """Pictures that came since a gap.
+    """Pictures that came since a gap."""
 
-    Attributes:
-        since_s: When the last picture before the gap came.
-        came: When pictures came since, and how many had come by then.
-    """
-
-    since_s: float
+    since_s: float  # when the last picture before the gap came
+    # When pictures came since, and how many had come by then.
     came: list[tuple[float, int]] = field(default_factory=list)
 
     def recent(self) -> tuple[float, int] | None:

@@ -38,15 +38,10 @@ _STAMP = re.compile(rb"^x-timestamp[ \t]*:[ \t]*(\d{1,12}(?:\.\d{1,9})?)[ \t]*\r
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One part of the stream.
+    """One part of the stream."""
 
-    Attributes:
-        body: Its bytes, as they came.
-        stamp_s: Its ``X-Timestamp`` in seconds of the sender's clock, NaN if it has none.
-    """
-
-    body: bytes
-    stamp_s: float
+    body: bytes  # its bytes, as they came
+    stamp_s: float  # its ``X-Timestamp`` in seconds of the sender's clock, NaN if it has none
 
 
 class Multipart:

@@ -31,21 +31,13 @@ LEAST_SINE = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadShapes:
-    """The shapes of many outlines.
+    """The shapes of many outlines."""
 
-    Attributes:
-        sides_px: The lengths of their sides, shape ``(c, 4)``; side i leads from corner i to corner i + 1.
-        shorter_px: Of both pairs of opposite sides, the mean length of the shorter one, shape ``(c,)``.
-        aspect: The mean of the longer pair over that of the shorter one, shape ``(c,)``.
-        side_ratio: How many times as long as the opposite side a side is at most, shape ``(c,)``.
-        sharpest_rad: The sharpest angle at a corner, shape ``(c,)``.
-    """
-
-    sides_px: Values
-    shorter_px: Values
-    aspect: Values
-    side_ratio: Values
-    sharpest_rad: Values
+    sides_px: Values  # the lengths of their sides, shape ``(c, 4)``; side i leads from corner i to corner i + 1
+    shorter_px: Values  # of both pairs of opposite sides, the mean length of the shorter one, shape ``(c,)``
+    aspect: Values  # the mean of the longer pair over that of the shorter one, shape ``(c,)``
+    side_ratio: Values  # how many times as long as the opposite side a side is at most, shape ``(c,)``
+    sharpest_rad: Values  # the sharpest angle at a corner, shape ``(c,)``
 
 
 def quad_shapes(corners: Points) -> QuadShapes:

@@ -52,21 +52,15 @@ _SIDEWAYS_RAD = math.radians(85)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """How the direction of a target changes.
+    """How the direction of a target changes."""
 
-    Attributes:
-        at_s: The capture time of its last sighting.
-        bearing_radps: How fast the bearing changed since the sighting before.
-        innovation_rad: How far from where it was expected it appeared of late.
-        step_s: The time since the sighting before; 0 if there was none, so that nothing is known of the motion.
-    """
-
-    at_s: float
+    at_s: float  # the capture time of its last sighting
     bearing_rad: float
     elevation_rad: float
-    bearing_radps: float = 0.0
+    bearing_radps: float = 0.0  # how fast the bearing changed since the sighting before
     elevation_radps: float = 0.0
-    innovation_rad: float = 0.0
+    innovation_rad: float = 0.0  # how far from where it was expected it appeared of late
+    # The time since the sighting before; 0 if there was none, so that nothing is known of the motion.
     step_s: float = 0.0
 
 
@@ -144,16 +138,11 @@ def predict(
 
 @dataclass(slots=True)
 class _Known:
-    """The figures of a track, brought to the time of the picture.
-
-    Attributes:
-        sigma_m: Its standard deviation.
-        bearing_rad: The bearing of the last sighting.
-    """
+    """The figures of a track, brought to the time of the picture."""
 
     distance_m: float
-    sigma_m: float
-    bearing_rad: float
+    sigma_m: float  # its standard deviation
+    bearing_rad: float  # the bearing of the last sighting
     elevation_rad: float
     unseen_s: float
 

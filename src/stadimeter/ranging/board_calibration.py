@@ -42,32 +42,23 @@ _CORNERS_IN_COMMON = 4
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoardView:
-    """The corners of a board in one picture.
-
-    Attributes:
-        board_m: Where the corners are on the board, shape (n, 2).
-        corners_px: Where they are in the picture, shape (n, 2), in the same order.
-    """
+    """The corners of a board in one picture."""
 
     picture: str
-    board_m: NDArray[np.float64]
-    corners_px: NDArray[np.float64]
+    board_m: NDArray[np.float64]  # where the corners are on the board, shape (n, 2)
+    corners_px: NDArray[np.float64]  # where they are in the picture, shape (n, 2), in the same order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewError:
-    """How well one picture fits the camera model.
-
-    Attributes:
-        rms_px: Root of the mean squared distance between where they are and where the model has them; NaN for a
-            picture that was left out before the fit.
-        why_left_out: Why it was left out; empty if it was not.
-    """
+    """How well one picture fits the camera model."""
 
     picture: str
     corners: int
+    # Root of the mean squared distance between where they are and where the model has them; NaN for a picture
+    # that was left out before the fit.
     rms_px: float
-    why_left_out: str = ""
+    why_left_out: str = ""  # why it was left out; empty if it was not
 
     @property
     def was_left_out(self) -> bool:
@@ -77,20 +68,13 @@ class ViewError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardCalibration:
-    """A camera model and how far to trust it.
-
-    Attributes:
-        views: One for each picture, in their order.
-        rms_px: The reprojection error over all pictures that were used.
-        coverage: The share of the picture's area, in cells of a grid, that has a corner in some picture.
-        uncovered: The ninths of the picture without any corner, in words such as ``upper left``.
-    """
+    """A camera model and how far to trust it."""
 
     camera_model: CameraModel
-    views: tuple[ViewError, ...]
-    rms_px: float
-    coverage: float
-    uncovered: tuple[str, ...]
+    views: tuple[ViewError, ...]  # one for each picture, in their order
+    rms_px: float  # the reprojection error over all pictures that were used
+    coverage: float  # the share of the picture's area, in cells of a grid, that has a corner in some picture
+    uncovered: tuple[str, ...]  # the ninths of the picture without any corner, in words such as ``upper left``
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -53,44 +53,31 @@ _ADVISED_MIN_PX = 25.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownDistance:
-    """A picture of a target at a known distance.
+    """A picture of a target at a known distance."""
 
-    Attributes:
-        picture: The picture's name, for messages and notes.
-        detection: Where the target is in it.
-        depth_m: How far the target's centre is from the camera, along the optical axis.
-        less_bias: Where the target is found with a camera model that has an edge bias of `BIAS_STEP_PX`. What that
-            changes depends on the target, bright or dark, so the detector says it; None if it was not asked.
-    """
-
-    picture: str
+    picture: str  # the picture's name, for messages and notes
     width_px: int
     height_px: int
-    detection: Detection
+    detection: Detection  # where the target is in it
     size: TargetShape
-    depth_m: float
+    depth_m: float  # how far the target's centre is from the camera, along the optical axis
+    # Where the target is found with a camera model that has an edge bias of `BIAS_STEP_PX`. What that changes
+    # depends on the target, bright or dark, so the detector says it; None if it was not asked.
     less_bias: Detection | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocalLength:
-    """The focal length that one picture gives, and how well the camera model made from all fits it.
-
-    Attributes:
-        focal_px: The focal length, with the edge bias of the model undone.
-        relative_sigma: The standard deviation of the focal length, as a share of it.
-        off_axis_rad: How far from the middle of the picture the target is.
-        residual_share: What the model measures in this picture, less the known depth, as a share of that.
-    """
+    """The focal length that one picture gives, and how well the camera model made from all fits it."""
 
     picture: str
     width_px: float
     height_px: float
     depth_m: float
-    focal_px: float
-    relative_sigma: float
-    off_axis_rad: float
-    residual_share: float
+    focal_px: float  # the focal length, with the edge bias of the model undone
+    relative_sigma: float  # the standard deviation of the focal length, as a share of it
+    off_axis_rad: float  # how far from the middle of the picture the target is
+    residual_share: float  # what the model measures in this picture, less the known depth, as a share of that
 
     def __str__(self) -> str:
         """Return the figures as one line."""
@@ -102,19 +89,14 @@ class FocalLength:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """A camera model and what it came from.
-
-    Attributes:
-        pictures: The focal length that each picture gives, in the order of the pictures.
-        one_distance: Whether all pictures are at one distance, where an edge bias looks like another focal length.
-        more_at_m: The nearest depth at which one more picture would determine the edge bias; None if it is known
-            or if no further picture of the same quality would determine it.
-    """
+    """A camera model and what it came from."""
 
     camera_model: CameraModel
-    pictures: tuple[FocalLength, ...]
+    pictures: tuple[FocalLength, ...]  # the focal length that each picture gives, in the order of the pictures
     fit: FocalFit
-    one_distance: bool
+    one_distance: bool  # whether all pictures are at one distance, where an edge bias looks like another focal length
+    # The nearest depth at which one more picture would determine the edge bias; None if it is known or if no
+    # further picture of the same quality would determine it.
     more_at_m: float | None
 
 

@@ -31,15 +31,10 @@ LEAST_POINTS = 5
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CirclePose:
-    """A pose of a circle, in the camera frame: x right, y down, z forward.
+    """A pose of a circle, in the camera frame: x right, y down, z forward."""
 
-    Attributes:
-        position_m: Its centre, shape ``(3,)``.
-        normal: The unit vector at right angles to its plane, towards the camera, shape ``(3,)``.
-    """
-
-    position_m: Points
-    normal: Points
+    position_m: Points  # its centre, shape ``(3,)``
+    normal: Points  # the unit vector at right angles to its plane, towards the camera, shape ``(3,)``
 
     @property
     def distance_m(self) -> float:
@@ -54,15 +49,10 @@ class CirclePose:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CirclePoses:
-    """Both poses that an outline allows.
+    """Both poses that an outline allows."""
 
-    Attributes:
-        poses: They explain the outline equally well.
-        axis: The axis of the cone, half way between their lines of sight, as a unit vector of shape ``(3,)``.
-    """
-
-    poses: tuple[CirclePose, CirclePose]
-    axis: Points
+    poses: tuple[CirclePose, CirclePose]  # they explain the outline equally well
+    axis: Points  # the axis of the cone, half way between their lines of sight, as a unit vector of shape ``(3,)``
 
     @property
     def distance_m(self) -> float:

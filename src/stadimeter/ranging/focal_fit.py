@@ -26,36 +26,24 @@ BIAS_SIGMA_LIMIT_PX = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocalEstimate:
-    """The focal length that one picture gives.
+    """The focal length that one picture gives."""
 
-    Attributes:
-        focal_px: The focal length if there is no edge bias, F_i.
-        sigma_px: Its standard deviation.
-        per_bias: By how much it is too large for each pixel of edge bias, s_i.
-    """
-
-    focal_px: float
-    sigma_px: float
-    per_bias: float
+    focal_px: float  # the focal length if there is no edge bias, F_i
+    sigma_px: float  # its standard deviation
+    per_bias: float  # by how much it is too large for each pixel of edge bias, s_i
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocalFit:
-    """What all pictures give together.
-
-    Attributes:
-        focal_sigma_px: Its standard deviation: what follows from that of the pictures, or more if they disagree.
-        edge_bias_px: The edge bias; 0 where the pictures do not tell it.
-        edge_bias_sigma_px: Its standard deviation from these pictures, whether or not it was used; infinite where all
-            are at one distance.
-        bias_was_fitted: Whether the pictures tell the edge bias.
-    """
+    """What all pictures give together."""
 
     focal_px: float
-    focal_sigma_px: float
-    edge_bias_px: float
+    focal_sigma_px: float  # its standard deviation: what follows from that of the pictures, or more if they disagree
+    edge_bias_px: float  # the edge bias; 0 where the pictures do not tell it
+    # Its standard deviation from these pictures, whether or not it was used; infinite where all are at one
+    # distance.
     edge_bias_sigma_px: float
-    bias_was_fitted: bool
+    bias_was_fitted: bool  # whether the pictures tell the edge bias
 
 
 def fit_focal_length(estimates: Sequence[FocalEstimate]) -> FocalFit:

@@ -66,19 +66,12 @@ def _without_figures(detection: Detection, status: MeasurementStatus, reason: st
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SigmaParts:
-    """The causes of a distance's standard deviation. Their squares add up to its square.
+    """The causes of a distance's standard deviation. Their squares add up to its square."""
 
-    Attributes:
-        edges_m: The noise of the edges in the picture, which differs from frame to frame.
-        focal_length_m: How well the focal length is known.
-        size_m: How well the target's size is known.
-        pose_m: Everything else that stays; of something flat, which of two mirrored poses it has.
-    """
-
-    edges_m: float
-    focal_length_m: float
-    size_m: float
-    pose_m: float
+    edges_m: float  # the noise of the edges in the picture, which differs from frame to frame
+    focal_length_m: float  # how well the focal length is known
+    size_m: float  # how well the target's size is known
+    pose_m: float  # everything else that stays; of something flat, which of two mirrored poses it has
 
 
 def sigma_parts(measured: Measurement, shape: TargetShape, camera: CameraModel) -> SigmaParts | None:

@@ -25,18 +25,13 @@ Seen = Sequence[Sequence[float]]
 
 
 class RectanglePose(NamedTuple):
-    """A pose of a rectangle.
+    """A pose of a rectangle."""
 
-    Attributes:
-        right: Its x axis, towards its right, in the camera frame: x right, y down, z forward.
-        up: Its y axis, towards its top.
-        misfit: How far the corners appear from where the pose has them, root mean square of their coordinates, per unit
-            of depth.
-    """
-
-    right: Vector
-    up: Vector
+    right: Vector  # its x axis, towards its right, in the camera frame: x right, y down, z forward
+    up: Vector  # its y axis, towards its top
     position_m: Vector
+    # How far the corners appear from where the pose has them, root mean square of their coordinates, per unit
+    # of depth.
     misfit: float
 
 
@@ -187,17 +182,13 @@ FREEDOM = 6
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanePose:
-    """A pose of something flat.
+    """A pose of something flat."""
 
-    Attributes:
-        position_m: Its centre in the camera frame, shape ``(3,)``: x right, y down, z forward.
-        rotation: Its axes in the camera frame as columns, shape ``(3, 3)``: x towards its right, y towards its top.
-        misfit: How far the corners appear from where the pose has them, root mean square of their coordinates, per
-            unit of depth.
-    """
-
-    position_m: Points
+    position_m: Points  # its centre in the camera frame, shape ``(3,)``: x right, y down, z forward
+    # Its axes in the camera frame as columns, shape ``(3, 3)``: x towards its right, y towards its top.
     rotation: NDArray[np.float64]
+    # How far the corners appear from where the pose has them, root mean square of their coordinates, per unit
+    # of depth.
     misfit: float
 
     @property

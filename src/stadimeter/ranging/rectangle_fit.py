@@ -27,16 +27,13 @@ _SHIFTS = np.concatenate((np.zeros((1, COORDINATES)), np.eye(COORDINATES))).resh
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RectangleFit:
-    """How well outlines fit a rectangle.
+    """How well outlines fit a rectangle."""
 
-    Attributes:
-        misfit: How far the corners appear from where the nearest picture of the rectangle has them: root mean square of
-            the coordinates' moves, per unit of depth, shape ``(c,)``.
-        chance_per_square: What the square of a misfit is multiplied by to give the share of all outlines that fit at
-            least as well, shape ``(c,)``. Small outlines, and those seen from far, fit nearly anything.
-    """
-
+    # How far the corners appear from where the nearest picture of the rectangle has them: root mean square of
+    # the coordinates' moves, per unit of depth, shape ``(c,)``.
     misfit: Values
+    # What the square of a misfit is multiplied by to give the share of all outlines that fit at least as well,
+    # shape ``(c,)``. Small outlines, and those seen from far, fit nearly anything.
     chance_per_square: Values
 
 

@@ -41,17 +41,12 @@ LEAST_RAYS = 6
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SphereCone:
-    """The cone around a sphere. The camera frame is x right, y down, z forward.
+    """The cone around a sphere. The camera frame is x right, y down, z forward."""
 
-    Attributes:
-        axis: Unit vector towards the centre, in the camera frame.
-        sine: Sine of the half angle: the sphere's radius as a share of its distance.
-        sine_share: Standard deviation of `sine` as a share of it, for rays that err independently by one radian: to be
-            multiplied by how much they do err.
-    """
-
-    axis: Vector
-    sine: float
+    axis: Vector  # unit vector towards the centre, in the camera frame
+    sine: float  # sine of the half angle: the sphere's radius as a share of its distance
+    # Standard deviation of `sine` as a share of it, for rays that err independently by one radian: to be
+    # multiplied by how much they do err.
     sine_share: float
 
     def distance_m(self, radius_m: float) -> float:

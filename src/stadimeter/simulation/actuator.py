@@ -23,15 +23,10 @@ class SimulatedActuatorOptions(Options):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelChange:
-    """A change of level.
+    """A change of level."""
 
-    Attributes:
-        at_s: When, on the run's clock.
-        level: The level from then on.
-    """
-
-    at_s: float
-    level: float
+    at_s: float  # when, on the run's clock
+    level: float  # the level from then on
 
 
 class SimulatedActuator:

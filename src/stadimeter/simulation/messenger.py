@@ -24,13 +24,9 @@ class SimulatedMessengerOptions(Options):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SentMessage:
-    """A message that was delivered.
+    """A message that was delivered."""
 
-    Attributes:
-        at_s: When it was delivered, on the run's clock.
-    """
-
-    at_s: float
+    at_s: float  # when it was delivered, on the run's clock
     message: Message
 
 

@@ -23,13 +23,9 @@ class SimulatedNotifierOptions(Options):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SentNotification:
-    """A notification that was delivered.
+    """A notification that was delivered."""
 
-    Attributes:
-        at_s: When it was delivered, on the run's clock.
-    """
-
-    at_s: float
+    at_s: float  # when it was delivered, on the run's clock
     notification: Notification
 
 

@@ -17,32 +17,22 @@ MEMORY = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """Position on the floor, x to the east and y to the north, and heading, as in ROS REP 103.
-
-    Attributes:
-        heading_rad: Counter-clockwise from east, not wrapped: a full turn to the left adds 2π.
-    """
+    """Position on the floor, x to the east and y to the north, and heading, as in ROS REP 103."""
 
     x_m: float
     y_m: float
-    heading_rad: float
+    heading_rad: float  # counter-clockwise from east, not wrapped: a full turn to the left adds 2π
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Leg:
-    """A stretch of time with the same wheel speeds: an arc of a circle, then standing still.
-
-    Attributes:
-        moving_s: For how long the wheels turn, at most.
-        wheels_mps: Speeds of the left and the right wheel.
-        travel_m: What each wheel had covered when it began.
-    """
+    """A stretch of time with the same wheel speeds: an arc of a circle, then standing still."""
 
     begin_s: float
-    moving_s: float
-    wheels_mps: tuple[float, float]
+    moving_s: float  # for how long the wheels turn, at most
+    wheels_mps: tuple[float, float]  # speeds of the left and the right wheel
     pose: Pose
-    travel_m: tuple[float, float]
+    travel_m: tuple[float, float]  # what each wheel had covered when it began
 
     def driven_s(self, time_s: float) -> float:
         """Return for how long the wheels have turned at a time."""

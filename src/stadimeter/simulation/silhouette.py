@@ -26,21 +26,14 @@ NO_DIRECTION_M = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Silhouette:
-    """The ellipse that a ball fills in a picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
+    """The ellipse that a ball fills in a picture. Pixel coordinates have (0, 0) at the centre of the top left pixel."""
 
-    Attributes:
-        centre_px: Its centre, which lies a little further out than where the ball's centre is seen.
-        half_across_px: Its half axis across the direction from the optical centre, in horizontal and vertical pixels.
-        half_along_px: Its half axis along that direction, likewise.
-        along: That direction as a unit vector, x right and y down.
-        extent_px: Its bounding box: left, top, right, bottom.
-    """
-
-    centre_px: tuple[float, float]
+    centre_px: tuple[float, float]  # its centre, which lies a little further out than where the ball's centre is seen
+    # Its half axis across the direction from the optical centre, in horizontal and vertical pixels.
     half_across_px: tuple[float, float]
-    half_along_px: tuple[float, float]
-    along: tuple[float, float]
-    extent_px: tuple[float, float, float, float]
+    half_along_px: tuple[float, float]  # its half axis along that direction, likewise
+    along: tuple[float, float]  # that direction as a unit vector, x right and y down
+    extent_px: tuple[float, float, float, float]  # its bounding box: left, top, right, bottom
 
     def outline_px(self, cos_sin: Points, scale: float = 1.0) -> Points:
         """Return points on the ellipse.

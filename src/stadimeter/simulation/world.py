@@ -89,21 +89,13 @@ def _speed_between(spans: tuple[float, float], slopes: tuple[float, float]) -> f
 
 @dataclass(slots=True)
 class Faults:
-    """The knobs. Tests and people turn them by hand; the schedule of the configuration turns them too.
+    """The knobs. Tests and people turn them by hand; the schedule of the configuration turns them too."""
 
-    Attributes:
-        target_hidden: Nobody can see the ball.
-        camera_frozen: The camera keeps delivering the same old frame, as a stuck driver does.
-        camera_blocked: No frame comes from the camera.
-        base_unplugged: The cable to the robot base is out.
-        broker_gone: Nobody answers where the message broker was.
-    """
-
-    target_hidden: bool = False
-    camera_frozen: bool = False
-    camera_blocked: bool = False
-    base_unplugged: bool = False
-    broker_gone: bool = False
+    target_hidden: bool = False  # nobody can see the ball
+    camera_frozen: bool = False  # the camera keeps delivering the same old frame, as a stuck driver does
+    camera_blocked: bool = False  # no frame comes from the camera
+    base_unplugged: bool = False  # the cable to the robot base is out
+    broker_gone: bool = False  # nobody answers where the message broker was
 
 
 KNOBS = {

@@ -73,20 +73,13 @@ class BallOptions(Options):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Scene:
-    """A frame that is searched.
-
-    Attributes:
-        lens: The camera at its resolution; a likely one if it is not known.
-        is_lens_known: Whether it is.
-        rejected: What was looked at and is no ball, filled while searching.
-        is_expected: Whether what is searched is where the ball is expected.
-    """
+    """A frame that is searched."""
 
     image: Image
-    lens: CameraModel
-    is_lens_known: bool
-    rejected: list[RejectedCandidate]
-    is_expected: bool = False
+    lens: CameraModel  # the camera at its resolution; a likely one if it is not known
+    is_lens_known: bool  # whether it is
+    rejected: list[RejectedCandidate]  # what was looked at and is no ball, filled while searching
+    is_expected: bool = False  # whether what is searched is where the ball is expected
 
 
 class BallDetector:

@@ -38,19 +38,12 @@ GRID = 16
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Blob:
-    """Pixels of the ball's colour that hang together.
+    """Pixels of the ball's colour that hang together."""
 
-    Attributes:
-        circle: The circle around which its limb may be: as wide or as high as the blob, whichever is more.
-        contour: Its outline as OpenCV has it, in pixels of the thinned part of the picture.
-        step: Every step-th pixel of that was looked at.
-        origin_px: Where that part begins in the picture, x and y.
-    """
-
-    circle: Circle
-    contour: cv2.typing.MatLike
-    step: int
-    origin_px: tuple[int, int]
+    circle: Circle  # the circle around which its limb may be: as wide or as high as the blob, whichever is more
+    contour: cv2.typing.MatLike  # its outline as OpenCV has it, in pixels of the thinned part of the picture
+    step: int  # every step-th pixel of that was looked at
+    origin_px: tuple[int, int]  # where that part begins in the picture, x and y
 
     @property
     def size_px(self) -> float:

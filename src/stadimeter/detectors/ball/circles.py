@@ -36,15 +36,10 @@ away from the optical axis."""
 
 @dataclass(frozen=True, slots=True)
 class _Edges:
-    """Edges that were found along radials.
+    """Edges that were found along radials."""
 
-    Attributes:
-        points_px: Where they are, shape ``(n, 2)``.
-        strength: How steep they are, 1 for those as steep as the steepest in most directions, shape ``(n,)``.
-    """
-
-    points_px: Points
-    strength: Weights
+    points_px: Points  # where they are, shape ``(n, 2)``
+    strength: Weights  # how steep they are, 1 for those as steep as the steepest in most directions, shape ``(n,)``
 
 
 def edge_circle(image: Image, blob_px: Points, area_px2: float) -> Circle | None:

@@ -56,18 +56,12 @@ then holds 96 % of the errors."""
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Ball:
-    """A limb that passed every test.
-
-    Attributes:
-        fill: How much of the ball has its colour; 1 where that is known from before.
-        margin: By how much more of the limb is seen than is asked for.
-        is_cut_off: Whether the border of the picture cuts it off.
-    """
+    """A limb that passed every test."""
 
     limb: Limb
-    fill: float
-    margin: float
-    is_cut_off: bool
+    fill: float  # how much of the ball has its colour; 1 where that is known from before
+    margin: float  # by how much more of the limb is seen than is asked for
+    is_cut_off: bool  # whether the border of the picture cuts it off
 
     @property
     def quality(self) -> float:
@@ -99,15 +93,11 @@ class Ball:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BallGates:
-    """The tests that a limb has to pass.
-
-    Attributes:
-        max_radius_px: The largest radius, perhaps infinite.
-    """
+    """The tests that a limb has to pass."""
 
     colour: HsvRange
     min_radius_px: float
-    max_radius_px: float
+    max_radius_px: float  # the largest radius, perhaps infinite
 
     def judge(
         self, image: Image, limb: Limb | None, start: Circle, *, is_lens_known: bool, is_expected: bool = False

@@ -72,28 +72,17 @@ SQUARENESS = 1.11
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Limb:
-    """The limb of a ball.
+    """The limb of a ball."""
 
-    Attributes:
-        cone: The rays that touch the ball.
-        circle: The circle that comes nearest to the outline, as wide as its smaller diameter.
-        straight_radius_px: That radius if the lens bent no lines.
-        points_px: The steps on it, shape ``(n, 2)``.
-        support: The share of the spokes that have a step on it: how much of the limb is seen.
-        support_inside: The same share of the spokes that do not leave the picture.
-        scatter_px: Standard deviation of these steps about it.
-        width_px: How many pixels the steps take from inside to outside, the median, across the limb.
-        sigma_px: Standard deviation of `straight_radius_px` if each step erred by itself, by as much as they scatter.
-    """
-
-    cone: SphereCone
-    circle: Circle
-    straight_radius_px: float
-    points_px: Points
-    support: float
-    support_inside: float
-    scatter_px: float
-    width_px: float
+    cone: SphereCone  # the rays that touch the ball
+    circle: Circle  # the circle that comes nearest to the outline, as wide as its smaller diameter
+    straight_radius_px: float  # that radius if the lens bent no lines
+    points_px: Points  # the steps on it, shape ``(n, 2)``
+    support: float  # the share of the spokes that have a step on it: how much of the limb is seen
+    support_inside: float  # the same share of the spokes that do not leave the picture
+    scatter_px: float  # standard deviation of these steps about it
+    width_px: float  # how many pixels the steps take from inside to outside, the median, across the limb
+    # Standard deviation of `straight_radius_px` if each step erred by itself, by as much as they scatter.
     sigma_px: float
 
 

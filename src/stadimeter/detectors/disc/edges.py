@@ -57,51 +57,32 @@ EVEN_SHARE = 0.7
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EllipseEdges:
-    """Measured outline of a disc.
+    """Measured outline of a disc."""
 
-    Attributes:
-        ellipse: The ellipse through its edges, without the lens's distortion and the camera's edge bias.
-        support: The share of the lines with an edge on the ellipse, of those inside the picture.
-        widest_gap: The longest part of the outline without an edge on the ellipse, as a share of it.
-        contrast: How much more light comes from inside than from outside, as a share of the most that a picture can
-            hold: the median of the lines on the ellipse. Negative for a dark disc.
-        weakest: The contrast that nine in ten lines on the ellipse exceed, without sign.
-        inside: The light inside, and
-        outside: outside, medians.
-        unevenness: How far the light inside is from that along the rim, as a share of the contrast; seven tenths of it
-            are nearer.
-        scatter_px: Standard deviation of the edges on the ellipse about it.
-        bend_px: The part of that which neighbouring edges have in common: how far the outline is from an ellipse.
-        edge_px: How blurred the edge is: the standard deviation of a normal distribution.
-        sigma_px: Standard deviation of the larger diameter that follows from the scatter alone.
-    """
-
-    ellipse: Ellipse
-    support: float
-    widest_gap: float
+    ellipse: Ellipse  # the ellipse through its edges, without the lens's distortion and the camera's edge bias
+    support: float  # the share of the lines with an edge on the ellipse, of those inside the picture
+    widest_gap: float  # the longest part of the outline without an edge on the ellipse, as a share of it
+    # How much more light comes from inside than from outside, as a share of the most that a picture can hold:
+    # the median of the lines on the ellipse. Negative for a dark disc.
     contrast: float
-    weakest: float
-    inside: float
-    outside: float
+    weakest: float  # the contrast that nine in ten lines on the ellipse exceed, without sign
+    inside: float  # the light inside, median
+    outside: float  # the light outside, median
+    # How far the light inside is from that along the rim, as a share of the contrast; seven tenths of it are
+    # nearer.
     unevenness: float
-    scatter_px: float
-    bend_px: float
-    edge_px: float
-    sigma_px: float
+    scatter_px: float  # standard deviation of the edges on the ellipse about it
+    bend_px: float  # the part of that which neighbouring edges have in common: how far the outline is from an ellipse
+    edge_px: float  # how blurred the edge is: the standard deviation of a normal distribution
+    sigma_px: float  # standard deviation of the larger diameter that follows from the scatter alone
 
 
 class Effort(NamedTuple):
-    """Effort of a measurement.
+    """Effort of a measurement."""
 
-    Attributes:
-        most_lines: Across how many lines the light is read at most.
-        most_looks: How often at most.
-        stays_px: The ellipse has arrived once a look moves no part of it by more than this.
-    """
-
-    most_lines: int
-    most_looks: int
-    stays_px: float
+    most_lines: int  # across how many lines the light is read at most
+    most_looks: int  # how often at most
+    stays_px: float  # the ellipse has arrived once a look moves no part of it by more than this
 
 
 ROUGHLY = Effort(most_lines=48, most_looks=4, stays_px=0.4)

@@ -39,15 +39,10 @@ LEAST_HEIGHT = 0.6
 
 
 class Trouble(NamedTuple):
-    """Why an outline is not that of a disc.
+    """Why an outline is not that of a disc."""
 
-    Attributes:
-        passed: How many tests it passed before.
-        text: The test that it failed, with the figure and the limit.
-    """
-
-    passed: int
-    text: str
+    passed: int  # how many tests it passed before
+    text: str  # the test that it failed, with the figure and the limit
 
 
 def trouble_with(edges: EllipseEdges, least_px: float, light: Light) -> Trouble | None:

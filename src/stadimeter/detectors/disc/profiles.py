@@ -49,16 +49,11 @@ LEVEL_LINES = 9
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EdgePicture:
-    """A picture in which edges are looked for.
+    """A picture in which edges are looked for."""
 
-    Attributes:
-        image: The picture, 2 pixels each way at least.
-        bend: How the lens bends outlines; None if it does not.
-    """
-
-    image: Image
+    image: Image  # the picture, 2 pixels each way at least
     light: Light
-    bend: Bend | None = None
+    bend: Bend | None = None  # how the lens bends outlines; None if it does not
 
     def read(self, points_px: Points) -> tuple[Values, Mask]:
         """Return the light at places, bilinearly, and whether each is inside the picture.
@@ -82,27 +77,16 @@ class EdgePicture:
 
 
 class Steps(NamedTuple):
-    """Edges on n lines.
+    """Edges on n lines."""
 
-    Attributes:
-        off_px: How far outside the ellipse the edge is, shape ``(n,)``.
-        is_edge: Whether there is one.
-        visible: Whether all of the line is inside the picture.
-        contrast: How much more light comes from inside; of a dark disc, how much less.
-        inside: The light inside; of a dark disc, below zero.
-        blur_px: How blurred the edge is: the standard deviation of a distribution.
-        edge_px: The median of that.
-        widest_px: The blur that nearly all edges are below.
-    """
-
-    off_px: Values
-    is_edge: Mask
-    visible: Mask
-    contrast: Values
-    inside: Values
-    blur_px: Values
-    edge_px: float
-    widest_px: float
+    off_px: Values  # how far outside the ellipse the edge is, shape ``(n,)``
+    is_edge: Mask  # whether there is one
+    visible: Mask  # whether all of the line is inside the picture
+    contrast: Values  # how much more light comes from inside; of a dark disc, how much less
+    inside: Values  # the light inside; of a dark disc, below zero
+    blur_px: Values  # how blurred the edge is: the standard deviation of a distribution
+    edge_px: float  # the median of that
+    widest_px: float  # the blur that nearly all edges are below
 
 
 def read_steps(picture: EdgePicture, rim: Rim, reach_px: float, *, is_bright: bool, is_first: bool) -> Steps:

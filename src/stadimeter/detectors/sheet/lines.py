@@ -28,31 +28,18 @@ CURVE_POINTS = 33
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadFrame:
-    """Expected sides. Arrays are of shape ``(c, 4, n)``, or ``(c, 4, 1)`` where nothing else is said.
+    """Expected sides. Arrays are of shape ``(c, 4, n)``, or ``(c, 4, 1)`` where nothing else is said."""
 
-    Attributes:
-        flat: Which sides are more horizontal.
-        outward: Which way across leads out of the outline, 1 or -1.
-        along: Where the steps are looked for: whole pixels, with n steps.
-        across: Where the side is expected there, with n steps; bent as the lens bends it.
-        pixel: The pixel there, or the nearest one around which so far can be looked, with n steps.
-        slope: How the straight line between the corners rises across.
-        at_zero: Where it crosses along = 0.
-        cosine: What turns a difference across into a distance from the side.
-        length_px: How long the side is.
-        reach: How many pixels are looked at in each direction.
-    """
-
-    flat: NDArray[np.bool_]
-    outward: NDArray[np.int64]
-    along: Values
-    across: Values
-    pixel: Values
-    slope: Values
-    at_zero: Values
-    cosine: Values
-    length_px: Values
-    reach: NDArray[np.int64]
+    flat: NDArray[np.bool_]  # which sides are more horizontal
+    outward: NDArray[np.int64]  # which way across leads out of the outline, 1 or -1
+    along: Values  # where the steps are looked for: whole pixels, with n steps
+    across: Values  # where the side is expected there, with n steps; bent as the lens bends it
+    pixel: Values  # the pixel there, or the nearest one around which so far can be looked, with n steps
+    slope: Values  # how the straight line between the corners rises across
+    at_zero: Values  # where it crosses along = 0
+    cosine: Values  # what turns a difference across into a distance from the side
+    length_px: Values  # how long the side is
+    reach: NDArray[np.int64]  # how many pixels are looked at in each direction
 
 
 def quad_frame(
@@ -131,21 +118,13 @@ ROUNDS = 3
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadLines:
-    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle).
+    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle)."""
 
-    Attributes:
-        middle: Shape ``(c, 4, 1)``.
-        offset: Shape ``(c, 4, 1)``.
-        slope: Shape ``(c, 4, 1)``.
-        used: Which steps lie on the line, shape ``(c, 4, n)``.
-        scatter_px: Standard deviation of these steps about it, shape ``(c, 4)``.
-    """
-
-    middle: Values
-    offset: Values
-    slope: Values
-    used: NDArray[np.bool_]
-    scatter_px: Values
+    middle: Values  # shape ``(c, 4, 1)``
+    offset: Values  # shape ``(c, 4, 1)``
+    slope: Values  # shape ``(c, 4, 1)``
+    used: NDArray[np.bool_]  # which steps lie on the line, shape ``(c, 4, n)``
+    scatter_px: Values  # standard deviation of these steps about it, shape ``(c, 4)``
 
     @property
     def steps(self) -> NDArray[np.int64]:

@@ -68,20 +68,13 @@ class SmallTagFinder(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sighting:
-    """Tags and outlines seen in one look at a picture or a part of it.
+    """Tags and outlines seen in one look at a picture or a part of it."""
 
-    Attributes:
-        grey: What was looked at, shape ``(height, width)``.
-        left_top_px: Where its first pixel is in the picture.
-        tags: The tags of the family, the largest first, with their corners in `grey`.
-        outlines: How many outlines of four corners there were.
-        unread: Outlines that show no tag of the family, shape ``(4, 2)`` in `grey` each, and why.
-    """
-
-    grey: Plane
-    left_top_px: Points
-    tags: tuple[SeenTag, ...]
-    outlines: int
+    grey: Plane  # what was looked at, shape ``(height, width)``
+    left_top_px: Points  # where its first pixel is in the picture
+    tags: tuple[SeenTag, ...]  # the tags of the family, the largest first, with their corners in `grey`
+    outlines: int  # how many outlines of four corners there were
+    # Outlines that show no tag of the family, shape ``(4, 2)`` in `grey` each, and why.
     unread: Sequence[tuple[Points, Unread]] = ()
 
     def rejected(self, most: int) -> list[RejectedCandidate]:
@@ -92,18 +85,13 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TagSearch:
-    """Looks for the tags of a family.
-
-    Attributes:
-        min_side_px: Tags whose longest side is smaller than this are not looked for.
-        small_tags: Finds what is too small for the rest; None to do without.
-    """
+    """Looks for the tags of a family."""
 
     family: TagFamily
     light: Light
-    min_side_px: float
+    min_side_px: float  # tags whose longest side is smaller than this are not looked for
     inverted: bool = False
-    small_tags: SmallTagFinder | None = None
+    small_tags: SmallTagFinder | None = None  # finds what is too small for the rest; None to do without
 
     def around(self, image: Image, prediction: Prediction) -> Sighting | None:
         """Look where a tag is expected.

@@ -56,24 +56,16 @@ LEAST_RISE = 0.04
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TagSides:
-    """Measured sides of a tag. Side i leads from corner i to corner i + 1.
+    """Measured sides of a tag. Side i leads from corner i to corner i + 1."""
 
-    Attributes:
-        corners_px: Where the lines meet, shape ``(4, 2)``.
-        contrast: How much more light comes from outside each side than from inside, as a share of the brightest that
-            a picture can hold; negative for a white border on black.
-        support: The share of the steps along each side that lie on its line.
-        scatter_px: Standard deviation of the steps about each line.
-        steps: How many steps each line was fitted to.
-        edge_px: How many pixels each side takes from black to white at its steepest.
-    """
-
-    corners_px: Points
+    corners_px: Points  # where the lines meet, shape ``(4, 2)``
+    # How much more light comes from outside each side than from inside, as a share of the brightest that a
+    # picture can hold; negative for a white border on black.
     contrast: OfSides
-    support: OfSides
-    scatter_px: OfSides
-    steps: tuple[int, ...]
-    edge_px: OfSides
+    support: OfSides  # the share of the steps along each side that lie on its line
+    scatter_px: OfSides  # standard deviation of the steps about each line
+    steps: tuple[int, ...]  # how many steps each line was fitted to
+    edge_px: OfSides  # how many pixels each side takes from black to white at its steepest
 
 
 class _Steps(NamedTuple):
@@ -206,21 +198,13 @@ def _ends(reach: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TagLines:
-    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle).
+    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle)."""
 
-    Attributes:
-        offset: Shape ``(4, 1)``.
-        slope: Shape ``(4, 1)``.
-        support: The share of the steps along each side that lie on its line.
-        scatter_px: Standard deviation of these steps about each line.
-        steps: How many these are.
-    """
-
-    offset: Values
-    slope: Values
-    support: OfSides
-    scatter_px: OfSides
-    steps: tuple[int, ...]
+    offset: Values  # shape ``(4, 1)``
+    slope: Values  # shape ``(4, 1)``
+    support: OfSides  # the share of the steps along each side that lie on its line
+    scatter_px: OfSides  # standard deviation of these steps about each line
+    steps: tuple[int, ...]  # how many these are
 
 
 def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit: bool) -> TagLines:
