@@ -41,11 +41,7 @@ class QuadShapes:
 
 
 def quad_shapes(corners: Points) -> QuadShapes:
-    """Return the shapes of outlines.
-
-    Args:
-        corners: Their corners in order around each, shape ``(c, 4, 2)``.
-    """
+    """Return the shapes of outlines whose corners come in order, shape ``(c, 4, 2)``."""
     sides = corners[:, [1, 2, 3, 0]] - corners
     sides_px = np.maximum(np.hypot(sides[..., 0], sides[..., 1]), 1e-9)
     back = -sides[:, [3, 0, 1, 2]] / sides_px[:, [3, 0, 1, 2], None]
@@ -105,12 +101,7 @@ def diagonals_meet(corners: Points) -> tuple[float, float]:
 
 
 def grown(corners: Points, by_px: float | Values) -> Points:
-    """Move the sides of outlines outwards.
-
-    Args:
-        corners: Convex outlines, clockwise on the screen, shape ``(k, 4, 2)``.
-        by_px: How far; one figure, or one for each outline.
-    """
+    """Move the sides of convex outlines, clockwise on the screen, ``(k, 4, 2)``, outwards; all alike or each apart."""
     after = np.roll(corners, -1, axis=1) - corners
     along = after / np.maximum(np.linalg.norm(after, axis=2, keepdims=True), 1e-9)
     back = -np.roll(along, 1, axis=1)

@@ -25,13 +25,10 @@ SEARCH_EVERY_S = 1.0
 
 
 class Perceiver:
-    """Looks for the targets of one run, and measures them.
+    """Looks for the targets of one run, by name, and measures them.
 
-    The lens is scaled here, once for each resolution, and passed on: detectors and ranging must see the very same one.
-
-    Args:
-        detectors: One for each target, by the target's name.
-        camera_model: The lens, at any resolution of the frames' aspect.
+    The lens, at any resolution of the frames' aspect, is scaled here, once for each resolution, and passed on:
+    detectors and ranging must see the very same one.
     """
 
     def __init__(self, detectors: Mapping[str, Detector], camera_model: CameraModel) -> None:
@@ -43,13 +40,7 @@ class Perceiver:
     def look(
         self, frame: Frame, tracks: Mapping[str, Track] | None = None
     ) -> tuple[tuple[Detection, ...], tuple[Measurement, ...]]:
-        """Look for every target.
-
-        Args:
-            tracks: What is known of the targets so far, by name; none in a picture that stands alone.
-
-        Returns:
-            The detections and the measurements, one of each for each target.
+        """Look for every target, with what tracks tell; return a detection and a measurement for each.
 
         Raises:
             CalibrationError: The frame has another aspect than the camera model.
@@ -80,16 +71,7 @@ class Expectations:
         self._motions: dict[str, Motion | None] = {}
 
     def of(self, track: Track | None, shape: TargetShape, camera: CameraModel, at_s: float) -> Prediction | None:
-        """Return where a target is expected in a frame. Asked once for each target and frame.
-
-        Args:
-            track: What is known of the target; None for nothing.
-            camera: The camera model at the frame's resolution.
-            at_s: When the frame was taken, on the run's monotonic clock.
-
-        Returns:
-            The prediction; None if the whole frame is to be searched, since nothing is expected or it is time to.
-        """
+        """Return where a target is expected in a frame; None to search all of it. Asked once for a target and frame."""
         if track is None:
             return None
         motion = self._motions[track.target] = follow(self._motions.get(track.target), track)

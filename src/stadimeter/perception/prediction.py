@@ -65,11 +65,7 @@ class Motion:
 
 
 def follow(motion: Motion | None, track: Track) -> Motion | None:
-    """Return the motion with the newest sighting taken in; None of a target that is not tracked.
-
-    Args:
-        motion: The motion before that; None for not known.
-    """
+    """Return the motion with the newest sighting taken in; None of a target that is not tracked."""
     at_s, bearing_rad, elevation_rad = track.measured_at_s, track.bearing_rad, track.elevation_rad
     if not track.is_valid or at_s is None or bearing_rad is None or elevation_rad is None:
         return None
@@ -100,14 +96,13 @@ def predict(
 ) -> Prediction | None:
     """Return where and how large a target will appear.
 
+    None unless the target is tracked, or coasts and was measured within `UNSEEN_MAX_S`, its figures are finite, it is
+    in front of the camera and in the picture, and the uncertainty leaves anything out.
+
     Args:
         camera: The camera model at the picture's resolution.
         at_s: When the picture was taken, on the run's monotonic clock.
         motion: How its direction changes, with this track taken in; None for not known.
-
-    Returns:
-        The prediction; None unless the target is tracked, or coasts and was measured within `UNSEEN_MAX_S`, its figures
-        are finite, it is in front of the camera and in the picture, and the uncertainty leaves anything out.
     """
     known = _known(track, at_s)
     if known is None:

@@ -114,9 +114,6 @@ def calibrate(
         distance_relative_sigma: Standard deviation of the known distances, as a share of each. Away from the middle of
             the picture, which way the tape was held adds to it.
 
-    Returns:
-        The model and the figures that it came from.
-
     Raises:
         CalibrationError: No picture can be used, they differ in resolution, or they do not tell the focal length.
         ValueError: A depth is not a finite number above zero.
@@ -218,14 +215,7 @@ def _with_focal_length(model: CameraModel, focal_px: float) -> CameraModel:
 
 
 def measured_depth_m(known: KnownDistance, model: CameraModel) -> float:
-    """Return the depth that a camera model measures.
-
-    Args:
-        known: A picture in which the target was found whole.
-        model: The camera model at the picture's resolution.
-
-    Returns:
-        The depth in metres.
+    """Return the depth that a camera model measures in a picture in which the target was found whole.
 
     Raises:
         CalibrationError: There is none.
@@ -237,15 +227,7 @@ def measured_depth_m(known: KnownDistance, model: CameraModel) -> float:
 
 
 def depth_shares(known: KnownDistance, model: CameraModel) -> tuple[float, float]:
-    """Return the standard deviation of the measured distance, as shares of it.
-
-    Args:
-        known: A picture in which the target was found whole.
-        model: The camera model at the picture's resolution.
-
-    Returns:
-        What differs from frame to frame, and what stays.
-    """
+    """Return the standard deviation of the distance as shares: what differs from frame to frame, and what stays."""
     measured = measure(known.detection, known.size, model, 0.0)
     distance_m, sigma_m, noise_m = measured.distance_m or math.inf, measured.sigma_m or 0.0, measured.noise_m or 0.0
     return noise_m / distance_m, math.sqrt(max(0.0, sigma_m**2 - noise_m**2)) / distance_m

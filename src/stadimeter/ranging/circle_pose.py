@@ -66,13 +66,9 @@ class CirclePoses:
 
 
 def cone_through(directions: Points) -> Matrix | None:
-    """Return the elliptical cone through rays, by linear least squares.
+    """Return Q of the elliptical cone ``d' Q d = 0`` through rays, by linear least squares, positive outside.
 
-    Args:
-        directions: The rays as x and y per unit of depth, shape ``(n, 2)``. They should lie all around the cone.
-
-    Returns:
-        Q of ``d' Q d = 0``, symmetric, shape ``(3, 3)``, positive outside; None if they are on no elliptical cone.
+    None if they are on no such cone. The rays are x and y per unit of depth, ``(n, 2)``, and should lie all around it.
     """
     if len(directions) < LEAST_POINTS or not np.isfinite(directions).all():
         return None
@@ -97,11 +93,7 @@ def cone_through(directions: Points) -> Matrix | None:
 
 
 def circle_poses(cone: Matrix, diameter_m: float) -> CirclePoses | None:
-    """Return the two poses of a circle in front of the camera that is seen on a cone.
-
-    Returns:
-        The poses; None if the cone is not elliptical.
-    """
+    """Return the two poses of a circle in front of the camera that is seen on a cone; None if that is not elliptic."""
     # Eigenvalues come in rising order, λ₃ < λ₂ ≤ λ₁. The axis of the cone belongs to λ₃, the only one below zero.
     (third, second, first), axes = np.linalg.eigh(cone)
     if not third < 0 < second:

@@ -38,9 +38,6 @@ class Expectation:
 def expect(shape: TargetShape, camera: CameraModel, distance_m: float) -> Expectation:
     """Return what to expect of a target at a distance, in the middle of the picture.
 
-    Args:
-        camera: The camera model at the resolution that will be used.
-
     Raises:
         ValueError: The distance is not a finite number above zero.
     """

@@ -157,15 +157,11 @@ class SheetShape(_Flat):
 
 
 def sheet_poses(directions: Points, size: SheetShape) -> tuple[tuple[PlanePose, Points], ...]:
-    """Return the poses that a sheet may have, with its width across the picture or down it.
+    """Return the poses that a sheet may have, with its width across the picture or down it, the likeliest first.
 
-    Args:
-        directions: Where its corners appear, x and y per unit of depth with the lens's distortion undone, clockwise in
-            the picture, shape ``(4, 2)``.
-
-    Returns:
-        Poses, and the corners in the sheet's frame that belong to them, shape ``(4, 3)``; the pose that explains the
-        corners best comes first. None where the corners are not those of a rectangle in front of the camera.
+    With them come the corners in the sheet's frame, shape ``(4, 3)``. None where the corners are not those of a
+    rectangle in front of the camera. ``directions`` are where its corners appear, x and y per unit of depth with the
+    lens's distortion undone, clockwise in the picture, shape ``(4, 2)``.
     """
     found = []
     for width_m, height_m in dict.fromkeys(((size.width_m, size.height_m), (size.height_m, size.width_m))):
@@ -223,14 +219,10 @@ class TagShape(_Flat):
 
 
 def tag_poses(directions: Points, size: TagShape) -> tuple[PlanePose, ...]:
-    """Return the poses that a tag may have, the one that explains its corners best first.
+    """Return the two poses that a tag may have, the one that explains its corners best first.
 
-    Args:
-        directions: Where its corners appear, x and y per unit of depth with the lens's distortion undone, clockwise in
-            the picture from its own top left one, shape ``(4, 2)``.
-
-    Returns:
-        Two poses; fewer where the corners are not those of a square in front of the camera.
+    They are fewer where the corners are not those of a square in front of the camera. ``directions`` are where its
+    corners appear, x and y per unit of depth with the lens's distortion undone, clockwise from its own top left one.
     """
     return plane_poses(rectangle(size.side_m, size.side_m), directions)
 

@@ -47,14 +47,7 @@ class FocalFit:
 
 
 def fit_focal_length(estimates: Sequence[FocalEstimate]) -> FocalFit:
-    """Combine the focal lengths of several pictures, with the edge bias if they tell it.
-
-    Args:
-        estimates: One for each picture, at least one.
-
-    Returns:
-        The focal length and the edge bias.
-    """
+    """Combine the focal lengths of one picture or more, with the edge bias if they tell it."""
     focal_px, weights = _columns(estimates)
     bias_sigma_px = edge_bias_sigma_px(estimates)
     together = np.column_stack((np.ones_like(focal_px), [each.per_bias for each in estimates]))
@@ -81,11 +74,7 @@ def fit_focal_length(estimates: Sequence[FocalEstimate]) -> FocalFit:
 
 
 def edge_bias_sigma_px(estimates: Sequence[FocalEstimate]) -> float:
-    """Return how well pictures tell the edge bias, before it is known whether they agree.
-
-    Returns:
-        The standard deviation in pixels; infinite if they do not tell it.
-    """
+    """Return how well pictures tell the edge bias, before it is known whether they agree; infinite if they do not."""
     _, weights = _columns(estimates)
     per_bias = np.array([each.per_bias for each in estimates])
     mean = float(np.average(per_bias, weights=weights))

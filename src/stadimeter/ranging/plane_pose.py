@@ -47,15 +47,11 @@ class _Middle(NamedTuple):
 
 
 def rectangle_poses(half_width_m: float, half_height_m: float, seen: Seen) -> list[RectanglePose]:
-    """Return the poses that explain best where the corners of a rectangle appear, the better one first.
+    """Return the two poses that explain best where the corners of a rectangle appear, the better one first.
 
-    Args:
-        seen: Where its corners appear, x and y per unit of depth, from its own top left one on clockwise as it is seen
-            from the front.
-
-    Returns:
-        Two poses, which are the same for something seen from the front; fewer where that would have it behind the
-        camera, none where the corners are not those of a plane.
+    They are the same for something seen from the front; fewer where that would have it behind the camera, none where
+    the corners are not those of a plane. They appear at `seen`, x and y per unit of depth, from its own top left one on
+    clockwise as it is seen from the front.
     """
     middle = _middle(half_width_m, half_height_m, seen)
     if middle is None:
@@ -67,16 +63,10 @@ def rectangle_poses(half_width_m: float, half_height_m: float, seen: Seen) -> li
 def misfit(
     right: Sequence[float], up: Sequence[float], position_m: Sequence[float], corners_m: Seen, seen: Seen
 ) -> float:
-    """Return how far corners appear from where a pose has them.
+    """Return how far corners appear from where a pose has them, root mean square of x and y per unit of depth.
 
-    Args:
-        right: The plane's x axis in the camera frame.
-        corners_m: The corners in the plane, x and y first.
-        seen: Where they appear, x and y per unit of depth.
-
-    Returns:
-        Root mean square of the coordinates, per unit of depth; infinite for a corner that is not in front of the
-        camera.
+    Infinite for a corner that is not in front of the camera. `corners_m` are in the plane, x and y first; `right` is
+    the plane's x axis in the camera frame.
     """
     total = 0.0
     for (a, b, *_), (x, y) in zip(corners_m, seen, strict=True):
@@ -209,18 +199,14 @@ def rectangle(width_m: float, height_m: float) -> Points:
 
 
 def plane_poses(corners_m: Points, directions: Points) -> tuple[PlanePose, ...]:
-    """Return the poses that a rectangle may have, the one that explains its corners best first.
+    """Return the two poses that a rectangle may have, the better one first; fewer if the corners are not those of one.
 
     The better one is refined by least squares. The other one is not, since from near by that would lead to the better
     one too.
 
     Args:
         corners_m: Its corners in its own frame, as `rectangle` gives them, shape ``(4, 3)``.
-        directions: Where they appear, x and y per unit of depth with the lens's distortion undone, in the same order,
-            shape ``(4, 2)``.
-
-    Returns:
-        Two poses; fewer where the corners are not those of a rectangle in front of the camera.
+        directions: Where they appear, x and y per unit of depth with the lens's distortion undone, shape ``(4, 2)``.
     """
     half_width_m, half_height_m = float(corners_m[1, 0]), float(corners_m[0, 1])
     found = rectangle_poses(half_width_m, half_height_m, directions.tolist())
@@ -229,25 +215,16 @@ def plane_poses(corners_m: Points, directions: Points) -> tuple[PlanePose, ...]:
 
 
 def ambiguity(poses: tuple[PlanePose, ...]) -> float:
-    """Return how far it is from certain which of two poses it is.
-
-    Returns:
-        The best pose's misfit as a share of the other one's: 0 for certain, 1 for no idea.
-    """
+    """Return the best pose's misfit as a share of the other one's: 0 for certain, 1 for no idea which one it is."""
     if len(poses) < 2:
         return 0.0
     return poses[0].misfit / poses[1].misfit if poses[1].misfit > 0 else 1.0
 
 
 def doubt_share(poses: tuple[PlanePose, ...], corner_sigma: float) -> float:
-    """Return by how much the distance is unsure because the other poses may be the true ones.
+    """Return the standard deviation of the distance, as a share, because another pose may be the true one.
 
-    Args:
-        poses: The poses, the best first; of two ways to hold a sheet, those of both.
-        corner_sigma: Standard deviation of a corner's coordinates, per unit of depth.
-
-    Returns:
-        A standard deviation as a share of the best pose's distance.
+    The corners' standard deviation `corner_sigma` is that of coordinates per unit of depth.
     """
     best = poses[0]
     return sum(
@@ -261,14 +238,8 @@ def distance_share(pose: PlanePose, corners_m: Points, corner_sigma: float) -> f
 
     The inverse of the normal matrix is the covariance of the pose (R. Hartley and A. Zisserman, "Multiple View
     Geometry", section 5.2). Where the tilt is poorly determined, a sheet that faces the camera looks tilted, so nearer,
-    by half the tilt's variance.
-
-    Args:
-        corners_m: The corners in the thing's own frame, shape ``(4, 3)``.
-        corner_sigma: Standard deviation of a corner's coordinates, per unit of depth.
-
-    Returns:
-        A standard deviation as a share of the distance; infinite where the corners do not tell the pose.
+    by half the tilt's variance. It is a standard deviation as a share of the distance, infinite where the corners,
+    ``(4, 3)``, do not tell the pose; theirs, `corner_sigma`, is per unit of depth.
     """
     jacobian = _jacobian(pose, corners_m)
     try:

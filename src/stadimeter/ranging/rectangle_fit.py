@@ -38,15 +38,15 @@ class RectangleFit:
 
 
 def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
-    """Compare outlines with pictures of a rectangle.
+    """Compare outlines with pictures of a rectangle, whose widths may be either two sides.
 
     The share of outlines that fit as well is the area of the ellipse of such fits in the plane of both conditions, the
     cosine of the angle and the logarithm of the ratio: outlines of any kind are spread over about 1 in each.
 
     Args:
-        directions: Where the corners of outlines appear, x and y per unit of depth with the lens's distortion undone,
-            in order around each, shape ``(c, 4, 2)``.
-        aspect: Width over height of the rectangle. Which sides of an outline are its widths is tried both ways.
+        directions: Corners of outlines, x and y per unit of depth with the lens's distortion undone, in order around
+            each, shape ``(c, 4, 2)``.
+        aspect: Width over height of the rectangle.
     """
     size = np.abs(directions - directions.mean(axis=1, keepdims=True)).max(axis=(1, 2))
     step = np.maximum(STEP * size, 1e-12)

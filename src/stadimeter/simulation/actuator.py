@@ -55,11 +55,7 @@ class SimulatedActuator:
         self._is_open = True
 
     def apply(self, command: LevelCommand) -> LevelCommand:
-        """Act as commanded.
-
-        Returns:
-            The command with the level rounded to the nearest of the device's steps.
-        """
+        """Act as commanded, and return the command with the level rounded to the nearest of the device's steps."""
         self._check_open()
         level = round(command.level * self._steps) / self._steps if self._steps else command.level
         self._set(level)

@@ -63,10 +63,7 @@ class SimulatedBase:
         self._drive(0.0, 0.0)
 
     def apply(self, command: TwistCommand) -> TwistCommand:
-        """Move as commanded.
-
-        Returns:
-            The motion, slowed down along the same curve if a wheel would run too fast.
+        """Move as commanded; return the motion, slowed down along the same curve if a wheel would run too fast.
 
         Raises:
             LinkLostError: The base was unplugged.
@@ -80,11 +77,7 @@ class SimulatedBase:
         return replace(command, linear_mps=command.linear_mps * share, angular_radps=command.angular_radps * share)
 
     def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; the world's clock is the same
-        """Notice that the base was unplugged.
-
-        Raises:
-            LinkLostError: The base was unplugged.
-        """
+        """Raise a `LinkLostError` if the base was unplugged."""
         self._check_link()
 
     def stop(self) -> None:

@@ -89,10 +89,7 @@ class SimulatedCamera:
         self._is_open = True
 
     def read(self) -> Frame:
-        """Move the clock to the next frame's time and return that frame.
-
-        Returns:
-            The frame; the previous one again while the camera is frozen.
+        """Move the clock to the next frame's time and return that frame, or the previous one while it is frozen.
 
         Raises:
             CaptureTimeoutError: The camera is blocked; `TIMEOUT_S` have passed.
@@ -127,11 +124,7 @@ class SimulatedCamera:
 
 
 def lens(context: DriverContext) -> CameraModel:
-    """Return the camera model of a run.
-
-    Raises:
-        ConfigError: The run has none.
-    """
+    """Return the camera model of a run, or raise a `ConfigError` if it has none."""
     if context.camera_model is None:
         raise ConfigError(f"'{context.name}' is simulated and needs a lens to look through; set model in [camera]")
     return context.camera_model

@@ -85,11 +85,7 @@ class EmulatedPort:
             self._after_step()
 
     def say(self, data: bytes) -> None:
-        """Send bytes to the host that it did not ask for: what a boot loader prints, or noise.
-
-        Args:
-            data: The bytes. They are lost while the cable is out.
-        """
+        """Send bytes to the host that it did not ask for: a boot loader's, or noise; lost while the cable is out."""
         with self._lock:
             if self._cable:
                 self._cable.write(data)

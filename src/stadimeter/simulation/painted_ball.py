@@ -51,12 +51,7 @@ def _patch(model: CameraModel, extent_px: tuple[float, float, float, float]) -> 
 
 
 def paint_ball(image: Image, model: CameraModel, centre_m: Vector, radius_m: float) -> None:
-    """Paint a ball into a picture.
-
-    Args:
-        model: The camera; its resolution is the picture's.
-        centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-    """
+    """Paint a ball into a picture; its centre is in the camera frame: x right, y down, z forward."""
     if centre_m[2] <= -radius_m:
         return
     seen = silhouette(model, centre_m, radius_m)
@@ -118,13 +113,7 @@ def _shade(
 
 
 def paint_shadow(image: Image, model: CameraModel, centre_m: Vector, radius_m: float, camera_height_m: float) -> None:
-    """Darken the floor under a ball.
-
-    Args:
-        model: The camera; its resolution is the picture's.
-        centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-        camera_height_m: Height of the camera above the floor.
-    """
+    """Darken the floor under a ball; its centre is in the camera frame: x right, y down, z forward."""
     x, y, z = centre_m
     reach_m = 2 * radius_m
     near_m = z - reach_m

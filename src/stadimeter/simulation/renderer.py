@@ -40,12 +40,7 @@ THINGS_BGR = (
 
 
 class Room:
-    """A room around a camera that stands in its centre and turns.
-
-    Args:
-        camera_height_m: Height of the camera above the floor.
-        seed: What hangs on the walls follows from it.
-    """
+    """A room around a camera that stands in its centre and turns; what hangs on the walls follows from the seed."""
 
     def __init__(self, model: CameraModel, camera_height_m: float, seed: int) -> None:
         scale = min(1.0, WIDEST_PANORAMA_PX / (2 * math.pi * model.fx_px))
@@ -65,11 +60,7 @@ class Room:
         self._panorama = panorama[:, np.arange(self._turn_px + self._view_px) % self._turn_px]
 
     def view(self, heading_rad: float) -> Image:
-        """Return what the camera sees at a heading, which is counter-clockwise from east.
-
-        Returns:
-            A new picture, blue first.
-        """
+        """Return what the camera sees at a heading, counter-clockwise from east, as a new picture, blue first."""
         first = (round(-heading_rad / (2 * math.pi) * self._turn_px) + self._left_px) % self._turn_px
         window = self._panorama[:, first : first + self._view_px]
         return np.asarray(cv2.remap(window, *self._maps, cv2.INTER_LINEAR), np.uint8)
@@ -149,12 +140,7 @@ SPARE_PX = 64
 class Renderer:
     """Draws pictures through a pinhole: a room, a ball in it, and the sensor's noise.
 
-    The same arguments always give the same picture.
-
-    Args:
-        camera_height_m: Height of the camera above the floor.
-        seed: The room and the noise follow from it.
-        noise: Standard deviation of the sensor's noise in grey levels of 255.
+    The same arguments always give the same picture. `noise` is its standard deviation in grey levels of 255.
     """
 
     def __init__(self, model: CameraModel, *, camera_height_m: float, seed: int, noise: float) -> None:
@@ -164,15 +150,12 @@ class Renderer:
         self._noise = _SensorNoise(model, seed, noise) if noise > 0 else None
 
     def render(self, ball_m: Vector | None, radius_m: float, heading_rad: float, sequence: int = 0) -> Image:
-        """Draw a picture.
+        """Draw a new picture, blue first, shape ``(height, width, 3)``.
 
         Args:
             ball_m: The ball's centre in the camera frame: x right, y down, z forward; None for no ball.
             heading_rad: Where the camera looks, counter-clockwise from east.
             sequence: The frame's number, from which its noise follows.
-
-        Returns:
-            A new picture, shape ``(height, width, 3)``, blue first.
         """
         image = self._room.view(heading_rad)
         if ball_m is not None:

@@ -44,9 +44,6 @@ class DifferentialRobot:
 
     It takes no steps: with steady wheels a robot runs along an arc of a circle, so the pose at any time follows exactly
     from the last change of speed. May be used from several threads.
-
-    Args:
-        ticks_per_metre: Ticks that a wheel's encoder counts on a metre.
     """
 
     def __init__(self, *, track_width_m: float, ticks_per_metre: float, start: Pose, clock: Clock) -> None:
@@ -58,11 +55,7 @@ class DifferentialRobot:
         self._legs = deque([standing], maxlen=MEMORY)
 
     def drive_wheels(self, left_mps: float, right_mps: float, until_s: float = math.inf) -> None:
-        """Turn the wheels from now on.
-
-        Args:
-            left_mps: Speed of the left wheel over the floor, forwards positive.
-            until_s: When the wheels stop by themselves, on the run's clock.
+        """Turn the wheels from now on, forwards positive, until they stop by themselves.
 
         Raises:
             CommandRangeError: A speed is not finite, or the time is not a number.

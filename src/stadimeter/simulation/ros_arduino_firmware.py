@@ -43,11 +43,9 @@ class CommandLine:
         self._position = 0
 
     def take(self, byte: int) -> tuple[bytes, int, int] | None:
-        """Take one byte.
+        """Take one byte; return the letter and both arguments if it completes a command.
 
-        Returns:
-            The letter and both arguments if the byte completes a command. Arguments that are no numbers are 0, as
-            ``atoi`` has it.
+        Arguments that are no numbers are 0, as ``atoi`` has it.
         """
         if byte == _CR:
             command = (self._letter, _atoi(self._arguments[0]), _atoi(self._arguments[1]))
@@ -119,8 +117,7 @@ class RosArduinoFirmware:
     def reset(self, boot_s: float = 0.0) -> None:
         """Start again, motors off, as a real board does when a host opens its port.
 
-        Args:
-            boot_s: For how long from now the boot loader eats what the host sends.
+        For `boot_s` from now the boot loader eats what the host sends.
         """
         self._runs_from_s = self._now_s + boot_s
         self._next_frame_s = self._runs_from_s + FRAME_S
@@ -146,11 +143,7 @@ class RosArduinoFirmware:
         return answer
 
     def step(self, now_s: float) -> None:
-        """Live until that time: turn the wheels, run the frames of the speed control, stop by itself.
-
-        Args:
-            now_s: The time. One in the past changes nothing.
-        """
+        """Live until that time: turn the wheels, run the frames of the speed control, stop by itself."""
         while not self.hung and (due_s := min(self._next_frame_s, self._auto_stop_s)) <= now_s:
             self._turn_until(due_s)
             if due_s == self._auto_stop_s:
@@ -232,10 +225,7 @@ class EmulatedRosArduino:
 
 
 def emulated_ros_arduino(context: DriverContext) -> EmulatedRosArduino:
-    """Return the run's emulated board; the first to ask connects it to the world's robot.
-
-    Args:
-        context: The run. It closes the port at its end.
+    """Return the run's emulated board, which the run closes; the first to ask connects it to the world's robot.
 
     Raises:
         ConfigError: The run has no world.

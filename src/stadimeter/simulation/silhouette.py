@@ -36,15 +36,7 @@ class Silhouette:
     extent_px: tuple[float, float, float, float]  # its bounding box: left, top, right, bottom
 
     def outline_px(self, cos_sin: Points, scale: float = 1.0) -> Points:
-        """Return points on the ellipse.
-
-        Args:
-            cos_sin: Shape ``(n, 2)``, points on the unit circle.
-            scale: The ellipse is drawn larger by this factor.
-
-        Returns:
-            Shape ``(n, 2)``, x and y in pixels.
-        """
+        """Return points on the ellipse, or one larger by a scale, from points on the unit circle, ``(n, 2)`` each."""
         (ax, ay), (bx, by), (ux, uy) = self.half_along_px, self.half_across_px, self.along
         axes = np.array(((ux * ax * scale, uy * ay * scale), (-uy * bx * scale, ux * by * scale)))
         outline: Points = cos_sin @ axes + self.centre_px
@@ -52,13 +44,9 @@ class Silhouette:
 
 
 def silhouette(model: CameraModel, centre_m: Vector, radius_m: float) -> Silhouette | None:
-    """Return the ellipse that a ball fills in a picture.
+    """Return the ellipse that a ball fills in a picture, perhaps outside it; its centre is x right, y down, z forward.
 
-    Args:
-        centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-
-    Returns:
-        The ellipse, which may lie outside the picture; None if some of the ball is not in front of the camera.
+    None if some of the ball is not in front of the camera.
     """
     x, y, z = centre_m
     if z <= radius_m:
@@ -91,15 +79,7 @@ def _extent(sideways_m: float, z_m: float, radius_m: float) -> tuple[float, floa
 
 
 def hits(direction: tuple[float, float], centre_m: Vector, radius_m: float) -> bool:
-    """Return whether a ray from the camera hits the ball.
-
-    Args:
-        direction: The ray as x and y per unit of depth.
-        centre_m: The ball's centre in the camera frame.
-
-    Returns:
-        True if it does, the limb included.
-    """
+    """Return whether a ray, x and y per unit of depth, hits a ball in the camera frame, the limb included."""
     (u, v), (x, y, z) = direction, centre_m
     ahead = u * x + v * y + z
     return ahead > 0 and ahead * ahead >= (u * u + v * v + 1) * (x * x + y * y + z * z - radius_m * radius_m)

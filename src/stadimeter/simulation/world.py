@@ -17,17 +17,11 @@ from stadimeter.simulation.robot import DifferentialRobot, Pose
 
 
 class Ball:
-    """A ball that moves along way points.
+    """A ball that moves along way points, whose times count from ``start_s``.
 
     Between two way points each coordinate is a monotone cubic (F. N. Fritsch and J. Butland, "A method for constructing
     local monotone piecewise cubic interpolants", 1984): the speed never jumps, the ball never goes beyond its way
-    points, and it stands still between two that are equal.
-
-    Args:
-        height_m: Height of its centre above the floor.
-        path: Where it is when; times count from ``start_s``.
-        loop: Whether it begins again at the end of its path, or stays there.
-        start_s: The time on the run's clock at which the path begins.
+    points, and it stands still between two that are equal. It stays at the end of its path or begins again.
     """
 
     def __init__(
@@ -108,11 +102,9 @@ KNOBS = {
 
 
 class FaultSchedule:
-    """Turns knobs at set times. A knob that was turned by hand stays so until its next time comes.
+    """Turns knobs at set times from ``start_s``. A knob that was turned by hand stays so until its next time comes.
 
-    Args:
-        planned: What goes wrong when. Faults of one kind may overlap.
-        start_s: The time that the plan counts from.
+    Faults of one kind may overlap.
     """
 
     def __init__(self, planned: Sequence[ScheduledFault], start_s: float) -> None:
@@ -183,13 +175,9 @@ class World:
         return self._faults
 
     def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
-        """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not.
+        """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.
 
-        Args:
-            time_s: A time on the run's clock; None for now.
-
-        Returns:
-            The position in metres: x to the right, y down, z forward along the optical axis.
+        The position is in metres: x to the right, y down, z forward along the optical axis.
 
         Raises:
             DriverError: That is longer ago than the robot remembers.
@@ -202,10 +190,7 @@ class World:
         return (east * sin - north * cos, self.camera_height_m - ball_z, east * cos + north * sin)
 
     def distance_m(self, time_s: float | None = None) -> float:
-        """Return the true length of the straight line from the camera to the ball's centre.
-
-        Args:
-            time_s: A time on the run's clock; None for now.
+        """Return the true length of the straight line from the camera to the ball's centre, now or at a time.
 
         Raises:
             DriverError: That is longer ago than the robot remembers.
@@ -214,14 +199,7 @@ class World:
 
 
 def shared_world(context: DriverContext) -> World:
-    """Return the world that the drivers of a run share.
-
-    Args:
-        context: The run that a driver is part of.
-
-    Raises:
-        ConfigError: The run has none.
-    """
+    """Return the world that the drivers of a run share, or raise a `ConfigError` if it has none."""
 
     def missing() -> World:
         raise ConfigError(f"'{context.name}' is simulated and needs a world to be in; add a table [world]")

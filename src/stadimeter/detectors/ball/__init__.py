@@ -106,12 +106,10 @@ class BallDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the ball.
+        """Look for the ball: the roundest blob of its colour.
 
-        Returns:
-            The roundest blob of the ball's colour. Away from the optical axis a ball looks like an ellipse that
-            points to the middle of the picture; width and height are both its smaller diameter, across that
-            direction, which is the one that says how deep the ball lies.
+        Away from the optical axis a ball looks like an ellipse that points to the middle of the picture; width and
+        height are both its smaller diameter, across that direction, which is the one that says how deep the ball lies.
         """
         check_image(frame)
         scene = _Scene(

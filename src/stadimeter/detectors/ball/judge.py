@@ -102,16 +102,13 @@ class BallGates:
     def judge(
         self, image: Image, limb: Limb | None, start: Circle, *, is_lens_known: bool, is_expected: bool = False
     ) -> Ball | RejectedCandidate:
-        """Test a limb.
+        """Return the ball, or the test that its limb failed, the cheapest first.
 
         Args:
             start: Where it was looked for.
             is_lens_known: Whether the limb was fitted with the camera's own model.
-            is_expected: Whether a ball is expected just there: then less of it need be seen, and if nearly all of it
-                is seen, its colour is not judged again.
-
-        Returns:
-            The ball; or the test that it failed, the cheapest first.
+            is_expected: Whether a ball is expected just there: then less of it need be seen, and if nearly all of it is
+                seen, its colour is not judged again.
         """
         if limb is None:
             return _rejected(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle")

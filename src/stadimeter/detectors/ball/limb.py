@@ -87,15 +87,7 @@ class Limb:
 
 
 def find_limb(image: Image, start: Circle, within_px: float, lens: CameraModel) -> Limb | None:
-    """Fit the limb near an expected circle, looked for again around where the last fit put it.
-
-    Args:
-        within_px: How far from there it may be.
-        lens: The camera at the picture's resolution.
-
-    Returns:
-        The limb, or None where there are too few steps near the circle for any.
-    """
+    """Fit the limb near an expected circle, then around where the fit put it; None with too few steps."""
     light = light_table(lens.tone_curve)
     # Invariant: the result does not depend on where the search began. So the spokes are laid again around each fit
     # until the part of the picture that they cover holds the whole of every step.

@@ -136,15 +136,12 @@ class _Steps(NamedTuple):
 def limb_edges(
     image: Image, circle: Circle, reach_px: float, within_px: float, light: Light, bias_px: float = 0.0
 ) -> LimbEdges | None:
-    """Look for the steps near an expected circle.
+    """Find a step for each spoke that shows one, near an expected circle; None where no spoke does.
 
     Args:
         reach_px: How far from it pixels are looked at, along rows and columns.
         within_px: How far from it the steps may be.
         bias_px: The camera's edge bias: how far outwards the edge of something bright appears.
-
-    Returns:
-        The steps, one for each spoke that shows one; None where no spoke does.
     """
     inside = max(1, round(min(reach_px, 0.8 * circle.radius_px)))
     spokes = _spokes(image.shape, circle, inside, max(4, math.ceil(reach_px)))

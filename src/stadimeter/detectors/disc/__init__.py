@@ -157,11 +157,9 @@ class DiscDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the disc.
+        """Look for the disc: the one most like the prediction, or else the one that stands out most.
 
-        Returns:
-            The disc: the one most like the prediction, or else the one that stands out most. Its width is its larger
-            diameter and its height its smaller one, however it is turned.
+        Its width is its larger diameter and its height its smaller one, however it is turned.
         """
         check_image(frame)
         through = Lens(camera=lens)

@@ -103,17 +103,12 @@ class _Fit(NamedTuple):
 def measure_ellipse(
     picture: EdgePicture, start: Ellipse, *, is_bright: bool, reach_px: float, edge_bias_px: float, effort: Effort
 ) -> EllipseEdges | None:
-    """Fit an ellipse to the outline of a disc.
+    """Fit an ellipse to the outline of a disc; None where there is none near the start, which is without distortion.
 
     Args:
-        start: About where the outline is, without distortion.
-        is_bright: Whether the disc is brighter than what is around it.
-        reach_px: How far from there the outline may be.
+        reach_px: How far from the start the outline may be.
         edge_bias_px: How far outwards the camera moves the edges of something bright.
         effort: `ROUGHLY`, to tell what it is, or `THOROUGHLY`.
-
-    Returns:
-        The outline; None where there is none near the start.
     """
     ellipse, widest_px, seen = start, 0.0, None
     outwards_px = edge_bias_px if is_bright else -edge_bias_px
@@ -258,10 +253,7 @@ def _widest_gap(seen: Mask) -> float:
 
 
 def _bend_px(left_px: Values, seen: Mask) -> float:
-    """Return how far the edges are from the ellipse, less what follows from each erring on its own.
-
-    How much that is, is seen from how much each differs from the next.
-    """
+    """Return how far the edges are from the ellipse, less what each errs on its own, which is how neighbours differ."""
     # Noise of single edges averages out over a part of the outline, a bend does not: the variance of the means, less
     # the share of it that noise explains, is that of the bend. Differences of neighbours give the noise alone.
     together = max(1, len(seen) // BEND_PARTS)

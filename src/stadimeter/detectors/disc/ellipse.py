@@ -92,15 +92,9 @@ class Ellipse:
 def ellipse_from_moments(
     area: float, centre: tuple[float, float], spread: tuple[float, float, float]
 ) -> Ellipse | None:
-    """Return the ellipse that has the second moments of a shape.
+    """Return the ellipse with the central second moments xx, xy and yy of a shape, in px⁴; None if it has no width.
 
     A full ellipse with the half axes M has the covariance ``M² / 4``.
-
-    Args:
-        spread: Its central second moments xx, xy and yy in px⁴.
-
-    Returns:
-        The ellipse; None if the shape has no width.
     """
     xx, xy, yy = (4 * each / area for each in spread)
     # The root of a symmetric 2x2 matrix A is (A + sqrt(det A) 1) / sqrt(trace A + 2 sqrt(det A)).
@@ -113,11 +107,7 @@ def ellipse_from_moments(
 
 
 def ellipse_through(points_px: Points) -> Ellipse | None:
-    """Return the ellipse through points on most of it, by linear least squares.
-
-    Returns:
-        The ellipse; None if they are on none.
-    """
+    """Return the ellipse through points on most of it, by linear least squares; None if they are on none."""
     conic = cone_through(points_px)
     if conic is None:
         return None

@@ -46,14 +46,7 @@ class Trouble(NamedTuple):
 
 
 def trouble_with(edges: EllipseEdges, least_px: float, light: Light) -> Trouble | None:
-    """Return why an outline is not that of a disc.
-
-    Args:
-        least_px: The least larger diameter.
-
-    Returns:
-        The first test that it failed; None if it is a disc, as far as a picture tells.
-    """
+    """Return the first test of a disc that an outline failed; None if it is a disc, as far as a picture tells."""
     larger, smaller = diameters_px(edges)
     flattest = math.cos(GREATEST_TILT_RAD)
     weakest = levels_out(edges, light) * edges.weakest / max(abs(edges.contrast), 1e-9)

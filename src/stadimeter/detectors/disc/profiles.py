@@ -56,11 +56,7 @@ class EdgePicture:
     bend: Bend | None = None  # how the lens bends outlines; None if it does not
 
     def read(self, points_px: Points) -> tuple[Values, Mask]:
-        """Return the light at places, bilinearly, and whether each is inside the picture.
-
-        Args:
-            points_px: Without distortion, shape ``(..., 2)``.
-        """
+        """Return the light at undistorted places, ``(..., 2)``, bilinearly, and whether each is inside the picture."""
         height, width = self.image.shape[:2]
         places = points_px if self.bend is None else self.bend(points_px)
         x, y = places[..., 0], places[..., 1]
@@ -90,13 +86,10 @@ class Steps(NamedTuple):
 
 
 def read_steps(picture: EdgePicture, rim: Rim, reach_px: float, *, is_bright: bool, is_first: bool) -> Steps:
-    """Find the edges of a disc on lines across an ellipse.
+    """Find the edges of a disc on lines that cross an ellipse and reach equally far to both sides.
 
-    Args:
-        rim: Where the lines cross the ellipse.
-        reach_px: How far the lines reach to both sides.
-        is_first: Whether to take the steepest place, since both ends of the line may be anywhere, instead of that half
-            way from inside to outside.
+    At the first look the steepest place is taken, since both ends of the line may be anywhere, instead of that half way
+    from inside to outside.
     """
     half = min(MOST_STEPS, math.ceil(reach_px / STEP_PX))
     along: Values = np.arange(-half, half + 1, dtype=np.float64) * (reach_px / half)

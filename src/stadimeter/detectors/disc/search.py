@@ -121,11 +121,7 @@ class Outlines(NamedTuple):
 
 
 def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> Outlines:
-    """Find what may be a disc.
-
-    Args:
-        least_px: The least larger diameter.
-    """
+    """Find what may be a disc with a larger diameter of `least_px` at least."""
     smooth = np.asarray(cv2.blur(grey, (SMOOTH, SMOOTH)), np.uint8)
     darkest, brightest = (int(each) for each in cv2.minMaxLoc(smooth)[:2])
     if brightest - darkest < LEAST_RANGE:
@@ -248,14 +244,11 @@ Conics = NDArray[np.float64]
 
 
 def find_partly_hidden(outlines: Iterable[Outline], shape: tuple[int, int]) -> list[Outline]:
-    """Find ellipses of which a part is hidden, or cut off by the border of the picture.
+    """Find ellipses that most of an outline lies on, hidden or cut off by the border in part, the largest first.
 
     Args:
         outlines: What is not elliptical as a whole.
         shape: Height and width of the picture.
-
-    Returns:
-        The ellipses that most of an outline lies on, the largest first.
     """
     found = (_most_of(each, shape) for each in outlines if each.size_px > LEAST_SIZE_PX)
     return distinct([each for each in found if each is not None])

@@ -48,12 +48,7 @@ class Findings:
     calm: float = 1.0  # how many times as easily an outline may fit by chance, because there are few
 
     def refuse(self, stage: int, corners: Points, failing: Which, why: Callable[[int], str]) -> None:
-        """Note the largest of the candidates that fail a test.
-
-        Args:
-            stage: How many tests came before; what passed more of them is more like the sheet.
-            corners: The candidates' corners, shape ``(c, 4, 2)``.
-        """
+        """Note the largest of the candidates, ``(c, 4, 2)``, that fail a test; the later, the more like the sheet."""
         numbers = np.nonzero(failing)[0]
         if not len(numbers):
             return
@@ -100,12 +95,7 @@ class SheetFit:
 
 
 class SheetOutlines:
-    """Shapes that pictures of the sheet may have.
-
-    Args:
-        lens: The camera model at the picture's resolution; None if it is not known.
-        picture: Width and height of the picture.
-    """
+    """Shapes of the sheet in a picture of a width and height, through a lens, or any if that is None."""
 
     def __init__(self, size: SheetShape, lens: CameraModel | None, picture: tuple[int, int]) -> None:
         aspect = size.width_m / size.height_m
@@ -120,14 +110,7 @@ class SheetOutlines:
         self._tells_chance = lens is not None and not one_side
 
     def fit(self, corners_px: Points) -> SheetFit:
-        """Compare outlines with the sheet.
-
-        Args:
-            corners_px: Their corners in order around each, shape ``(c, 4, 2)``.
-
-        Returns:
-            How well they fit; through the best of the lenses and shapes that are possible.
-        """
+        """Compare outlines, ``(c, 4, 2)``, with the sheet through the best of the possible lenses and shapes."""
         tried = [self._through(lens, corners_px) for lens in self._lenses]
         if len(tried) == 1:
             return tried[0]

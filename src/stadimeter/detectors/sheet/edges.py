@@ -100,7 +100,6 @@ def measure_edges(
     Args:
         corners_px: About where the corners are, clockwise on the screen, shape ``(c, 4, 2)``.
         reach_px: How far from there the true sides may be.
-        lens: How the lens bends straight sides; None if it does not.
         free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
     """
     reaches = np.full(corners_px.shape[:2], reach_px + PLATEAU_PX)
@@ -119,11 +118,7 @@ def settle_edges(
     lens: CameraModel | None = None,
     free: NDArray[np.bool_] | None = None,
 ) -> QuadEdges:
-    """Fit lines to the sides of candidates again and again, in many places and narrowly, until they stay.
-
-    Args:
-        free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
-    """
+    """Fit lines to the sides of candidates in many places, narrowly, until they stay; `free`: see `measure_edges`."""
     moving = np.arange(len(edges))
     for _ in range(LOOKS):
         before = edges.corners_px[moving]

@@ -45,12 +45,7 @@ class QuadFrame:
 def quad_frame(
     corners_px: Points, steps: int, reach_px: Values, shape: tuple[int, ...], lens: CameraModel | None = None
 ) -> QuadFrame:
-    """Return where the sides between corners are.
-
-    Args:
-        corners_px: The corners of outlines, clockwise on the screen, shape ``(c, 4, 2)``.
-        reach_px: How far across, shape ``(c, 4)``; less where the outline is small.
-    """
+    """Return where the sides between corners, ``(c, 4, 2)``, are; small outlines are looked across less far."""
     # Side i is across = at_zero + slope * along. Choosing the longer coordinate as along keeps |slope| <= 1, so every
     # step is read along whole pixels and nothing is interpolated.
     vector = corners_px[:, [1, 2, 3, 0]] - corners_px
@@ -135,9 +130,7 @@ class QuadLines:
 def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     """Fit lines by least squares with Tukey's weights, from the line that most steps agree on.
 
-    Args:
-        across: Where the steps are, shape ``(c, 4, n)``.
-        worth: How much each counts, shape ``(c, 4, n)``; 0 for what is no step.
+    Places and weights of the steps have the shape ``(c, 4, n)``; the weight is 0 for what is no step.
     """
     middle = (frame.along[..., :1] + frame.along[..., -1:]) / 2
     along, off = frame.along - middle, across - frame.across

@@ -98,11 +98,7 @@ class TagOptions(Options):
 
 
 class TagDetector:
-    """Finds one tag.
-
-    Args:
-        small_tags: Finds what is too small for the rest; None to do without.
-    """
+    """Finds one tag; with `small_tags` also one that is too small for the rest."""
 
     def __init__(
         self,
@@ -134,12 +130,7 @@ class TagDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the tag.
-
-        Returns:
-            The tag. Without a number it is the one nearest to the prediction or else the largest, and where several
-            are in view the reason says so.
-        """
+        """Look for the tag; without a number the nearest to the prediction, or else the largest, of several."""
         check_image(frame)
         near = None if prediction is None else self._near(frame, lens, prediction)
         return near or self._anywhere(frame, lens)

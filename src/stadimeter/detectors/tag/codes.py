@@ -65,18 +65,11 @@ class Unread(NamedTuple):
 
 
 def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bool = False) -> SeenTag | Unread:
-    """Read the code inside an outline.
+    """Read the code inside an outline, or why it is no tag of the family; `inverted` accepts white on black too.
 
-    What parts black from white is found by Otsu's criterion: the variance between the two classes is the largest
-    (N. Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems, Man, and
-    Cybernetics 9, 1979).
-
-    Args:
-        corners_px: The outline's corners clockwise on the screen.
-        inverted: Whether a white border on black counts too.
-
-    Returns:
-        The tag, or why it is none of the family.
+    What parts black from white is found by Otsu's criterion: the variance between the two classes is the largest (N.
+    Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems, Man, and Cybernetics 9,
+    1979).
     """
     cells = _cells(grey, corners_px, family.cells)
     white = np.asarray(cv2.threshold(cells, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1], np.uint8)
@@ -178,13 +171,10 @@ class TagFamily:
 
 @cache
 def tag_family(name: str) -> TagFamily:
-    """Return the family of that name.
+    """Return one of the families in `DICTIONARIES`.
 
     OpenCV holds the AprilTag families turned by half a turn against the pictures that their authors publish; here they
     are turned back.
-
-    Args:
-        name: One of `DICTIONARIES`.
     """
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARIES[name]))
     size = int(dictionary.markerSize)
@@ -224,10 +214,7 @@ def _rows(codes: NDArray[np.float32]) -> dict[bytes, int]:
 
 
 def parse_family(text: object) -> str:
-    """Read the name of a family; ``36h11`` and ``4x4-50`` are enough where only one family ends so.
-
-    Returns:
-        One of `DICTIONARIES`.
+    """Read one of `DICTIONARIES`; ``36h11`` and ``4x4-50`` are enough where only one family ends so.
 
     Raises:
         ValueError: There is no such family; the message offers the likely one.

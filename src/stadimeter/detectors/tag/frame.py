@@ -120,15 +120,12 @@ def side_frame(
     edges_px: OfSides = START,
     bent: BentSides | None = None,
 ) -> SideFrame | None:
-    """Return where the sides between four corners are.
+    """Return where the sides between four corners are; None where they, or the picture, are too small or they lead out.
 
     Args:
         corners_px: The corners, clockwise on the screen, shape ``(4, 2)``.
         cells: How many cells a side is long.
         edges_px: How many pixels each side takes from black to white.
-
-    Returns:
-        The sides; None where they, or the picture, are too small to be looked at, or lead out of the picture.
     """
     points = corners_px.tolist()
     sides = [_side(points[i], points[i - 3]) for i in range(4)]

@@ -38,7 +38,7 @@ ROUND = np.array((1, 2, 3, 0))
 
 
 def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> Points:
-    """Return the outlines of four corners that are darker or brighter than what is around them.
+    """Return outlines of four corners that differ from what is around, clockwise, ``(k, 4, 2)``; the largest first.
 
     What costs time is what is found, so small ones are left out early: OpenCV's limit is a share of the picture's long
     side and its default, 0.03, means nothing in a small part of a picture.
@@ -47,9 +47,6 @@ def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, 
         smallest_perimeter_px: Outlines that are shorter than this around are left out.
         long_side_px: The picture is searched with its long side reduced to this.
         thorough: Whether three window sizes are tried instead of one.
-
-    Returns:
-        The corners of each, clockwise on the screen, shape ``(k, 4, 2)``; the largest first.
     """
     if min(grey.shape) < LEAST_PICTURE_PX:
         return np.zeros((0, 4, 2))
@@ -92,16 +89,10 @@ def _no_dictionary() -> cv2.aruco.Dictionary:
 
 
 def distinct(outlines: Points) -> Points:
-    """Leave out what was found twice: of two that are one, the later.
+    """Leave out what was found twice: of two outlines that are one, the later, shape ``(k, 4, 2)``.
 
     Only neighbours along an oblique line are compared: a table of all with all would fill the memory where a floor or a
     grille shows thousands. The line is oblique since their rows and columns would meet in one place of an axis.
-
-    Args:
-        outlines: The corners of one or more, shape ``(k, 4, 2)``.
-
-    Returns:
-        Those that are left, in the same order.
     """
     if len(outlines) == 1:
         return outlines
@@ -126,13 +117,7 @@ LEAST_MARGIN = 20.0
 class ApriltagFinder:
     """Finds small AprilTags, of 16 to 24 pixels, with their authors' own library.
 
-    It takes several times as long as `find_outlines`, and needs the extra ``tags``.
-
-    Args:
-        family: One of `SMALL_TAG_FAMILIES`.
-
-    Raises:
-        ImportError: The library is not installed.
+    It takes several times as long as `find_outlines`, and raises an `ImportError` without the extra ``tags``.
     """
 
     def __init__(self, family: str) -> None:

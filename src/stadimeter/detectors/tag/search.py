@@ -94,11 +94,7 @@ class TagSearch:
     small_tags: SmallTagFinder | None = None  # finds what is too small for the rest; None to do without
 
     def around(self, image: Image, prediction: Prediction) -> Sighting | None:
-        """Look where a tag is expected.
-
-        Returns:
-            What was seen, without tags that may be cut off; None if the place is not in the picture.
-        """
+        """Look where a tag is expected, for whole ones only; None if the place is not in the picture."""
         longest_px = prediction.size_px + SIGMAS * prediction.sigma_px
         least_px = max((prediction.size_px - SIGMAS * prediction.sigma_px) / 2, self.min_side_px)
         half_px = HALF_DIAGONAL * prediction.size_px + SIGMAS * prediction.sigma_px + MARGIN_PX
@@ -119,11 +115,7 @@ class TagSearch:
         return self._sighting(grey, left_top, whole, len(outlines))
 
     def everywhere(self, image: Image) -> Iterator[Sighting]:
-        """Look at the whole picture, each time harder.
-
-        Yields:
-            What was seen. Who has what he wants stops here and saves the rest, which takes longer each time.
-        """
+        """Yield what the whole picture shows, each time looking harder and longer: the caller may stop early."""
         grey = grey_of(image)
         sizes = self._long_sides(max(grey.shape))
         for long_side_px in sizes:

@@ -80,14 +80,11 @@ class _Steps(NamedTuple):
 def measure_sides(
     grey: Plane, corners_px: Points, cells: int, light: Light, bent: BentSides | None = None
 ) -> TagSides | None:
-    """Fit lines to the sides of a tag.
+    """Fit lines to the sides of a tag; None where they form no outline near the given corners.
 
     Args:
         corners_px: About where the corners are, clockwise on the screen, shape ``(4, 2)``.
         cells: How many cells a side is long.
-
-    Returns:
-        The sides; None where they form no outline near the given corners.
     """
     looks = (NEXT_LOOK,) * MOST_NEXT_LOOKS
     if quad_area(corners_px.tolist()) < (LARGE_CELL_PX * cells) ** 2:
@@ -183,12 +180,10 @@ def _beside(reach: int) -> NDArray[np.intp]:
 
 @lru_cache(maxsize=256)
 def _ends(reach: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return which rows of the profiles show black and white themselves, of each side inside, then outside.
+    """Return which rows of the profiles show black and white themselves, where the look ends first, by the sides.
 
-    That is where the look ends, and the pixel before, unless so little is looked at that this would be on the edge.
-
-    Returns:
-        The rows, shape ``(8, 2)`` or ``(8, 1)``, where the look ends first, and the sides.
+    That is where the look ends, and the pixel before, unless so little is looked at that this would be on the edge. The
+    rows come first of each side inside, then outside, shape ``(8, 2)`` or ``(8, 1)``.
     """
     widest = max(reach)
     before = np.arange(2 if widest >= 3 else 1)
@@ -210,10 +205,8 @@ class TagLines:
 def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit: bool) -> TagLines:
     """Fit lines by least squares with Tukey's weights, from a line through medians, which outliers do not move.
 
-    Args:
-        off: How far across from there the steps are, shape ``(4, n)``.
-        found: Which of them are steps, shape ``(4, n)``.
-        refit: Whether the line is fitted again; otherwise it is the one through the medians.
+    Where the steps are across, and which are found, has the shape ``(4, n)``. Without `refit` it is the line through
+    the medians.
     """
     along = frame.from_middle
     half = along.shape[1] // 2
