@@ -13,7 +13,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.detectors.sides import longest_sides_px, polygon_area
 from stadimeter.ranging.flat import SheetShape
-from stadimeter.ranging.rectangle_fit import rectangle_fit
+from stadimeter.ranging.plane_pose import rectangle_fit
 
 Which = NDArray[np.bool_]
 

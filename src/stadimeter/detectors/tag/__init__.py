@@ -29,8 +29,7 @@ from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamilyName, tag_family
 from stadimeter.detectors.tag.frame import BentSides
-from stadimeter.detectors.tag.outlines import ApriltagFinder
-from stadimeter.detectors.tag.search import Sighting, SmallTagFinder, TagSearch, candidate
+from stadimeter.detectors.tag.search import ApriltagFinder, Sighting, SmallTagFinder, TagSearch, candidate
 from stadimeter.detectors.tag.sides import TagSides, measure_sides
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.ranging.flat import TagShape
