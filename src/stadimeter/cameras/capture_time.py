@@ -95,14 +95,10 @@ class StreamTime:
 
 
 class _Lag:
-    """Lag of pictures behind the quickest one, by the sender's time stamps.
-
-    Attributes:
-        fell_at_s: When the smallest lag last fell by `FALL_S`.
-    """
+    """Lag of pictures behind the quickest one, by the sender's time stamps."""
 
     def __init__(self) -> None:
-        self.fell_at_s = -math.inf
+        self.fell_at_s = -math.inf  # when the smallest lag last fell by `FALL_S`
         self._fell_to_s = math.inf
         self._good_in_a_row = 0
         self._last_stamp_s = math.inf

@@ -30,15 +30,11 @@ class LevelChange:
 
 
 class SimulatedActuator:
-    """An actuator that remembers what it did.
-
-    Attributes:
-        level: The level that it acts with.
-        changes: When the level changed to what, oldest first. Bounded: the oldest are forgotten.
-    """
+    """An actuator that remembers what it did."""
 
     def __init__(self, options: SimulatedActuatorOptions, context: DriverContext) -> None:
-        self.level = 0.0
+        self.level = 0.0  # the level that it acts with
+        # When the level changed to what, oldest first. Bounded: the oldest are forgotten.
         self.changes: deque[LevelChange] = deque(maxlen=options.history)
         self._steps = options.steps
         self._name = context.name

@@ -30,13 +30,10 @@ _LEADING_INTEGER = re.compile(rb"\s*([+-]?\d+)")
 
 
 class CommandLine:
-    """The sketch's command parser: one letter, two arguments after spaces, ended by a carriage return only.
-
-    Attributes:
-        overrun: Whether an argument was written past its 16 bytes. What a real board does then is undefined.
-    """
+    """The sketch's command parser: one letter, two arguments after spaces, ended by a carriage return only."""
 
     def __init__(self) -> None:
+        # Whether an argument was written past its 16 bytes. What a real board does then is undefined.
         self.overrun = False
         self._letter = b""
         self._arguments = (bytearray(), bytearray())
@@ -77,18 +74,12 @@ def _atoi(text: bytearray) -> int:
 
 
 class Wheel:
-    """A wheel with an encoder, which approaches the speed that it is driven at.
-
-    Attributes:
-        driven_tps: The speed that its motor is driven at, in encoder ticks per second.
-        speed_tps: The speed that it has.
-        ticks: What its encoder has counted.
-    """
+    """A wheel with an encoder, which approaches the speed that it is driven at."""
 
     def __init__(self) -> None:
-        self.driven_tps = 0.0
-        self.speed_tps = 0.0
-        self.ticks = 0.0
+        self.driven_tps = 0.0  # the speed that its motor is driven at, in encoder ticks per second
+        self.speed_tps = 0.0  # the speed that it has
+        self.ticks = 0.0  # what its encoder has counted
 
     def turn(self, seconds: float) -> None:
         """Turn for that long: the exact solution of a first-order lag under a constant drive."""
@@ -99,16 +90,12 @@ class Wheel:
 
 
 class RosArduinoFirmware:
-    """The sketch, as a function of bytes and time.
-
-    Attributes:
-        silent: Fault: bytes from the host are lost, and nothing is answered. Motors and the automatic stop work on.
-        use_base_off: Fault: the sketch was built without ``USE_BASE`` and knows no motor commands.
-    """
+    """The sketch, as a function of bytes and time."""
 
     def __init__(self, started_s: float = 0.0) -> None:
+        # Fault: bytes from the host are lost, and nothing is answered. Motors and the automatic stop work on.
         self.silent = False
-        self.use_base_off = False
+        self.use_base_off = False  # fault: the sketch was built without ``USE_BASE`` and knows no motor commands
         self.left = Wheel()
         self.right = Wheel()
         self._now_s = started_s
@@ -200,18 +187,16 @@ class RosArduinoFirmware:
 class EmulatedRosArduino:
     """The emulated board in the simulated world: its motors turn the robot's wheels, its cable can be pulled.
 
-    Attributes:
-        firmware: The board, with its own knobs for faults. The cable's is ``world.faults.base_unplugged``.
-        port: Where a driver finds it.
-
     Raises:
         DeviceOpenError: The system has no pseudo-terminal left.
     """
 
     def __init__(self, world: World, clock: Clock) -> None:
         self._world = world
+        # The board, with its own knobs for faults. The cable's is ``world.faults.base_unplugged``.
         self.firmware = RosArduinoFirmware(started_s=clock.now_s())
         try:
+            # Where a driver finds it.
             self.port = EmulatedPort(self.firmware, clock, self._is_plugged, self._turn_wheels)
         except OSError as error:
             raise DeviceOpenError(f"no pseudo-terminal for the emulated base: {error}") from error

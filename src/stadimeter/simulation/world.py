@@ -241,9 +241,6 @@ class World:
     World coordinates have x to the east, y to the north and z up from the floor; headings are counter-clockwise from
     east, as in ROS REP 103. The world has no thread and takes no steps: everything in it is an exact function of time,
     so a question is answered for the moment that it is about. May be used from several threads.
-
-    Args:
-        clock: The run's clock. The times in the options count from what it shows now.
     """
 
     def __init__(self, options: WorldOptions, clock: Clock) -> None:
@@ -283,10 +280,8 @@ class World:
     def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
         """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.
 
-        The position is in metres: x to the right, y down, z forward along the optical axis.
-
-        Raises:
-            DriverError: That is longer ago than the robot remembers.
+        The position is in metres: x to the right, y down, z forward along the optical axis. A `DriverError` says that
+        the time is longer ago than the robot remembers.
         """
         at_s = self._clock.now_s() if time_s is None else time_s
         pose = self.robot.pose_at(at_s)
@@ -296,11 +291,7 @@ class World:
         return (east * sin - north * cos, self.camera_height_m - ball_z, east * cos + north * sin)
 
     def distance_m(self, time_s: float | None = None) -> float:
-        """Return the true length of the straight line from the camera to the ball's centre, now or at a time.
-
-        Raises:
-            DriverError: That is longer ago than the robot remembers.
-        """
+        """Return the true length of the line from the camera to the ball's centre; errors as `target_in_camera`."""
         return math.hypot(*self.target_in_camera(time_s))
 
 
