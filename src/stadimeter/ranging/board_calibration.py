@@ -307,7 +307,7 @@ EDGES = ("left", "right", "upper", "lower")
 
 
 def edges_away(view: BoardView, width_px: int, height_px: int) -> frozenset[str]:
-    """Return which edges of a board are turned away: one or two of `EDGES`; none if it faces the camera or is lost."""
+    """Return which edges of a board are turned away: one or two of `EDGES`; none if frontal or of unknown pose."""
     rough_px = float(max(width_px, height_px))
     camera = np.array([[rough_px, 0, (width_px - 1) / 2], [0, rough_px, (height_px - 1) / 2], [0, 0, 1]])
     board = np.column_stack((view.board_m, np.zeros(len(view.board_m))))

@@ -95,7 +95,7 @@ class SheetFit:
 
 
 class SheetOutlines:
-    """Shapes of the sheet in a picture of a width and height, through a lens, or any if that is None."""
+    """Shapes that pictures of the sheet may have, in a picture of this width and height; the lens may be unknown."""
 
     def __init__(self, size: SheetShape, lens: CameraModel | None, picture: tuple[int, int]) -> None:
         aspect = size.width_m / size.height_m

@@ -129,7 +129,7 @@ class TagDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the tag; without a number the nearest to the prediction, or else the largest, of several."""
+        """Look for the tag; without a number, the one nearest to the prediction or else the largest in view."""
         check_image(frame)
         near = None if prediction is None else self._near(frame, lens, prediction)
         return near or self._anywhere(frame, lens)
