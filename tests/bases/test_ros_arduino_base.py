@@ -18,9 +18,8 @@ from stadimeter.bases.serial_link import SerialLink
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError
-from stadimeter.simulation.options import WorldOptions
 from stadimeter.simulation.ros_arduino_firmware import EmulatedRosArduino, emulated_ros_arduino
-from stadimeter.simulation.world import World
+from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.manual_clock import ManualClock
 
 OPTIONS = {

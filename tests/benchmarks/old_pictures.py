@@ -34,8 +34,8 @@ import numpy as np
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.emulated_port import EmulatedPort
-from stadimeter.simulation.painted_ball import paint_ball
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
+from stadimeter.simulation.silhouette import paint_ball
 from support.simulated_run import LENS as LENS_TABLE
 
 SIZE = (640, 480)

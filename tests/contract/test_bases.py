@@ -8,9 +8,8 @@ import pytest
 from stadimeter.bases.protocol import MobileBase
 from stadimeter.config.plugins import BASES, DriverContext, load_plugin
 from stadimeter.errors import DeviceClosedError, LinkLostError
-from stadimeter.simulation.options import WorldOptions
 from stadimeter.simulation.ros_arduino_firmware import emulated_ros_arduino
-from stadimeter.simulation.world import World
+from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.rig import TICK_S, impossible

@@ -303,7 +303,7 @@ def test_the_library_for_small_tags_reads_what_is_too_small_for_the_rest(driver_
 
 def test_the_library_for_small_tags_is_missed_only_where_it_is_asked_for(monkeypatch, driver_context) -> None:
     monkeypatch.setitem(sys.modules, "pyapriltags", None)
-    monkeypatch.delitem(sys.modules, "stadimeter.detectors.tag.outlines", raising=False)
+    monkeypatch.delitem(sys.modules, "stadimeter.detectors.tag.search", raising=False)
     options = {"side": "8 cm"}
     PLUGIN.build(TagOptions.model_validate(options), driver_context("tag"))
     with pytest.raises(DriverUnavailableError, match=r"target door: finder = 'pyapriltags' .*stadimeter\[tags\]"):

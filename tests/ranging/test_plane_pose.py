@@ -11,8 +11,15 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from stadimeter.ranging.plane_pose import PlanePose, ambiguity, distance_share, doubt_share, plane_poses, rectangle
-from stadimeter.ranging.rectangle_fit import rectangle_fit
+from stadimeter.ranging.plane_pose import (
+    PlanePose,
+    ambiguity,
+    distance_share,
+    doubt_share,
+    plane_poses,
+    rectangle,
+    rectangle_fit,
+)
 from support.scenes.plane import Pose
 
 pytestmark = pytest.mark.vision

@@ -4,8 +4,7 @@ from dataclasses import fields
 
 import pytest
 
-from stadimeter.simulation.options import FaultKind, ScheduledFault
-from stadimeter.simulation.world import KNOBS, Faults, FaultSchedule
+from stadimeter.simulation.world import KNOBS, FaultKind, Faults, FaultSchedule, ScheduledFault
 
 
 def fault(kind: str, at: str, lasts: str | None = None) -> ScheduledFault:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.simulation.options import FaultKind, WorldOptions
+from stadimeter.simulation.world import FaultKind, WorldOptions
 
 
 def read(**options: Any) -> WorldOptions:

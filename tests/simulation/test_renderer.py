@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from stadimeter.simulation.painted_ball import paint_ball
-from stadimeter.simulation.renderer import Renderer
-from stadimeter.simulation.silhouette import silhouette
+from stadimeter.simulation.camera import Renderer
+from stadimeter.simulation.silhouette import paint_ball, silhouette
 
 pytestmark = pytest.mark.vision
 

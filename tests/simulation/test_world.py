@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from stadimeter.config.plugins import CAMERAS, WORLDS, DriverContext
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.options import WorldOptions
-from stadimeter.simulation.world import World, shared_world
+from stadimeter.simulation.world import World, WorldOptions, shared_world
 from stadimeter.testing.manual_clock import ManualClock
 
 coordinates = st.floats(-20, 20)

@@ -63,10 +63,9 @@ class StreamTime:
         self.restart()
 
     def restart(self, settle_s: float = SETTLE_S) -> None:
-        """Judge anew, for a stream that was opened again. Capture times still never go back.
+        """Judge anew, for a stream that was opened again, which without stamps starts with pictures to pass over.
 
-        Args:
-            settle_s: How long to pass over the pictures of a stream without time stamps.
+        Capture times still never go back.
         """
         self._lag = _Lag()
         self._pace = Pace()
@@ -74,14 +73,11 @@ class StreamTime:
         self._opened_at_s = math.nan
 
     def captured_at_s(self, arrived_at_s: float, stamp_s: float = 0.0, pictures: int = 1) -> float | None:
-        """Return when a picture was captured.
+        """Return when a picture was captured, on the run's clock, never before the last one; None if it waited.
 
         Args:
             stamp_s: The sender's time stamp, on any clock; 0 if it has none.
             pictures: How many have come since the one before, this one included.
-
-        Returns:
-            The time in seconds on the run's clock, never before the last one; None if the picture waited on the way.
         """
         if math.isnan(self._opened_at_s):
             self._opened_at_s = arrived_at_s
@@ -99,14 +95,10 @@ class StreamTime:
 
 
 class _Lag:
-    """Lag of pictures behind the quickest one, by the sender's time stamps.
-
-    Attributes:
-        fell_at_s: When the smallest lag last fell by `FALL_S`.
-    """
+    """Lag of pictures behind the quickest one, by the sender's time stamps."""
 
     def __init__(self) -> None:
-        self.fell_at_s = -math.inf
+        self.fell_at_s = -math.inf  # when the smallest lag last fell by `FALL_S`
         self._fell_to_s = math.inf
         self._good_in_a_row = 0
         self._last_stamp_s = math.inf
@@ -134,14 +126,10 @@ class _Lag:
 
 @dataclass(slots=True)
 class _CatchUp:
-    """Pictures that came since a gap.
+    """Pictures that came since a gap."""
 
-    Attributes:
-        since_s: When the last picture before the gap came.
-        came: When pictures came since, and how many had come by then.
-    """
-
-    since_s: float
+    since_s: float  # when the last picture before the gap came
+    # When pictures came since, and how many had come by then.
     came: list[tuple[float, int]] = field(default_factory=list)
 
     def recent(self) -> tuple[float, int] | None:
@@ -171,11 +159,7 @@ class Pace:
         self._catch_up: _CatchUp | None = None
 
     def waited(self, arrived_at_s: float, pictures: int = 1) -> bool:
-        """Return whether a picture may have waited.
-
-        Args:
-            pictures: How many have come since the one before, this one included.
-        """
+        """Return whether a picture may have waited; `pictures` came since the one before, this one included."""
         last_s, self._last_at_s = self._last_at_s, arrived_at_s
         if math.isnan(last_s):
             return False
@@ -224,11 +208,8 @@ SUSPENDED_S = 0.05
 class KernelTime:
     """Brings the stamps of the kernel, which are on ``CLOCK_MONOTONIC``, to the run's clock.
 
-    That clock stands still while the computer is suspended, and the run's goes on. A picture that was captured before
-    a suspend and is read after it is as old as the suspend was long; the offset of now would make it fresh.
-
-    Args:
-        monotonic: ``CLOCK_MONOTONIC``; another one is for tests.
+    That clock stands still while the computer is suspended, and the run's goes on. A picture that was captured before a
+    suspend and is read after it is as old as the suspend was long; the offset of now would make it fresh.
     """
 
     def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
@@ -238,15 +219,7 @@ class KernelTime:
         self._changed_at_s = -math.inf
 
     def on_run_clock(self, stamp_s: float, now_s: float) -> float:
-        """Return a stamp on the run's clock.
-
-        Args:
-            stamp_s: The kernel's stamp in seconds, 0 or less if there is none.
-            now_s: The run's clock, read just before.
-
-        Returns:
-            The stamp in seconds, or 0.
-        """
+        """Return a stamp in seconds on the run's clock, which was read just before; 0 if there is none."""
         if stamp_s <= 0:
             return 0.0
         kernel_now_s = self._monotonic()
@@ -289,15 +262,7 @@ class FrameStamp:
         self._last_stamp_s = -math.inf
 
     def captured_at_s(self, stamp_s: float, arrived_at_s: float) -> float:
-        """Return when a frame was captured.
-
-        Args:
-            stamp_s: The driver's time stamp in seconds, 0 if it has none.
-            arrived_at_s: When the frame arrived, on the run's clock.
-
-        Returns:
-            The capture time in seconds on the run's clock, never before the last one.
-        """
+        """Return when a frame was captured, on the run's clock, never before the last one; no stamp is 0."""
         self._judge(stamp_s, arrived_at_s)
         chosen_s = stamp_s if self.is_trusted else arrived_at_s - self._latency_s
         self._last_captured_s = max(self._last_captured_s, chosen_s)

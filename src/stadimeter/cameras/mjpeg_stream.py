@@ -38,15 +38,10 @@ _STAMP = re.compile(rb"^x-timestamp[ \t]*:[ \t]*(\d{1,12}(?:\.\d{1,9})?)[ \t]*\r
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One part of the stream.
+    """One part of the stream."""
 
-    Attributes:
-        body: Its bytes, as they came.
-        stamp_s: Its ``X-Timestamp`` in seconds of the sender's clock, NaN if it has none.
-    """
-
-    body: bytes
-    stamp_s: float
+    body: bytes  # its bytes, as they came
+    stamp_s: float  # its ``X-Timestamp`` in seconds of the sender's clock, NaN if it has none
 
 
 class Multipart:
@@ -143,14 +138,9 @@ _CHUNK = re.compile(rb"(?:\r\n)?([0-9a-fA-F]{1,8})[^\r\n]{0,200}\r\n")
 class MjpegStream:
     """An open stream, read as ``cv2.VideoCapture`` is: `grab` waits for a picture, `retrieve` decodes it.
 
-    `grab` takes the newest picture that has arrived. What waited longer, since this program was held up, is passed
-    over without being decoded; ``CAP_PROP_POS_FRAMES`` counts it. ``CAP_PROP_POS_MSEC`` is the sender's time stamp of
-    the picture, 0 if it has none.
-
-    Args:
-        boundary: What parts the pictures.
-        begin: What was read of the body already.
-        read_timeout_s: How long `grab` waits.
+    `grab` takes the newest picture that has arrived. What waited longer, since this program was held up, is passed over
+    without being decoded; ``CAP_PROP_POS_FRAMES`` counts it. ``CAP_PROP_POS_MSEC`` is the sender's time stamp of the
+    picture, 0 if it has none. `begin` is what was read of the body already.
     """
 
     def __init__(self, body: _Body, boundary: str, begin: bytes, read_timeout_s: float) -> None:
@@ -208,16 +198,10 @@ class MjpegStream:
 
 
 def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float) -> MjpegStream | None:
-    """Ask an address for a stream of pictures.
+    """Ask an address for a stream of pictures; None if it answers with something else, such as HLS or MP4.
 
     Redirections are followed, within limits. User and password in the address serve for basic and digest
-    authentication, and go to no other host.
-
-    Args:
-        open_timeout_s: How long each step of the connection may take.
-
-    Returns:
-        The stream; None if the address answers with something else, such as HLS or MP4.
+    authentication, and go to no other host. The time limit to open is that of each step of the connection.
 
     Raises:
         DeviceOpenError: It does not answer, or refuses; the message says why, without the address.
@@ -279,11 +263,7 @@ def _without_user(address: str) -> str:
 
 
 class _Body:
-    """The body of an answer, read from the socket: the library's own reading waits for as much as was asked for.
-
-    Args:
-        response: The answer, of which only the headers were read.
-    """
+    """The body of an answer after its headers, read from the socket: the library waits for as much as was asked for."""
 
     def __init__(self, response: http.client.HTTPResponse) -> None:
         self.response = response
@@ -330,11 +310,7 @@ class _Chunks:
         self._left = 0
 
     def without_sizes(self, data: bytes) -> bytes:
-        """Return what the next bytes carry.
-
-        Raises:
-            LinkLostError: They are not chunked as they should be.
-        """
+        """Return what the next bytes carry, or raise a `LinkLostError` if they are not chunked as they should be."""
         data, self._rest = self._rest + data, b""
         found: list[bytes] = []
         while data:

@@ -116,11 +116,7 @@ class OpenCvOptions(Options):
 
 
 def not_for_motion(options: OpenCvOptions) -> dict[str, str]:
-    """Return why nothing may move on the frames of a camera.
-
-    Returns:
-        For each option that would have to be written, a sentence; nothing if its frames will do.
-    """
+    """Return why nothing may move on a camera's frames: a sentence for each option that has to be written."""
     why: dict[str, str] = {}
     if options.is_stream and options.latency is None:
         why["latency"] = (
@@ -153,14 +149,10 @@ class CaptureLike(Protocol):
 
 
 def apply_settings(capture: CaptureLike, options: OpenCvOptions) -> tuple[str, ...]:
-    """Apply the options to an open device, in the order that drivers need, and read each one back.
+    """Apply the options to an open device in the order that drivers need; return a sentence on each not taken.
 
     The pixel format decides which sizes there are, the size which frame rates, the frame rate how long an exposure can
-    be. Drivers substitute silently what they do not have.
-
-    Returns:
-        A sentence about each setting that the device did not take. The size is not among them: the first picture
-        shows it.
+    be. Drivers substitute silently what they do not have. The size is not read back: the first picture shows it.
     """
     return tuple(
         sentence

@@ -29,16 +29,13 @@ _PADDING = re.compile(r"[1-8] extraneous bytes before marker 0xd9")
 
 
 def read_picture(path: Path | str) -> Image:
-    """Read a picture as 8 bits a channel, blue first.
+    """Read a picture as 8 bits a channel, blue first, shape ``(height, width, 3)``.
 
     Grey pictures get three equal channels, the upper 8 of 16 bits are kept, and transparency is dropped: each pixel
     keeps the colour that is stored for it. A picture whose EXIF data say that the camera was turned is turned upright.
 
     A JPEG or PNG that was cut short is refused. OpenCV would fill the missing part with grey, and a target at the edge
     of that part would be measured.
-
-    Returns:
-        The picture, shape ``(height, width, 3)``.
 
     Raises:
         PictureError: The file is missing, empty, cut short, not a picture, or larger than is read; the message names it
@@ -63,16 +60,13 @@ def read_picture(path: Path | str) -> Image:
 
 
 def decode_whole_jpeg(data: bytes) -> Image:
-    """Decode a JPEG of a stream if all of it is there, and refuse it otherwise.
+    """Decode a JPEG of a stream, blue first, shape ``(height, width, 3)``, if all of it is there.
 
     Decoders fill in what is missing: with grey, with the last block, or with what was in their buffer, and libjpeg then
     only warns. Looking for the end marker is not enough, since a relay that was interrupted may put one at the end of
-    half a picture. So every warning of libjpeg is an error here. Of pictures that were cut anywhere, with or without
-    an end marker, all are refused; of those that lack up to 1.5 kB somewhere inside, 97 % (the rest of the
-    Huffman code then happens to give as many blocks as are needed). TCP loses no bytes; relays cut.
-
-    Returns:
-        The picture, shape ``(height, width, 3)``, blue first.
+    half a picture. So every warning of libjpeg is an error here. Of pictures that were cut anywhere, with or without an
+    end marker, all are refused; of those that lack up to 1.5 kB somewhere inside, 97 % (the rest of the Huffman code
+    then happens to give as many blocks as are needed). TCP loses no bytes; relays cut.
 
     Raises:
         PictureError: It is damaged, or not a JPEG.
@@ -92,13 +86,7 @@ def decode_whole_jpeg(data: bytes) -> Image:
 
 
 def check_file(path: Path, kind: str) -> bytes:
-    """Raise an error unless the path is that of a regular file with something in it.
-
-    Args:
-        kind: What it should be, such as ``picture``; for the message.
-
-    Returns:
-        Its first bytes, enough for `is_picture`.
+    """Return the first bytes of a regular file, enough for `is_picture`; `kind` names it in the message.
 
     Raises:
         PictureError: It is missing, a folder, a device or empty, or may not be looked at.

@@ -36,11 +36,7 @@ class VideoFileOptions(Options):
 
 
 class VideoFileCamera(RecordedCamera):
-    """Plays a video file once, at a steady frame rate. A turned video is shown upright if its header says so.
-
-    Args:
-        rate_hz: Its frame rate; None takes the one that the file names.
-    """
+    """Plays a video file once, at a steady frame rate or that of the file, upright if its header says it was turned."""
 
     def __init__(self, path: Path, rate_hz: float | None, clock: Clock) -> None:
         super().__init__(f"the video {path}", clock)

@@ -22,21 +22,18 @@ class Detector(Protocol):
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the target.
-
-        A frame without the target is an ordinary result, not an error.
+        """Look for the target, without changing the image. A frame without it is an ordinary result, not an error.
 
         Args:
-            frame: Its image is not changed.
-            prediction: Where the target is expected, for a detector that can look there first; None to search the
-                whole frame. It may be wrong in any way, NaN included: a target that is not found there whole is looked
-                for in the whole frame.
+            prediction: Where the target is expected, for a detector that can look there first; None to search the whole
+                frame. It may be wrong in any way, NaN included: a target that is not found there whole is looked for in
+                the whole frame.
             lens: The camera model at the frame's resolution, which the answer will be measured with; None where it is
                 not known yet, as while a camera is calibrated.
 
         Returns:
-            Where the target is; or that it is cut off by the border; or that it is not there, with a reason that
-            holds the figures: ``largest blob 6 px, limit 12 px``.
+            Where the target is; or that it is cut off by the border; or that it is not there, with a reason that holds
+                the figures: ``largest blob 6 px, limit 12 px``.
 
         Raises:
             PictureError: The image has not the form that a `Frame` promises, see `check_image`.
@@ -45,11 +42,7 @@ class Detector(Protocol):
 
 
 def check_image(frame: Frame) -> None:
-    """Refuse a frame whose image is not of shape ``(height, width, 3)`` with 8 bits a channel and some pixels.
-
-    Raises:
-        PictureError: It is not; the message names what it is.
-    """
+    """Raise a `PictureError` unless an image has the shape ``(height, width, 3)``, 8 bits a channel and some pixels."""
     shape, dtype = frame.image.shape, frame.image.dtype
     if dtype != "uint8" or len(shape) != 3 or shape[2] != 3 or not frame.image.size:
         raise PictureError(

@@ -32,12 +32,8 @@ class Region:
     ) -> Region | None:
         """Return the square around a point, as far as it is inside the picture.
 
-        Args:
-            half_px: Half of a side.
-            outwards: Whether the last row and column are rounded outwards; the first ones always are.
-
-        Returns:
-            None where it is outside, or one of the numbers is not finite: a prediction may be anything.
+        The first row and column are rounded outwards, the last ones where `outwards` asks for it. None outside of the
+        picture or where a number is not finite: a prediction may be anything.
         """
         if not all(map(math.isfinite, (*centre_px, half_px))):
             return None
@@ -60,11 +56,7 @@ class Region:
 
 
 def touches_border(points_px: Points, width_px: int, height_px: int, margin_px: float) -> bool:
-    """Return whether a shape comes nearer than a margin to the outermost pixels, or passes them.
-
-    Args:
-        points_px: The outline, shape ``(n, 2)``.
-    """
+    """Return whether an outline, ``(n, 2)``, comes nearer than a margin to the outermost pixels, or passes them."""
     left, top = points_px.min(axis=0).tolist()
     right, bottom = points_px.max(axis=0).tolist()
     return bool(
@@ -73,16 +65,12 @@ def touches_border(points_px: Points, width_px: int, height_px: int, margin_px: 
 
 
 def sides_on_border(corners_px: Points, shape: tuple[int, ...], margin_px: float) -> NDArray[np.bool_]:
-    """Return which sides of outlines run along one border of the picture: both their ends are at the same one.
+    """Return which sides of outlines have both ends at one border of the picture, shape ``(c, n)``.
 
     Args:
-        corners_px: Corners in order around each outline, shape ``(c, n, 2)``; side i leads from corner i to corner
-            i + 1.
+        corners_px: Corners in order around each, shape ``(c, n, 2)``; side i leads from corner i to corner i + 1.
         shape: Height and width of the picture.
         margin_px: How near to the outermost pixels counts as on the border.
-
-    Returns:
-        Shape ``(c, n)``.
     """
     last_px = np.array((shape[1], shape[0])) - 1 - margin_px
     low, high = corners_px < margin_px, corners_px > last_px

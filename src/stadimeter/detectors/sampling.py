@@ -25,14 +25,9 @@ Samples = NDArray[np.float32]
 
 
 def sample(image: Image, x_px: Points, y_px: Points) -> Samples:
-    """Read a picture between its pixels, bilinearly. Outside, the outermost pixels go on for ever.
+    """Read a picture between its pixels, bilinearly, for coordinates of any shape; channels are added to it.
 
-    Args:
-        x_px: Horizontal coordinates, any shape.
-        y_px: Vertical coordinates, the same shape.
-
-    Returns:
-        The values, of that shape with the channels added.
+    Outside, the outermost pixels go on for ever.
     """
     height, width = image.shape[:2]
     x = np.clip(x_px, 0, width - 1)
@@ -68,11 +63,7 @@ def reduced(image: Image, long_side_px: int, interpolation: int = cv2.INTER_AREA
 
 
 def to_full_scale(points_px: Points, scale: float) -> Points:
-    """Return where points of a reduced picture are in the full one.
-
-    Args:
-        points_px: Points in the reduced picture, shape ``(n, 2)``, with (0, 0) at the centre of its first pixel.
-    """
+    """Return where points of a reduced picture are in the full one; (0, 0) is the centre of the first pixel."""
     return (points_px + 0.5) / scale - 0.5
 
 
@@ -86,12 +77,8 @@ CODES = 256
 def light_table(tone_curve: ToneCurve) -> Light:
     """Return the light that each code value of 8 bits stands for; ``light_table("srgb")[image]`` decodes a picture.
 
-    Args:
-        tone_curve: ``srgb``, which phones and cameras write by default (IEC 61966-2-1), or ``linear`` for a camera
-            whose values are in proportion to the light.
-
-    Returns:
-        Shape ``(256,)``, rising from 0 for black to 1 for the brightest value. Read-only.
+    It rises from 0 for black to 1 for the brightest value, shape ``(256,)``, read-only. ``srgb`` is what phones and
+    cameras write by default (IEC 61966-2-1), ``linear`` for a camera whose values are in proportion to the light.
     """
     share = np.arange(CODES, dtype=np.float64) / (CODES - 1)
     if tone_curve == "srgb":

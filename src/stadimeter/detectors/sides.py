@@ -31,29 +31,17 @@ LEAST_SINE = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadShapes:
-    """The shapes of many outlines.
+    """The shapes of many outlines."""
 
-    Attributes:
-        sides_px: The lengths of their sides, shape ``(c, 4)``; side i leads from corner i to corner i + 1.
-        shorter_px: Of both pairs of opposite sides, the mean length of the shorter one, shape ``(c,)``.
-        aspect: The mean of the longer pair over that of the shorter one, shape ``(c,)``.
-        side_ratio: How many times as long as the opposite side a side is at most, shape ``(c,)``.
-        sharpest_rad: The sharpest angle at a corner, shape ``(c,)``.
-    """
-
-    sides_px: Values
-    shorter_px: Values
-    aspect: Values
-    side_ratio: Values
-    sharpest_rad: Values
+    sides_px: Values  # the lengths of their sides, shape ``(c, 4)``; side i leads from corner i to corner i + 1
+    shorter_px: Values  # of both pairs of opposite sides, the mean length of the shorter one, shape ``(c,)``
+    aspect: Values  # the mean of the longer pair over that of the shorter one, shape ``(c,)``
+    side_ratio: Values  # how many times as long as the opposite side a side is at most, shape ``(c,)``
+    sharpest_rad: Values  # the sharpest angle at a corner, shape ``(c,)``
 
 
 def quad_shapes(corners: Points) -> QuadShapes:
-    """Return the shapes of outlines.
-
-    Args:
-        corners: Their corners in order around each, shape ``(c, 4, 2)``.
-    """
+    """Return the shapes of outlines whose corners come in order, shape ``(c, 4, 2)``."""
     sides = corners[:, [1, 2, 3, 0]] - corners
     sides_px = np.maximum(np.hypot(sides[..., 0], sides[..., 1]), 1e-9)
     back = -sides[:, [3, 0, 1, 2]] / sides_px[:, [3, 0, 1, 2], None]
@@ -113,12 +101,7 @@ def diagonals_meet(corners: Points) -> tuple[float, float]:
 
 
 def grown(corners: Points, by_px: float | Values) -> Points:
-    """Move the sides of outlines outwards.
-
-    Args:
-        corners: Convex outlines, clockwise on the screen, shape ``(k, 4, 2)``.
-        by_px: How far; one figure, or one for each outline.
-    """
+    """Move the sides of convex outlines, clockwise on the screen, ``(k, 4, 2)``, outwards; all alike or each apart."""
     after = np.roll(corners, -1, axis=1) - corners
     along = after / np.maximum(np.linalg.norm(after, axis=2, keepdims=True), 1e-9)
     back = -np.roll(along, 1, axis=1)

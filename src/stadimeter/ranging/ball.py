@@ -18,14 +18,10 @@ _SIGMA_OF_SMALL_PX2 = 0.85
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BallShape:
-    """A sphere.
-
-    Attributes:
-        relative_sigma: Standard deviation of the diameter, as a share: how well it is known.
-    """
+    """A sphere."""
 
     diameter_m: float
-    relative_sigma: float = 0.0
+    relative_sigma: float = 0.0  # standard deviation of the diameter, as a share: how well it is known
 
     @property
     def label(self) -> str:

@@ -42,32 +42,23 @@ _CORNERS_IN_COMMON = 4
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoardView:
-    """The corners of a board in one picture.
-
-    Attributes:
-        board_m: Where the corners are on the board, shape (n, 2).
-        corners_px: Where they are in the picture, shape (n, 2), in the same order.
-    """
+    """The corners of a board in one picture."""
 
     picture: str
-    board_m: NDArray[np.float64]
-    corners_px: NDArray[np.float64]
+    board_m: NDArray[np.float64]  # where the corners are on the board, shape (n, 2)
+    corners_px: NDArray[np.float64]  # where they are in the picture, shape (n, 2), in the same order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewError:
-    """How well one picture fits the camera model.
-
-    Attributes:
-        rms_px: Root of the mean squared distance between where they are and where the model has them; NaN for a
-            picture that was left out before the fit.
-        why_left_out: Why it was left out; empty if it was not.
-    """
+    """How well one picture fits the camera model."""
 
     picture: str
     corners: int
+    # Root of the mean squared distance between where they are and where the model has them; NaN for a picture
+    # that was left out before the fit.
     rms_px: float
-    why_left_out: str = ""
+    why_left_out: str = ""  # why it was left out; empty if it was not
 
     @property
     def was_left_out(self) -> bool:
@@ -77,20 +68,13 @@ class ViewError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardCalibration:
-    """A camera model and how far to trust it.
-
-    Attributes:
-        views: One for each picture, in their order.
-        rms_px: The reprojection error over all pictures that were used.
-        coverage: The share of the picture's area, in cells of a grid, that has a corner in some picture.
-        uncovered: The ninths of the picture without any corner, in words such as ``upper left``.
-    """
+    """A camera model and how far to trust it."""
 
     camera_model: CameraModel
-    views: tuple[ViewError, ...]
-    rms_px: float
-    coverage: float
-    uncovered: tuple[str, ...]
+    views: tuple[ViewError, ...]  # one for each picture, in their order
+    rms_px: float  # the reprojection error over all pictures that were used
+    coverage: float  # the share of the picture's area, in cells of a grid, that has a corner in some picture
+    uncovered: tuple[str, ...]  # the ninths of the picture without any corner, in words such as ``upper left``
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -104,17 +88,10 @@ class _Fit:
 
 
 def calibrate_board(views: Sequence[BoardView], width_px: int, height_px: int, *, date: str) -> BoardCalibration:
-    """Make a camera model from pictures of a board.
+    """Make a camera model from three views of a board or more, of one resolution, with the figures to judge it by.
 
-    Views that are the same as another are left out: they say nothing new, and would make the fit look surer than it
-    is. So are those that fit far worse than the others, the worst first: one bad view spoils the fit of the good ones.
-
-    Args:
-        views: Three at least, all of one resolution.
-        date: ISO 8601 date of the calibration.
-
-    Returns:
-        The model with the figures to judge it by.
+    Views that are the same as another are left out: they say nothing new, and would make the fit look surer than it is.
+    So are those that fit far worse than the others, the worst first: one bad view spoils the fit of the good ones.
 
     Raises:
         CalibrationError: There are too few views, or they do not fix the focal length.
@@ -159,14 +136,7 @@ def _different(views: Sequence[BoardView], same_px: float) -> tuple[list[BoardVi
 
 
 def apart_px(view: BoardView, other: BoardView) -> float:
-    """Return how far two views are apart.
-
-    Args:
-        other: Another view of the same board.
-
-    Returns:
-        The mean distance between the corners that both show; infinite if there are fewer than four.
-    """
+    """Return the mean distance between the corners that two views share; infinite if there are fewer than four."""
     here, there = in_common(view, other)
     if len(here) < _CORNERS_IN_COMMON:
         return math.inf
@@ -174,14 +144,7 @@ def apart_px(view: BoardView, other: BoardView) -> float:
 
 
 def in_common(view: BoardView, other: BoardView) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where two views have the corners that both of them show.
-
-    Args:
-        other: Another view of the same board.
-
-    Returns:
-        The corners in the one and in the other picture, each of shape (n, 2), in the same order.
-    """
+    """Return the corners of the one and the other view that both of them show, ``(n, 2)`` each, in the same order."""
     if np.array_equal(view.board_m, other.board_m):
         return view.corners_px, other.corners_px
     places = {tuple(corner): index for index, corner in enumerate(other.board_m)}
@@ -191,15 +154,7 @@ def in_common(view: BoardView, other: BoardView) -> tuple[NDArray[np.float64], N
 
 
 def coverage(views: Sequence[BoardView], width_px: int, height_px: int) -> tuple[float, tuple[str, ...]]:
-    """Return where in the picture corners were seen.
-
-    Args:
-        views: One at least.
-
-    Returns:
-        The share of the picture's area, in cells of a grid, that has a corner; and the ninths of the picture without
-        any, in words such as ``upper left``.
-    """
+    """Return the share of the picture's area with a corner, in cells of a grid, and its ninths without any in words."""
     shape = (width_px, height_px)
     return float(_covered(views, shape, _COVERAGE_CELLS).mean()), _uncovered(views, shape)
 
@@ -352,11 +307,7 @@ EDGES = ("left", "right", "upper", "lower")
 
 
 def edges_away(view: BoardView, width_px: int, height_px: int) -> frozenset[str]:
-    """Return which edges of a board are turned away from the camera.
-
-    Returns:
-        One or two of `EDGES`; none of a board that faces the camera, or whose pose is not known.
-    """
+    """Return which edges of a board are turned away: one or two of `EDGES`; none if frontal or of unknown pose."""
     rough_px = float(max(width_px, height_px))
     camera = np.array([[rough_px, 0, (width_px - 1) / 2], [0, rough_px, (height_px - 1) / 2], [0, 0, 1]])
     board = np.column_stack((view.board_m, np.zeros(len(view.board_m))))

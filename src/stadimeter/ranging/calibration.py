@@ -5,8 +5,17 @@ that is held square to the wall with the sheet. For a target in the middle of th
 well, so that is where to put it.
 
 Each picture gives the focal length with which `stadimeter.ranging.measure` measures just the known depth; so whatever
-that takes into account, such as a ball's perspective or a sheet's tilt, is taken into account here. How several are
-combined is in `stadimeter.ranging.focal_fit`.
+that takes into account, such as a ball's perspective or a sheet's tilt, is taken into account here.
+
+Several are combined as follows. Every picture gives a focal length F_i. If each edge is measured b pixels too far out,
+that is too much by the share 2·b / P_i, P_i being how large the target appears: much where it is small and far away,
+little where it is large and near. So with s_i = 2·F_i / P_i, by how much F_i is too large for each pixel of bias, all
+pictures agree on
+
+    F = F_i - s_i · b
+
+which is linear in F and b. Weighted least squares solves it; the inverse of the normal matrix is their covariance (W.
+H. Press et al., Numerical Recipes, 3rd edition, section 15.4).
 """
 
 from __future__ import annotations
@@ -15,18 +24,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.target import TargetShape
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.focal_fit import (
-    BIAS_SIGMA_LIMIT_PX,
-    FocalEstimate,
-    FocalFit,
-    edge_bias_sigma_px,
-    fit_focal_length,
-)
 from stadimeter.ranging.measure import measure
+
+BIAS_SIGMA_LIMIT_PX = 0.3
+"""Edge biases are mostly below this; a fit that is less sure of its bias than this says less than to assume none."""
 
 DISTANCE_RELATIVE_SIGMA = 0.01
 """How well a distance is known that a person measures with a tape, as a share of it: 6 mm at 60 cm."""
@@ -52,45 +60,109 @@ _ADVISED_MIN_PX = 25.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FocalEstimate:
+    """The focal length that one picture gives."""
+
+    focal_px: float  # the focal length if there is no edge bias, F_i
+    sigma_px: float  # its standard deviation
+    per_bias: float  # by how much it is too large for each pixel of edge bias, s_i
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocalFit:
+    """What all pictures give together."""
+
+    focal_px: float
+    focal_sigma_px: float  # its standard deviation: what follows from that of the pictures, or more if they disagree
+    edge_bias_px: float  # the edge bias; 0 where the pictures do not tell it
+    # Its standard deviation from these pictures, whether or not it was used; infinite where all are at one
+    # distance.
+    edge_bias_sigma_px: float
+    bias_was_fitted: bool  # whether the pictures tell the edge bias
+
+
+def fit_focal_length(estimates: Sequence[FocalEstimate]) -> FocalFit:
+    """Combine the focal lengths of one picture or more, with the edge bias if they tell it."""
+    focal_px, weights = _columns(estimates)
+    bias_sigma_px = edge_bias_sigma_px(estimates)
+    together = np.column_stack((np.ones_like(focal_px), [each.per_bias for each in estimates]))
+    alone = together[:, :1]
+    if bias_sigma_px <= BIAS_SIGMA_LIMIT_PX:
+        (focal, bias), covariance = _solved(together, focal_px, weights)
+        bias_sigma_px = math.sqrt(covariance[1, 1])
+        if bias_sigma_px <= BIAS_SIGMA_LIMIT_PX:
+            return FocalFit(
+                focal_px=float(focal),
+                focal_sigma_px=math.sqrt(covariance[0, 0]),
+                edge_bias_px=float(bias),
+                edge_bias_sigma_px=bias_sigma_px,
+                bias_was_fitted=True,
+            )
+    (focal,), covariance = _solved(alone, focal_px, weights)
+    return FocalFit(
+        focal_px=float(focal),
+        focal_sigma_px=math.sqrt(covariance[0, 0]),
+        edge_bias_px=0.0,
+        edge_bias_sigma_px=bias_sigma_px,
+        bias_was_fitted=False,
+    )
+
+
+def edge_bias_sigma_px(estimates: Sequence[FocalEstimate]) -> float:
+    """Return how well pictures tell the edge bias, before it is known whether they agree; infinite if they do not."""
+    _, weights = _columns(estimates)
+    per_bias = np.array([each.per_bias for each in estimates])
+    mean = float(np.average(per_bias, weights=weights))
+    information = float(np.sum(weights * (per_bias - mean) ** 2))
+    return 1 / math.sqrt(information) if information > 1e-12 * float(np.sum(weights)) * mean**2 else math.inf
+
+
+def _columns(estimates: Sequence[FocalEstimate]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    focal_px = np.array([each.focal_px for each in estimates])
+    sigma_px = np.maximum([each.sigma_px for each in estimates], 1e-9 * focal_px)
+    return focal_px, 1 / sigma_px**2
+
+
+def _solved(
+    design: NDArray[np.float64], values: NDArray[np.float64], weights: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the weighted least squares solution and its covariance, widened where the values disagree."""
+    covariance = np.linalg.inv(design.T @ (design * weights[:, None])).astype(np.float64)
+    solution = covariance @ (design.T @ (weights * values))
+    spare = len(values) - design.shape[1]
+    if spare == 0:
+        return solution, covariance
+    disagreement = float(np.sum(weights * (values - design @ solution) ** 2)) / spare
+    return solution, covariance * max(1.0, disagreement)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class KnownDistance:
-    """A picture of a target at a known distance.
+    """A picture of a target at a known distance."""
 
-    Attributes:
-        picture: The picture's name, for messages and notes.
-        detection: Where the target is in it.
-        depth_m: How far the target's centre is from the camera, along the optical axis.
-        less_bias: Where the target is found with a camera model that has an edge bias of `BIAS_STEP_PX`. What that
-            changes depends on the target, bright or dark, so the detector says it; None if it was not asked.
-    """
-
-    picture: str
+    picture: str  # the picture's name, for messages and notes
     width_px: int
     height_px: int
-    detection: Detection
+    detection: Detection  # where the target is in it
     size: TargetShape
-    depth_m: float
+    depth_m: float  # how far the target's centre is from the camera, along the optical axis
+    # Where the target is found with a camera model that has an edge bias of `BIAS_STEP_PX`. What that changes
+    # depends on the target, bright or dark, so the detector says it; None if it was not asked.
     less_bias: Detection | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocalLength:
-    """The focal length that one picture gives, and how well the camera model made from all fits it.
-
-    Attributes:
-        focal_px: The focal length, with the edge bias of the model undone.
-        relative_sigma: The standard deviation of the focal length, as a share of it.
-        off_axis_rad: How far from the middle of the picture the target is.
-        residual_share: What the model measures in this picture, less the known depth, as a share of that.
-    """
+    """The focal length that one picture gives, and how well the camera model made from all fits it."""
 
     picture: str
     width_px: float
     height_px: float
     depth_m: float
-    focal_px: float
-    relative_sigma: float
-    off_axis_rad: float
-    residual_share: float
+    focal_px: float  # the focal length, with the edge bias of the model undone
+    relative_sigma: float  # the standard deviation of the focal length, as a share of it
+    off_axis_rad: float  # how far from the middle of the picture the target is
+    residual_share: float  # what the model measures in this picture, less the known depth, as a share of that
 
     def __str__(self) -> str:
         """Return the figures as one line."""
@@ -102,19 +174,14 @@ class FocalLength:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """A camera model and what it came from.
-
-    Attributes:
-        pictures: The focal length that each picture gives, in the order of the pictures.
-        one_distance: Whether all pictures are at one distance, where an edge bias looks like another focal length.
-        more_at_m: The nearest depth at which one more picture would determine the edge bias; None if it is known
-            or if no further picture of the same quality would determine it.
-    """
+    """A camera model and what it came from."""
 
     camera_model: CameraModel
-    pictures: tuple[FocalLength, ...]
+    pictures: tuple[FocalLength, ...]  # the focal length that each picture gives, in the order of the pictures
     fit: FocalFit
-    one_distance: bool
+    one_distance: bool  # whether all pictures are at one distance, where an edge bias looks like another focal length
+    # The nearest depth at which one more picture would determine the edge bias; None if it is known or if no
+    # further picture of the same quality would determine it.
     more_at_m: float | None
 
 
@@ -131,9 +198,6 @@ def calibrate(
         date: ISO 8601 date of the calibration.
         distance_relative_sigma: Standard deviation of the known distances, as a share of each. Away from the middle of
             the picture, which way the tape was held adds to it.
-
-    Returns:
-        The model and the figures that it came from.
 
     Raises:
         CalibrationError: No picture can be used, they differ in resolution, or they do not tell the focal length.
@@ -236,14 +300,7 @@ def _with_focal_length(model: CameraModel, focal_px: float) -> CameraModel:
 
 
 def measured_depth_m(known: KnownDistance, model: CameraModel) -> float:
-    """Return the depth that a camera model measures.
-
-    Args:
-        known: A picture in which the target was found whole.
-        model: The camera model at the picture's resolution.
-
-    Returns:
-        The depth in metres.
+    """Return the depth that a camera model measures in a picture in which the target was found whole.
 
     Raises:
         CalibrationError: There is none.
@@ -255,15 +312,7 @@ def measured_depth_m(known: KnownDistance, model: CameraModel) -> float:
 
 
 def depth_shares(known: KnownDistance, model: CameraModel) -> tuple[float, float]:
-    """Return the standard deviation of the measured distance, as shares of it.
-
-    Args:
-        known: A picture in which the target was found whole.
-        model: The camera model at the picture's resolution.
-
-    Returns:
-        What differs from frame to frame, and what stays.
-    """
+    """Return the standard deviation of the distance as shares: what differs from frame to frame, and what stays."""
     measured = measure(known.detection, known.size, model, 0.0)
     distance_m, sigma_m, noise_m = measured.distance_m or math.inf, measured.sigma_m or 0.0, measured.noise_m or 0.0
     return noise_m / distance_m, math.sqrt(max(0.0, sigma_m**2 - noise_m**2)) / distance_m

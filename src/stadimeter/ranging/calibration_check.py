@@ -19,18 +19,13 @@ MEAN_LIMIT_SIGMAS = 2.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DistanceError:
-    """How wrong the distance of one picture is.
-
-    Attributes:
-        error_share: What was measured, less what is known, as a share of the latter.
-        sigma_share: The standard deviation that measurement and tape allow, as a share of the known depth.
-    """
+    """How wrong the distance of one picture is."""
 
     picture: str
     depth_m: float
     measured_m: float
-    error_share: float
-    sigma_share: float
+    error_share: float  # what was measured, less what is known, as a share of the latter
+    sigma_share: float  # the standard deviation that measurement and tape allow, as a share of the known depth
 
     @property
     def sigmas(self) -> float:
@@ -45,17 +40,11 @@ class DistanceError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationCheck:
-    """What new pictures say about a camera model.
+    """What new pictures say about a camera model."""
 
-    Attributes:
-        pictures: One for each picture, in their order.
-        bias_share: The mean error, as a share of the distance.
-        bias_sigma_share: The standard deviation that the mean may have, what all pictures have in common included.
-    """
-
-    pictures: tuple[DistanceError, ...]
-    bias_share: float
-    bias_sigma_share: float
+    pictures: tuple[DistanceError, ...]  # one for each picture, in their order
+    bias_share: float  # the mean error, as a share of the distance
+    bias_sigma_share: float  # the standard deviation that the mean may have, what all pictures have in common included
 
     @property
     def bias_is_outside(self) -> bool:

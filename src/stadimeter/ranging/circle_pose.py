@@ -31,15 +31,10 @@ LEAST_POINTS = 5
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CirclePose:
-    """A pose of a circle, in the camera frame: x right, y down, z forward.
+    """A pose of a circle, in the camera frame: x right, y down, z forward."""
 
-    Attributes:
-        position_m: Its centre, shape ``(3,)``.
-        normal: The unit vector at right angles to its plane, towards the camera, shape ``(3,)``.
-    """
-
-    position_m: Points
-    normal: Points
+    position_m: Points  # its centre, shape ``(3,)``
+    normal: Points  # the unit vector at right angles to its plane, towards the camera, shape ``(3,)``
 
     @property
     def distance_m(self) -> float:
@@ -54,15 +49,10 @@ class CirclePose:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CirclePoses:
-    """Both poses that an outline allows.
+    """Both poses that an outline allows."""
 
-    Attributes:
-        poses: They explain the outline equally well.
-        axis: The axis of the cone, half way between their lines of sight, as a unit vector of shape ``(3,)``.
-    """
-
-    poses: tuple[CirclePose, CirclePose]
-    axis: Points
+    poses: tuple[CirclePose, CirclePose]  # they explain the outline equally well
+    axis: Points  # the axis of the cone, half way between their lines of sight, as a unit vector of shape ``(3,)``
 
     @property
     def distance_m(self) -> float:
@@ -76,13 +66,9 @@ class CirclePoses:
 
 
 def cone_through(directions: Points) -> Matrix | None:
-    """Return the elliptical cone through rays, by linear least squares.
+    """Return Q of the elliptical cone ``d' Q d = 0`` through rays, by linear least squares, positive outside.
 
-    Args:
-        directions: The rays as x and y per unit of depth, shape ``(n, 2)``. They should lie all around the cone.
-
-    Returns:
-        Q of ``d' Q d = 0``, symmetric, shape ``(3, 3)``, positive outside; None if they are on no elliptical cone.
+    None if they are on no such cone. The rays are x and y per unit of depth, ``(n, 2)``, and should lie all around it.
     """
     if len(directions) < LEAST_POINTS or not np.isfinite(directions).all():
         return None
@@ -107,11 +93,7 @@ def cone_through(directions: Points) -> Matrix | None:
 
 
 def circle_poses(cone: Matrix, diameter_m: float) -> CirclePoses | None:
-    """Return the two poses of a circle in front of the camera that is seen on a cone.
-
-    Returns:
-        The poses; None if the cone is not elliptical.
-    """
+    """Return the two poses of a circle in front of the camera that is seen on a cone; None if that is not elliptic."""
     # Eigenvalues come in rising order, λ₃ < λ₂ ≤ λ₁. The axis of the cone belongs to λ₃, the only one below zero.
     (third, second, first), axes = np.linalg.eigh(cone)
     if not third < 0 < second:

@@ -21,19 +21,13 @@ _LEAST_M2 = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expectation:
-    """Expected appearance and uncertainty at a distance.
-
-    Attributes:
-        size_px: How large the target will appear: a ball's diameter, a flat target's shorter side as it faces the
-            camera.
-        sigma_m: The standard deviation of one measurement of the distance.
-        noise_m: The part of it that differs from frame to frame; an error of the focal length does not.
-    """
+    """Expected appearance and uncertainty at a distance."""
 
     distance_m: float
+    # How large the target will appear: a ball's diameter, a flat target's shorter side as it faces the camera.
     size_px: float
-    sigma_m: float
-    noise_m: float
+    sigma_m: float  # the standard deviation of one measurement of the distance
+    noise_m: float  # the part of it that differs from frame to frame; an error of the focal length does not
 
     @property
     def is_reliable(self) -> bool:
@@ -43,9 +37,6 @@ class Expectation:
 
 def expect(shape: TargetShape, camera: CameraModel, distance_m: float) -> Expectation:
     """Return what to expect of a target at a distance, in the middle of the picture.
-
-    Args:
-        camera: The camera model at the resolution that will be used.
 
     Raises:
         ValueError: The distance is not a finite number above zero.

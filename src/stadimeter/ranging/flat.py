@@ -43,14 +43,10 @@ class _Flat:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscShape(_Flat):
-    """A flat circle, such as a sticker, a lid or a printed dot.
-
-    Attributes:
-        relative_sigma: Standard deviation of the diameter, as a share: how well it is known.
-    """
+    """A flat circle, such as a sticker, a lid or a printed dot."""
 
     diameter_m: float
-    relative_sigma: float = 0.0
+    relative_sigma: float = 0.0  # standard deviation of the diameter, as a share: how well it is known
 
     @property
     def label(self) -> str:
@@ -96,20 +92,14 @@ class DiscShape(_Flat):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetShape(_Flat):
-    """A flat rectangle, such as a sheet of paper.
+    """A flat rectangle, such as a sheet of paper."""
 
-    Attributes:
-        width_m: Its horizontal side as it hangs.
-        height_m: Its vertical side as it hangs.
-        known_side: Which side the distance is computed from, as if it were square to the line of sight: the other one
-            may be unknown, or curled. ``auto`` takes all four corners.
-        relative_sigma: Standard deviation of the sides, as a share: how well they are known.
-    """
-
-    width_m: float
-    height_m: float
+    width_m: float  # its horizontal side as it hangs
+    height_m: float  # its vertical side as it hangs
+    # Which side the distance is computed from, as if it were square to the line of sight: the other one may be
+    # unknown, or curled. ``auto`` takes all four corners.
     known_side: KnownSide = "auto"
-    relative_sigma: float = 0.0
+    relative_sigma: float = 0.0  # standard deviation of the sides, as a share: how well they are known
 
     @property
     def label(self) -> str:
@@ -167,15 +157,11 @@ class SheetShape(_Flat):
 
 
 def sheet_poses(directions: Points, size: SheetShape) -> tuple[tuple[PlanePose, Points], ...]:
-    """Return the poses that a sheet may have, with its width across the picture or down it.
+    """Return the poses that a sheet may have, with its width across the picture or down it, the likeliest first.
 
-    Args:
-        directions: Where its corners appear, x and y per unit of depth with the lens's distortion undone, clockwise in
-            the picture, shape ``(4, 2)``.
-
-    Returns:
-        Poses, and the corners in the sheet's frame that belong to them, shape ``(4, 3)``; the pose that explains the
-        corners best comes first. None where the corners are not those of a rectangle in front of the camera.
+    With them come the corners in the sheet's frame, shape ``(4, 3)``. None where the corners are not those of a
+    rectangle in front of the camera. ``directions`` are where its corners appear, x and y per unit of depth with the
+    lens's distortion undone, clockwise in the picture, shape ``(4, 2)``.
     """
     found = []
     for width_m, height_m in dict.fromkeys(((size.width_m, size.height_m), (size.height_m, size.width_m))):
@@ -187,15 +173,10 @@ def sheet_poses(directions: Points, size: SheetShape) -> tuple[tuple[PlanePose, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TagShape(_Flat):
-    """A square fiducial, such as an ArUco marker or an AprilTag.
+    """A square fiducial, such as an ArUco marker or an AprilTag."""
 
-    Attributes:
-        side_m: The side of its black square, without the white around it.
-        relative_sigma: Standard deviation of the side, as a share: how well it is known.
-    """
-
-    side_m: float
-    relative_sigma: float = 0.0
+    side_m: float  # the side of its black square, without the white around it
+    relative_sigma: float = 0.0  # standard deviation of the side, as a share: how well it is known
 
     @property
     def label(self) -> str:
@@ -238,14 +219,10 @@ class TagShape(_Flat):
 
 
 def tag_poses(directions: Points, size: TagShape) -> tuple[PlanePose, ...]:
-    """Return the poses that a tag may have, the one that explains its corners best first.
+    """Return the two poses that a tag may have, the one that explains its corners best first.
 
-    Args:
-        directions: Where its corners appear, x and y per unit of depth with the lens's distortion undone, clockwise in
-            the picture from its own top left one, shape ``(4, 2)``.
-
-    Returns:
-        Two poses; fewer where the corners are not those of a square in front of the camera.
+    They are fewer where the corners are not those of a square in front of the camera. ``directions`` are where its
+    corners appear, x and y per unit of depth with the lens's distortion undone, clockwise from its own top left one.
     """
     return plane_poses(rectangle(size.side_m, size.side_m), directions)
 

@@ -17,7 +17,7 @@ _STATUS = {
 
 
 def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captured_at_s: float) -> Measurement:
-    """Measure how far away a target is.
+    """Measure how far away a target is; without figures, and with the detection's reason, unless it was found whole.
 
     The shape works out where the target's centre is in the camera frame; its length is the distance.
 
@@ -26,12 +26,8 @@ def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captu
     target's size, which is the same share of every distance.
 
     Args:
-        detection: Where the target is in the picture, or why it is not.
         camera: The camera model at the picture's resolution.
         captured_at_s: When the picture was taken, on the run's monotonic clock.
-
-    Returns:
-        The measurement; without figures, and with the detection's reason, unless the target was found whole.
     """
     if detection.status is not DetectionStatus.FOUND:
         return _without_figures(detection, _STATUS[detection.status], detection.reason, captured_at_s)
@@ -66,19 +62,12 @@ def _without_figures(detection: Detection, status: MeasurementStatus, reason: st
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SigmaParts:
-    """The causes of a distance's standard deviation. Their squares add up to its square.
+    """The causes of a distance's standard deviation. Their squares add up to its square."""
 
-    Attributes:
-        edges_m: The noise of the edges in the picture, which differs from frame to frame.
-        focal_length_m: How well the focal length is known.
-        size_m: How well the target's size is known.
-        pose_m: Everything else that stays; of something flat, which of two mirrored poses it has.
-    """
-
-    edges_m: float
-    focal_length_m: float
-    size_m: float
-    pose_m: float
+    edges_m: float  # the noise of the edges in the picture, which differs from frame to frame
+    focal_length_m: float  # how well the focal length is known
+    size_m: float  # how well the target's size is known
+    pose_m: float  # everything else that stays; of something flat, which of two mirrored poses it has
 
 
 def sigma_parts(measured: Measurement, shape: TargetShape, camera: CameraModel) -> SigmaParts | None:

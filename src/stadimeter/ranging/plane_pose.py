@@ -1,10 +1,16 @@
 """Where a flat rectangle is and how it is turned, from its four corners: both poses that its picture may have.
 
-They come in closed form from T. Collins and A. Bartoli, "Infinitesimal plane-based pose estimation", International
+The poses come in closed form from T. Collins and A. Bartoli, "Infinitesimal plane-based pose estimation", International
 Journal of Computer Vision 109, 2014: the homography from the plane to the picture, and its derivatives at the plane's
 middle, give the plane's turn but for a mirror image about the line of sight. OpenCV has it as ``SOLVEPNP_IPPE``, but
 loses a pose where something is seen exactly from the front. Here nothing is divided by what then becomes zero. For four
 corners plain numbers are faster than arrays.
+
+How far four corners are from being the picture of a rectangle is found for many outlines at once, without their poses.
+The homography from a rectangle to its picture is ``[w r1, h r2, t]`` up to a factor, with r1 and r2 at right angles and
+of the same length (Z. Zhang, "A flexible new technique for camera calibration", 2000, section 2.3). Eight coordinates
+less six of the pose leave these two conditions. By how much the corners must move to fulfil them follows from their
+derivatives to first order.
 """
 
 from __future__ import annotations
@@ -22,21 +28,32 @@ from stadimeter.core.detection import Points
 
 Vector = tuple[float, float, float]
 Seen = Sequence[Sequence[float]]
+Values = NDArray[np.float64]
+
+SQUARE = np.array(((-0.5, 0.5, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, -0.5, 0.0)))
+"""The corners of a square with a side of 1 in its own frame, x right, y up, from the top left one on."""
+
+NO_BENDING = np.zeros(0)
+
+IN_DIRECTIONS = np.eye(3)
+"""The camera matrix where corners are given as directions instead of pixels."""
+
+COORDINATES, FREEDOM = 8, 6
+
+STEP = 1e-4
+"""Derivatives are differences over this share of an outline's size."""
+
+_SHIFTS = np.concatenate((np.zeros((1, COORDINATES)), np.eye(COORDINATES))).reshape(-1, 1, 4, 2)
 
 
 class RectanglePose(NamedTuple):
-    """A pose of a rectangle.
+    """A pose of a rectangle."""
 
-    Attributes:
-        right: Its x axis, towards its right, in the camera frame: x right, y down, z forward.
-        up: Its y axis, towards its top.
-        misfit: How far the corners appear from where the pose has them, root mean square of their coordinates, per unit
-            of depth.
-    """
-
-    right: Vector
-    up: Vector
+    right: Vector  # its x axis, towards its right, in the camera frame: x right, y down, z forward
+    up: Vector  # its y axis, towards its top
     position_m: Vector
+    # How far the corners appear from where the pose has them, root mean square of their coordinates, per unit
+    # of depth.
     misfit: float
 
 
@@ -52,15 +69,11 @@ class _Middle(NamedTuple):
 
 
 def rectangle_poses(half_width_m: float, half_height_m: float, seen: Seen) -> list[RectanglePose]:
-    """Return the poses that explain best where the corners of a rectangle appear, the better one first.
+    """Return the two poses that explain best where the corners of a rectangle appear, the better one first.
 
-    Args:
-        seen: Where its corners appear, x and y per unit of depth, from its own top left one on clockwise as it is seen
-            from the front.
-
-    Returns:
-        Two poses, which are the same for something seen from the front; fewer where that would have it behind the
-        camera, none where the corners are not those of a plane.
+    They are the same for something seen from the front; fewer where that would have it behind the camera, none where
+    the corners are not those of a plane. They appear at `seen`, x and y per unit of depth, from its own top left one on
+    clockwise as it is seen from the front.
     """
     middle = _middle(half_width_m, half_height_m, seen)
     if middle is None:
@@ -72,16 +85,10 @@ def rectangle_poses(half_width_m: float, half_height_m: float, seen: Seen) -> li
 def misfit(
     right: Sequence[float], up: Sequence[float], position_m: Sequence[float], corners_m: Seen, seen: Seen
 ) -> float:
-    """Return how far corners appear from where a pose has them.
+    """Return how far corners appear from where a pose has them, root mean square of x and y per unit of depth.
 
-    Args:
-        right: The plane's x axis in the camera frame.
-        corners_m: The corners in the plane, x and y first.
-        seen: Where they appear, x and y per unit of depth.
-
-    Returns:
-        Root mean square of the coordinates, per unit of depth; infinite for a corner that is not in front of the
-        camera.
+    Infinite for a corner that is not in front of the camera. `corners_m` are in the plane, x and y first; `right` is
+    the plane's x axis in the camera frame.
     """
     total = 0.0
     for (a, b, *_), (x, y) in zip(corners_m, seen, strict=True):
@@ -174,30 +181,15 @@ def _placed(right: Vector, up: Vector, half_width_m: float, half_height_m: float
     return RectanglePose(right, up, position_m, missed) if math.isfinite(missed) else None
 
 
-SQUARE = np.array(((-0.5, 0.5, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, -0.5, 0.0)))
-"""The corners of a square with a side of 1 in its own frame, x right, y up, from the top left one on."""
-
-NO_BENDING = np.zeros(0)
-IN_DIRECTIONS = np.eye(3)
-"""The camera matrix where corners are given as directions instead of pixels."""
-
-COORDINATES = 8
-FREEDOM = 6
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanePose:
-    """A pose of something flat.
+    """A pose of something flat."""
 
-    Attributes:
-        position_m: Its centre in the camera frame, shape ``(3,)``: x right, y down, z forward.
-        rotation: Its axes in the camera frame as columns, shape ``(3, 3)``: x towards its right, y towards its top.
-        misfit: How far the corners appear from where the pose has them, root mean square of their coordinates, per
-            unit of depth.
-    """
-
-    position_m: Points
+    position_m: Points  # its centre in the camera frame, shape ``(3,)``: x right, y down, z forward
+    # Its axes in the camera frame as columns, shape ``(3, 3)``: x towards its right, y towards its top.
     rotation: NDArray[np.float64]
+    # How far the corners appear from where the pose has them, root mean square of their coordinates, per unit
+    # of depth.
     misfit: float
 
     @property
@@ -218,18 +210,14 @@ def rectangle(width_m: float, height_m: float) -> Points:
 
 
 def plane_poses(corners_m: Points, directions: Points) -> tuple[PlanePose, ...]:
-    """Return the poses that a rectangle may have, the one that explains its corners best first.
+    """Return the two poses that a rectangle may have, the better one first; fewer if the corners are not those of one.
 
     The better one is refined by least squares. The other one is not, since from near by that would lead to the better
     one too.
 
     Args:
         corners_m: Its corners in its own frame, as `rectangle` gives them, shape ``(4, 3)``.
-        directions: Where they appear, x and y per unit of depth with the lens's distortion undone, in the same order,
-            shape ``(4, 2)``.
-
-    Returns:
-        Two poses; fewer where the corners are not those of a rectangle in front of the camera.
+        directions: Where they appear, x and y per unit of depth with the lens's distortion undone, shape ``(4, 2)``.
     """
     half_width_m, half_height_m = float(corners_m[1, 0]), float(corners_m[0, 1])
     found = rectangle_poses(half_width_m, half_height_m, directions.tolist())
@@ -238,25 +226,16 @@ def plane_poses(corners_m: Points, directions: Points) -> tuple[PlanePose, ...]:
 
 
 def ambiguity(poses: tuple[PlanePose, ...]) -> float:
-    """Return how far it is from certain which of two poses it is.
-
-    Returns:
-        The best pose's misfit as a share of the other one's: 0 for certain, 1 for no idea.
-    """
+    """Return the best pose's misfit as a share of the other one's: 0 for certain, 1 for no idea which one it is."""
     if len(poses) < 2:
         return 0.0
     return poses[0].misfit / poses[1].misfit if poses[1].misfit > 0 else 1.0
 
 
 def doubt_share(poses: tuple[PlanePose, ...], corner_sigma: float) -> float:
-    """Return by how much the distance is unsure because the other poses may be the true ones.
+    """Return the standard deviation of the distance, as a share, because another pose may be the true one.
 
-    Args:
-        poses: The poses, the best first; of two ways to hold a sheet, those of both.
-        corner_sigma: Standard deviation of a corner's coordinates, per unit of depth.
-
-    Returns:
-        A standard deviation as a share of the best pose's distance.
+    The corners' standard deviation `corner_sigma` is that of coordinates per unit of depth.
     """
     best = poses[0]
     return sum(
@@ -270,14 +249,8 @@ def distance_share(pose: PlanePose, corners_m: Points, corner_sigma: float) -> f
 
     The inverse of the normal matrix is the covariance of the pose (R. Hartley and A. Zisserman, "Multiple View
     Geometry", section 5.2). Where the tilt is poorly determined, a sheet that faces the camera looks tilted, so nearer,
-    by half the tilt's variance.
-
-    Args:
-        corners_m: The corners in the thing's own frame, shape ``(4, 3)``.
-        corner_sigma: Standard deviation of a corner's coordinates, per unit of depth.
-
-    Returns:
-        A standard deviation as a share of the distance; infinite where the corners do not tell the pose.
+    by half the tilt's variance. It is a standard deviation as a share of the distance, infinite where the corners,
+    ``(4, 3)``, do not tell the pose; theirs, `corner_sigma`, is per unit of depth.
     """
     jacobian = _jacobian(pose, corners_m)
     try:
@@ -332,3 +305,56 @@ def _probability(other: PlanePose, best: PlanePose, corner_sigma: float) -> floa
     """Return how probable the other pose is, if corners err normally: 1/2 at most."""
     worse = max(other.misfit**2 - best.misfit**2, 0.0) * COORDINATES / max(corner_sigma, 1e-12) ** 2
     return 1 / (1 + math.exp(min(worse / 2, 700.0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RectangleFit:
+    """How well outlines fit a rectangle."""
+
+    # How far the corners appear from where the nearest picture of the rectangle has them: root mean square of
+    # the coordinates' moves, per unit of depth, shape ``(c,)``.
+    misfit: Values
+    # What the square of a misfit is multiplied by to give the share of all outlines that fit at least as well,
+    # shape ``(c,)``. Small outlines, and those seen from far, fit nearly anything.
+    chance_per_square: Values
+
+
+def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
+    """Compare outlines with pictures of a rectangle, whose widths may be either two sides.
+
+    The share of outlines that fit as well is the area of the ellipse of such fits in the plane of both conditions, the
+    cosine of the angle and the logarithm of the ratio: outlines of any kind are spread over about 1 in each.
+
+    Args:
+        directions: Corners of outlines, x and y per unit of depth with the lens's distortion undone, in order around
+            each, shape ``(c, 4, 2)``.
+        aspect: Width over height of the rectangle.
+    """
+    size = np.abs(directions - directions.mean(axis=1, keepdims=True)).max(axis=(1, 2))
+    step = np.maximum(STEP * size, 1e-12)
+    right_angle, ratio = _conditions(directions + _SHIFTS * step[:, None, None])
+    slopes = ((right_angle[1:] - right_angle[0]) / step, (ratio[1:] - ratio[0]) / step)
+    a, b, c = ((slopes[i] * slopes[j]).sum(axis=0) for i, j in ((0, 0), (0, 1), (1, 1)))
+    angle, tried = right_angle[0], (ratio[0] - np.log(aspect), ratio[0] + np.log(aspect))
+    with np.errstate(all="ignore"):  # outlines that are no quadrilateral give NaN
+        determinant = a * c - b * b
+        # The square of the shortest move of all coordinates that takes both conditions to 0, to first order.
+        move = np.minimum(*((c * angle**2 - 2 * b * angle * off + a * off**2) / determinant for off in tried))
+    square = np.where(np.isfinite(move), np.maximum(move, 0.0), np.inf) / COORDINATES
+    area = COORDINATES * math.pi * np.sqrt(np.maximum(np.nan_to_num(determinant), 0.0))
+    return RectangleFit(misfit=np.sqrt(square), chance_per_square=area)
+
+
+def _conditions(corners: Points) -> tuple[Values, Values]:
+    """Return the cosine between both sides in space, and the logarithm of their ratio; 0 for a square."""
+    x, y = np.moveaxis(corners[..., 0], -1, 0), np.moveaxis(corners[..., 1], -1, 0)
+    dx1, dx2, sx = x[1] - x[2], x[3] - x[2], x[0] - x[1] + x[2] - x[3]
+    dy1, dy2, sy = y[1] - y[2], y[3] - y[2], y[0] - y[1] + y[2] - y[3]
+    with np.errstate(all="ignore"):  # outlines that are no quadrilateral give NaN
+        area = dx1 * dy2 - dx2 * dy1
+        g, h = (sx * dy2 - dx2 * sy) / area, (dx1 * sy - sx * dy1) / area
+        first = (x[1] - x[0] + g * x[1], y[1] - y[0] + g * y[1], g)
+        second = (x[3] - x[0] + h * x[3], y[3] - y[0] + h * y[3], h)
+        squares = sum(each * each for each in first), sum(each * each for each in second)
+        product = sum(one * other for one, other in zip(first, second, strict=True))
+        return product / np.sqrt(squares[0] * squares[1]), np.log(squares[0] / squares[1]) / 2

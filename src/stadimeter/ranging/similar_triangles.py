@@ -17,12 +17,7 @@ from stadimeter.core.target import Reading
 
 
 def distance_m(focal_px: float, size_m: float, apparent_px: float) -> float:
-    """Return the distance D = W · F / P, as a depth.
-
-    Args:
-        focal_px: The focal length, F.
-        size_m: How large the object is, W.
-        apparent_px: How large it appears, P.
+    """Return the distance D = W · F / P, as a depth, of an object as large as W that appears as large as P.
 
     Raises:
         ValueError: A value is not a finite number above zero.
@@ -41,10 +36,7 @@ def size_noise_share(detection: Detection, camera: CameraModel, apparent: float)
 def read_by_one_length(detection: Detection, camera: CameraModel, size_m: float, apparent: float) -> Reading:
     """Return where a target is by one length, as if that were square to the optical axis and its centre in its middle.
 
-    Args:
-        detection: The target; its centre gives the direction.
-        camera: The camera model at the picture's resolution.
-        apparent: How long it appears, per unit of depth.
+    Its apparent length is per unit of depth.
     """
     depth_m = distance_m(1.0, size_m, apparent)
     x, y = camera.direction(*detection.centre_px)

@@ -41,17 +41,12 @@ LEAST_RAYS = 6
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SphereCone:
-    """The cone around a sphere. The camera frame is x right, y down, z forward.
+    """The cone around a sphere. The camera frame is x right, y down, z forward."""
 
-    Attributes:
-        axis: Unit vector towards the centre, in the camera frame.
-        sine: Sine of the half angle: the sphere's radius as a share of its distance.
-        sine_share: Standard deviation of `sine` as a share of it, for rays that err independently by one radian: to be
-            multiplied by how much they do err.
-    """
-
-    axis: Vector
-    sine: float
+    axis: Vector  # unit vector towards the centre, in the camera frame
+    sine: float  # sine of the half angle: the sphere's radius as a share of its distance
+    # Standard deviation of `sine` as a share of it, for rays that err independently by one radian: to be
+    # multiplied by how much they do err.
     sine_share: float
 
     def distance_m(self, radius_m: float) -> float:
@@ -85,13 +80,10 @@ class SphereCone:
 
 
 class ConeFrame:
-    """Rays as seen along a first guess of the axis, ready to be fitted.
+    """Rays as seen along a first guess of the axis, x and y per unit of depth, ready to be fitted.
 
-    Args:
-        rays: Where they look to, shape ``(3, n)``: x and y per unit of depth, and ones; or with a camera, x and y in
-            pixels, and ones.
-        towards: The first guess of the axis, x and y per unit of depth.
-        camera: The camera whose pixels the rays are; its lens must bend no lines.
+    They look to x and y per unit of depth, and ones, shape ``(3, n)``; or with a camera whose lens bends no lines, to x
+    and y in pixels, and ones.
     """
 
     def __init__(self, rays: Values, towards: tuple[float, float], camera: CameraModel | None = None) -> None:
@@ -106,26 +98,16 @@ class ConeFrame:
         np.divide(squared, np.sqrt(squared + 1) + 1, out=self._rows[3])
 
     def fit(self, weights: Values | None = None) -> SphereCone | None:
-        """Fit a cone by linear least squares.
-
-        Args:
-            weights: How much each ray counts, shape ``(n,)``; None for all alike.
-
-        Returns:
-            The cone; None where the rays do not say which.
-        """
+        """Fit a cone by linear least squares, with weights, ``(n,)``, or none; None where the rays do not say which."""
         weighted = self._rows if weights is None else self._rows * weights
         return self._cone(weighted.dot(self._rows.T).tolist())
 
     def misses(self, cone: SphereCone, scale: float = 1.0) -> Values:
-        """Return by what angle each ray passes outside the cone, negative inside, shape ``(n,)``.
+        """Return by what angle times the scale each ray passes outside the cone, negative inside, shape ``(n,)``.
 
-        To first order that is ``cos α - d · a`` divided by ``sin α``, and that is ``cos α (1 - d · m)``. How far
-        ``d · m`` is from 1 is what the two sides of the last equation in the head of this file differ by, divided by
-        the root in it, which is ``1 / cos α`` near the limb.
-
-        Args:
-            scale: What the angles in radians are multiplied by, such as the pixels that a radian takes.
+        To first order that is ``cos α - d · a`` divided by ``sin α``, and that is ``cos α (1 - d · m)``. How far ``d ·
+        m`` is from 1 is what the two sides of the last equation in the head of this file differ by, divided by the root
+        in it, which is ``1 / cos α`` near the limb.
         """
         squared = 1 - cone.sine**2
         cosine, factor = math.sqrt(squared), scale * squared / cone.sine
@@ -166,15 +148,9 @@ class ConeFrame:
 
 
 def fit_cone(directions: Points, towards: tuple[float, float]) -> SphereCone | None:
-    """Return the cone around a sphere from rays that touch it.
+    """Return the cone around a sphere from rays that touch it; None for fewer than `LEAST_RAYS`, or if they form none.
 
-    Args:
-        directions: Where the rays look to, x and y per unit of depth with the lens's distortion undone, shape
-            ``(n, 2)``.
-        towards: About where the centre is, x and y per unit of depth.
-
-    Returns:
-        The cone; None for fewer than `LEAST_RAYS` rays, or for rays that form none.
+    Rays and the guess of the centre, `towards`, are x and y per unit of depth with the lens's distortion undone.
     """
     return ConeFrame(with_ones(directions), towards).fit() if len(directions) >= LEAST_RAYS else None
 

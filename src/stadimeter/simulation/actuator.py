@@ -23,27 +23,18 @@ class SimulatedActuatorOptions(Options):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelChange:
-    """A change of level.
+    """A change of level."""
 
-    Attributes:
-        at_s: When, on the run's clock.
-        level: The level from then on.
-    """
-
-    at_s: float
-    level: float
+    at_s: float  # when, on the run's clock
+    level: float  # the level from then on
 
 
 class SimulatedActuator:
-    """An actuator that remembers what it did.
-
-    Attributes:
-        level: The level that it acts with.
-        changes: When the level changed to what, oldest first. Bounded: the oldest are forgotten.
-    """
+    """An actuator that remembers what it did."""
 
     def __init__(self, options: SimulatedActuatorOptions, context: DriverContext) -> None:
-        self.level = 0.0
+        self.level = 0.0  # the level that it acts with
+        # When the level changed to what, oldest first. Bounded: the oldest are forgotten.
         self.changes: deque[LevelChange] = deque(maxlen=options.history)
         self._steps = options.steps
         self._name = context.name
@@ -60,11 +51,7 @@ class SimulatedActuator:
         self._is_open = True
 
     def apply(self, command: LevelCommand) -> LevelCommand:
-        """Act as commanded.
-
-        Returns:
-            The command with the level rounded to the nearest of the device's steps.
-        """
+        """Act as commanded, and return the command with the level rounded to the nearest of the device's steps."""
         self._check_open()
         level = round(command.level * self._steps) / self._steps if self._steps else command.level
         self._set(level)

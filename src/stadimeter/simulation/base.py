@@ -50,11 +50,7 @@ class SimulatedBase:
         self._is_lost = False
 
     def open(self) -> None:
-        """Connect, and make the robot stand. Does nothing when open.
-
-        Raises:
-            DeviceOpenError: The base is unplugged.
-        """
+        """Connect, and make the robot stand; a `DeviceOpenError` if the base is unplugged. Does nothing when open."""
         if self._is_open:
             return
         if self._world.faults.base_unplugged:
@@ -63,10 +59,7 @@ class SimulatedBase:
         self._drive(0.0, 0.0)
 
     def apply(self, command: TwistCommand) -> TwistCommand:
-        """Move as commanded.
-
-        Returns:
-            The motion, slowed down along the same curve if a wheel would run too fast.
+        """Move as commanded; return the motion, slowed down along the same curve if a wheel would run too fast.
 
         Raises:
             LinkLostError: The base was unplugged.
@@ -80,29 +73,17 @@ class SimulatedBase:
         return replace(command, linear_mps=command.linear_mps * share, angular_radps=command.angular_radps * share)
 
     def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; the world's clock is the same
-        """Notice that the base was unplugged.
-
-        Raises:
-            LinkLostError: The base was unplugged.
-        """
+        """Raise a `LinkLostError` if the base was unplugged."""
         self._check_link()
 
     def stop(self) -> None:
-        """Stand still at once. Does nothing when closed.
-
-        Raises:
-            LinkLostError: The base was unplugged, so it stops only by itself.
-        """
+        """Stand still at once, if open; a `LinkLostError` if the base was unplugged: it stops only by itself."""
         if self._is_open:
             self._check_link()
             self._drive(0.0, 0.0)
 
     def close(self) -> None:
-        """Stop and disconnect. May be called any number of times.
-
-        Raises:
-            LinkLostError: The base was unplugged; it is closed all the same.
-        """
+        """Stop and disconnect, any number of times; a `LinkLostError` for an unplugged base, which is closed too."""
         try:
             self.stop()
         finally:

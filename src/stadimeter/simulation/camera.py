@@ -1,11 +1,19 @@
-"""A camera on the simulated robot."""
+"""A camera on the simulated robot.
+
+Its pictures show a room with four walls and a tiled floor, a ball with its shadow, and noise.
+
+The room is drawn once as a panorama, a picture on a cylinder around the camera, from which every view is cut. So
+turning shows as it should, driving does not: the walls keep their distance, as a backdrop.
+"""
 
 from __future__ import annotations
 
 import math
 from typing import Annotated
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from stadimeter.config.plugins import DriverContext, Options, Plugin
@@ -13,11 +21,179 @@ from stadimeter.config.units import Frequency
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError, ConfigError, DeviceClosedError
-from stadimeter.simulation.renderer import Renderer
+from stadimeter.simulation.noise import scramble
+from stadimeter.simulation.silhouette import Vector, paint_ball, paint_shadow
 from stadimeter.simulation.world import World, shared_world
+
+Plane = NDArray[np.float32]
+Floats = NDArray[np.floating]
+
+WALL_DISTANCE_M = 5.0
+TILE_M = 0.5
+WIDEST_PANORAMA_PX = 4096
+WALL_COLOURS_BGR = ((196, 208, 216), (205, 204, 200), (188, 196, 208), (208, 210, 214))
+FLOOR_COLOURS_BGR = ((104, 118, 134), (84, 96, 110))
+SKIRTING_BGR = (226, 228, 230)
+THINGS_BGR = (
+    (148, 96, 62),
+    (60, 62, 150),
+    (72, 92, 128),
+    (120, 112, 108),
+    (156, 74, 96),
+    (70, 78, 92),
+    (172, 140, 118),
+)
+"""No yellow, no green, nothing dark: a colour range that finds the ball must find nothing else."""
+
+SPARE_PX = 64
+"""By so much the noise is larger than a picture each way: 4096 places to cut it from."""
 
 TIMEOUT_S = 0.1
 """The time that a reader of a blocked camera waits."""
+
+
+class Room:
+    """A room around a camera that stands in its centre and turns; what hangs on the walls follows from the seed."""
+
+    def __init__(self, model: CameraModel, camera_height_m: float, seed: int) -> None:
+        scale = min(1.0, WIDEST_PANORAMA_PX / (2 * math.pi * model.fx_px))
+        self._turn_px = round(2 * math.pi * model.fx_px * scale)
+        per_rad = self._turn_px / (2 * math.pi)
+        sideways = (np.arange(model.width_px) - model.cx_px) / model.fx_px
+        down = (np.arange(model.height_px) - model.cy_px) / model.fy_px
+        azimuths = np.arctan(sideways)
+        self._left_px = math.floor(azimuths[0] * per_rad)
+        self._view_px = math.ceil(azimuths[-1] * per_rad) + 2 - self._left_px
+        top, bottom = min(down[0], 0.0), max(down[-1], 0.0)
+        rows = math.ceil((bottom - top) * per_rad) + 2
+        columns = np.broadcast_to(azimuths * per_rad - self._left_px, (model.height_px, model.width_px))
+        lines = (down[:, None] * np.cos(azimuths)[None, :] - top) * per_rad
+        self._maps = cv2.convertMaps(columns.astype(np.float32), lines.astype(np.float32), cv2.CV_16SC2)
+        panorama = _panorama(self._turn_px, top + np.arange(rows) / per_rad, camera_height_m, seed)
+        self._panorama = panorama[:, np.arange(self._turn_px + self._view_px) % self._turn_px]
+
+    def view(self, heading_rad: float) -> Image:
+        """Return what the camera sees at a heading, counter-clockwise from east, as a new picture, blue first."""
+        first = (round(-heading_rad / (2 * math.pi) * self._turn_px) + self._left_px) % self._turn_px
+        window = self._panorama[:, first : first + self._view_px]
+        return np.asarray(cv2.remap(window, *self._maps, cv2.INTER_LINEAR), np.uint8)
+
+
+def _panorama(turn_px: int, down: Floats, camera_height_m: float, seed: int) -> Image:
+    """Draw the room on a cylinder; ``down`` is how far each row looks down per unit of distance along the floor."""
+    rng = np.random.default_rng(seed)
+    clockwise = np.arange(turn_px) * (2 * math.pi / turn_px)
+    east, south = np.cos(clockwise), np.sin(clockwise)
+    wall_m = (WALL_DISTANCE_M / np.maximum(np.abs(east), np.abs(south))).astype(np.float32)
+    height_m = camera_height_m - down.astype(np.float32)[:, None] * wall_m[None, :]
+    picture = _walls(clockwise, wall_m, height_m, rng)
+    _lay_floor(picture, (east, south), down, camera_height_m, height_m < 0)
+    picture += _stains(picture.shape[:2], rng)[:, :, None]
+    painted: Image = np.clip(picture, 0, 255).astype(np.uint8)
+    return painted
+
+
+def _walls(clockwise: Floats, wall_m: Plane, height_m: Plane, rng: np.random.Generator) -> Plane:
+    wall = np.floor(clockwise / (math.pi / 2) + 0.5).astype(int) % 4
+    along_m = wall_m * np.sin(clockwise - np.round(clockwise / (math.pi / 2)) * (math.pi / 2))
+    picture: Plane = np.array(WALL_COLOURS_BGR, np.float32)[wall][None] * np.ones((len(height_m), 1, 1), np.float32)
+    picture *= (0.88 + 0.06 * np.clip(height_m, 0, 2.5))[:, :, None]
+    for number in range(4):
+        _furnish(picture, np.where(wall == number, along_m, np.inf), height_m, rng)
+    picture[(height_m >= 0) & (height_m < 0.09)] = SKIRTING_BGR
+    return picture
+
+
+def _furnish(picture: Plane, along_m: Floats, height_m: Plane, rng: np.random.Generator) -> None:
+    """Put pictures on a wall and cupboards in front of it."""
+    for place_m in np.arange(-4.2, 4.2, 1.4):
+        left_m, width_m = place_m + rng.uniform(0, 0.4), rng.uniform(0.4, 1.0)
+        hangs = rng.random() < 0.5
+        low_m, high_m = (rng.uniform(0.7, 1.1), rng.uniform(1.3, 1.9)) if hangs else (0.0, rng.uniform(0.4, 1.4))
+        colour = np.array(THINGS_BGR[rng.integers(len(THINGS_BGR))], np.float32)
+        for inset_m, shade in ((0.0, 0.8), (0.05, 1.0)):
+            across = np.abs(along_m - left_m - width_m / 2) < width_m / 2 - inset_m
+            columns = np.flatnonzero(across)
+            up = (height_m[:, columns] >= low_m + inset_m) & (height_m[:, columns] < high_m - inset_m)
+            picture[:, columns] = np.where(up[:, :, None], colour * shade, picture[:, columns])
+
+
+def _lay_floor(
+    picture: Plane,
+    compass: tuple[Floats, Floats],
+    down: Floats,
+    camera_height_m: float,
+    is_floor: NDArray[np.bool_],
+) -> None:
+    """Lay tiles where the floor shows; far away, where they are finer than pixels, they fade into their mean."""
+    first = int(np.argmax(is_floor.any(axis=1)))
+    away_m = camera_height_m / np.maximum(down[first:], 1e-6)[:, None]
+    tiles = np.floor(away_m * compass[0] / TILE_M) + np.floor(away_m * compass[1] / TILE_M)
+    contrast = np.clip(1.6 - away_m / 3, 0, 1)
+    share = (0.5 + (tiles % 2 - 0.5) * contrast)[:, :, None].astype(np.float32)
+    light, dark = (np.array(colour, np.float32) for colour in FLOOR_COLOURS_BGR)
+    floor = dark + (light - dark) * share
+    picture[first:] = np.where(is_floor[first:, :, None], floor, picture[first:])
+
+
+def _stains(shape: tuple[int, ...], rng: np.random.Generator) -> Plane:
+    """Return broad, faint differences in brightness that close around the cylinder: no real wall is even."""
+    rows, columns = max(2, shape[0] // 24), max(2, shape[1] // 24)
+    coarse = rng.normal(0.0, 5.0, (rows, columns)).astype(np.float32)
+    around = np.hstack((coarse[:, -2:], coarse, coarse[:, :2]))
+    margin_px = round(2 * shape[1] / columns)
+    wide = cv2.resize(around, (shape[1] + 2 * margin_px, shape[0]), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(wide, np.float32)[:, margin_px : margin_px + shape[1]]
+
+
+class Renderer:
+    """Draws pictures through a pinhole: a room, a ball in it, and the sensor's noise.
+
+    The same arguments always give the same picture. `noise` is its standard deviation in grey levels of 255.
+    """
+
+    def __init__(self, model: CameraModel, *, camera_height_m: float, seed: int, noise: float) -> None:
+        self._model = model
+        self._camera_height_m = camera_height_m
+        self._room = Room(model, camera_height_m, seed)
+        self._noise = _SensorNoise(model, seed, noise) if noise > 0 else None
+
+    def render(self, ball_m: Vector | None, radius_m: float, heading_rad: float, sequence: int = 0) -> Image:
+        """Draw a new picture, blue first, shape ``(height, width, 3)``.
+
+        Args:
+            ball_m: The ball's centre in the camera frame: x right, y down, z forward; None for no ball.
+            heading_rad: Where the camera looks, counter-clockwise from east.
+            sequence: The frame's number, from which its noise follows.
+        """
+        image = self._room.view(heading_rad)
+        if ball_m is not None:
+            paint_shadow(image, self._model, ball_m, radius_m, self._camera_height_m)
+            paint_ball(image, self._model, ball_m, radius_m)
+        if self._noise:
+            self._noise.add_to(image, sequence)
+        return image
+
+
+class _SensorNoise:
+    """Gaussian noise, made once: each frame cuts its own from a larger sheet.
+
+    Brighter and darker are kept apart, so that adding is two saturating additions of bytes.
+    """
+
+    def __init__(self, model: CameraModel, seed: int, sigma: float) -> None:
+        self._seed = seed
+        shape = (model.height_px + SPARE_PX, model.width_px + SPARE_PX, 3)
+        sheet = np.random.default_rng((seed, 1)).standard_normal(shape, dtype=np.float32) * np.float32(sigma)
+        self._brighter = np.clip(np.rint(sheet), 0, 255).astype(np.uint8)
+        self._darker = np.clip(np.rint(-sheet), 0, 255).astype(np.uint8)
+
+    def add_to(self, image: Image, sequence: int) -> None:
+        bits = scramble(self._seed, sequence)
+        top, left = bits % SPARE_PX, (bits >> 16) % SPARE_PX
+        rows, columns = slice(top, top + image.shape[0]), slice(left, left + image.shape[1])
+        cv2.add(image, self._brighter[rows, columns], dst=image)
+        cv2.subtract(image, self._darker[rows, columns], dst=image)
 
 
 def _check_rate(rate_hz: float) -> float:
@@ -89,10 +265,7 @@ class SimulatedCamera:
         self._is_open = True
 
     def read(self) -> Frame:
-        """Move the clock to the next frame's time and return that frame.
-
-        Returns:
-            The frame; the previous one again while the camera is frozen.
+        """Move the clock to the next frame's time and return that frame, or the previous one while it is frozen.
 
         Raises:
             CaptureTimeoutError: The camera is blocked; `TIMEOUT_S` have passed.
@@ -127,11 +300,7 @@ class SimulatedCamera:
 
 
 def lens(context: DriverContext) -> CameraModel:
-    """Return the camera model of a run.
-
-    Raises:
-        ConfigError: The run has none.
-    """
+    """Return the camera model of a run, or raise a `ConfigError` if it has none."""
     if context.camera_model is None:
         raise ConfigError(f"'{context.name}' is simulated and needs a lens to look through; set model in [camera]")
     return context.camera_model

@@ -45,9 +45,6 @@ class EmulatedPort:
         is_plugged: Asked at each service whether the cable is in.
         after_step: Called after each service; moves what the firmware drives.
 
-    Attributes:
-        is_read: Fault if False: nothing is read at the board's end, so that the port fills up and takes no more bytes.
-
     Raises:
         OSError: The system has no pseudo-terminal left.
     """
@@ -59,6 +56,7 @@ class EmulatedPort:
         is_plugged: Callable[[], bool] = lambda: True,
         after_step: Callable[[], None] = lambda: None,
     ) -> None:
+        # Fault if False: nothing is read at the board's end, so that the port fills up and takes no more bytes.
         self.is_read = True
         self._firmware = firmware
         self._is_plugged = is_plugged
@@ -85,11 +83,7 @@ class EmulatedPort:
             self._after_step()
 
     def say(self, data: bytes) -> None:
-        """Send bytes to the host that it did not ask for: what a boot loader prints, or noise.
-
-        Args:
-            data: The bytes. They are lost while the cable is out.
-        """
+        """Send bytes to the host that it did not ask for: a boot loader's, or noise; lost while the cable is out."""
         with self._lock:
             if self._cable:
                 self._cable.write(data)

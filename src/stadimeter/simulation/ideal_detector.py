@@ -47,10 +47,6 @@ class IdealDetector:
     target's name and the frame's number alone. Whether the ball is hidden is asked as of now, since a frame does not
     tell; everything else as of the frame's capture time.
 
-    Args:
-        options: The target's table in the configuration.
-        context: The run that it is part of.
-
     Raises:
         ConfigError: The run has no camera model or no world, or the diameter is not that of the world's ball.
     """
@@ -77,15 +73,7 @@ class IdealDetector:
         *,
         lens: CameraModel | None = None,  # noqa: ARG002 - frames are seen through the lens of the simulated camera
     ) -> Detection:
-        """Return where the world's ball is in a frame.
-
-        Args:
-            frame: The frame; only its number, its time and its resolution matter.
-            prediction: Not used: the whole frame is searched.
-            lens: Not used: the lens is that of the simulated camera.
-
-        Returns:
-            Where the ball is, with noise; or that it is cut off by the border; or why it is not to be seen.
+        """Return where the world's ball is in a frame, of which only number, time and resolution matter.
 
         Raises:
             CalibrationError: The frame has another aspect than the lens.

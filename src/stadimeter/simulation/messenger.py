@@ -24,13 +24,9 @@ class SimulatedMessengerOptions(Options):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SentMessage:
-    """A message that was delivered.
+    """A message that was delivered."""
 
-    Attributes:
-        at_s: When it was delivered, on the run's clock.
-    """
-
-    at_s: float
+    at_s: float  # when it was delivered, on the run's clock
     message: Message
 
 
@@ -52,17 +48,13 @@ class SimulatedMessenger:
     It honours the knob ``broker_gone``. What waits is delivered when the messenger is next used after the broker came
     back: a cycle later in a run.
 
-    Attributes:
-        dropped: How many messages of QoS 0 were lost for want of a broker.
-        given_up: How many of QoS 1 were given up: pushed out of the queue, or past their time.
-
     Raises:
         ConfigError: The run has no world.
     """
 
     def __init__(self, options: SimulatedMessengerOptions, context: DriverContext) -> None:
-        self.dropped = 0
-        self.given_up = 0
+        self.dropped = 0  # how many messages of QoS 0 were lost for want of a broker
+        self.given_up = 0  # how many of QoS 1 were given up: pushed out of the queue, or past their time
         self._name = context.name
         self._clock = context.clock
         self._world = shared_world(context)

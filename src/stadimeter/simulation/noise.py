@@ -13,12 +13,6 @@ def scramble(*keys: int) -> int:
 
     It is the output function of SplitMix64 (G. Steele, D. Lea and C. Flood, "Fast splittable pseudorandom number
     generators", 2014), once for each key. Ten times cheaper than seeding a generator for each frame.
-
-    Args:
-        keys: Whole numbers, such as a seed and a frame's sequence number.
-
-    Returns:
-        A number from 0 to 2^64 - 1.
     """
     state = 0
     for key in keys:
@@ -30,11 +24,7 @@ def scramble(*keys: int) -> int:
 
 
 def gaussian_pair(*keys: int) -> tuple[float, float]:
-    """Return two independent numbers of the standard normal distribution, by the Box-Muller transform.
-
-    Args:
-        keys: Whole numbers, such as a seed and a frame's sequence number.
-    """
+    """Return two independent numbers of the standard normal distribution, by the Box-Muller transform, from keys."""
     bits = scramble(*keys)
     radius = math.sqrt(-2.0 * math.log(((bits >> 32) + 1) / 2**32))
     angle = 2.0 * math.pi * (bits & 0xFFFFFFFF) / 2**32

@@ -23,27 +23,18 @@ class SimulatedNotifierOptions(Options):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SentNotification:
-    """A notification that was delivered.
+    """A notification that was delivered."""
 
-    Attributes:
-        at_s: When it was delivered, on the run's clock.
-    """
-
-    at_s: float
+    at_s: float  # when it was delivered, on the run's clock
     notification: Notification
 
 
 class SimulatedNotifier:
-    """A notifier that needs no service, and no world either. What waits is delivered when it is next used.
-
-    Attributes:
-        is_gone: The knob: the service is away.
-        given_up: How many notifications were pushed out of the queue.
-    """
+    """A notifier that needs no service, and no world either. What waits is delivered when it is next used."""
 
     def __init__(self, options: SimulatedNotifierOptions, context: DriverContext) -> None:
-        self.is_gone = False
-        self.given_up = 0
+        self.is_gone = False  # the knob: the service is away
+        self.given_up = 0  # how many notifications were pushed out of the queue
         self._name = context.name
         self._clock = context.clock
         self._queue = options.queue

@@ -17,32 +17,22 @@ MEMORY = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """Position on the floor, x to the east and y to the north, and heading, as in ROS REP 103.
-
-    Attributes:
-        heading_rad: Counter-clockwise from east, not wrapped: a full turn to the left adds 2π.
-    """
+    """Position on the floor, x to the east and y to the north, and heading, as in ROS REP 103."""
 
     x_m: float
     y_m: float
-    heading_rad: float
+    heading_rad: float  # counter-clockwise from east, not wrapped: a full turn to the left adds 2π
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Leg:
-    """A stretch of time with the same wheel speeds: an arc of a circle, then standing still.
-
-    Attributes:
-        moving_s: For how long the wheels turn, at most.
-        wheels_mps: Speeds of the left and the right wheel.
-        travel_m: What each wheel had covered when it began.
-    """
+    """A stretch of time with the same wheel speeds: an arc of a circle, then standing still."""
 
     begin_s: float
-    moving_s: float
-    wheels_mps: tuple[float, float]
+    moving_s: float  # for how long the wheels turn, at most
+    wheels_mps: tuple[float, float]  # speeds of the left and the right wheel
     pose: Pose
-    travel_m: tuple[float, float]
+    travel_m: tuple[float, float]  # what each wheel had covered when it began
 
     def driven_s(self, time_s: float) -> float:
         """Return for how long the wheels have turned at a time."""
@@ -54,9 +44,6 @@ class DifferentialRobot:
 
     It takes no steps: with steady wheels a robot runs along an arc of a circle, so the pose at any time follows exactly
     from the last change of speed. May be used from several threads.
-
-    Args:
-        ticks_per_metre: Ticks that a wheel's encoder counts on a metre.
     """
 
     def __init__(self, *, track_width_m: float, ticks_per_metre: float, start: Pose, clock: Clock) -> None:
@@ -68,11 +55,7 @@ class DifferentialRobot:
         self._legs = deque([standing], maxlen=MEMORY)
 
     def drive_wheels(self, left_mps: float, right_mps: float, until_s: float = math.inf) -> None:
-        """Turn the wheels from now on.
-
-        Args:
-            left_mps: Speed of the left wheel over the floor, forwards positive.
-            until_s: When the wheels stop by themselves, on the run's clock.
+        """Turn the wheels from now on, forwards positive, until they stop by themselves.
 
         Raises:
             CommandRangeError: A speed is not finite, or the time is not a number.

@@ -30,24 +30,19 @@ _LEADING_INTEGER = re.compile(rb"\s*([+-]?\d+)")
 
 
 class CommandLine:
-    """The sketch's command parser: one letter, two arguments after spaces, ended by a carriage return only.
-
-    Attributes:
-        overrun: Whether an argument was written past its 16 bytes. What a real board does then is undefined.
-    """
+    """The sketch's command parser: one letter, two arguments after spaces, ended by a carriage return only."""
 
     def __init__(self) -> None:
+        # Whether an argument was written past its 16 bytes. What a real board does then is undefined.
         self.overrun = False
         self._letter = b""
         self._arguments = (bytearray(), bytearray())
         self._position = 0
 
     def take(self, byte: int) -> tuple[bytes, int, int] | None:
-        """Take one byte.
+        """Take one byte; return the letter and both arguments if it completes a command.
 
-        Returns:
-            The letter and both arguments if the byte completes a command. Arguments that are no numbers are 0, as
-            ``atoi`` has it.
+        Arguments that are no numbers are 0, as ``atoi`` has it.
         """
         if byte == _CR:
             command = (self._letter, _atoi(self._arguments[0]), _atoi(self._arguments[1]))
@@ -79,18 +74,12 @@ def _atoi(text: bytearray) -> int:
 
 
 class Wheel:
-    """A wheel with an encoder, which approaches the speed that it is driven at.
-
-    Attributes:
-        driven_tps: The speed that its motor is driven at, in encoder ticks per second.
-        speed_tps: The speed that it has.
-        ticks: What its encoder has counted.
-    """
+    """A wheel with an encoder, which approaches the speed that it is driven at."""
 
     def __init__(self) -> None:
-        self.driven_tps = 0.0
-        self.speed_tps = 0.0
-        self.ticks = 0.0
+        self.driven_tps = 0.0  # the speed that its motor is driven at, in encoder ticks per second
+        self.speed_tps = 0.0  # the speed that it has
+        self.ticks = 0.0  # what its encoder has counted
 
     def turn(self, seconds: float) -> None:
         """Turn for that long: the exact solution of a first-order lag under a constant drive."""
@@ -101,16 +90,12 @@ class Wheel:
 
 
 class RosArduinoFirmware:
-    """The sketch, as a function of bytes and time.
-
-    Attributes:
-        silent: Fault: bytes from the host are lost, and nothing is answered. Motors and the automatic stop work on.
-        use_base_off: Fault: the sketch was built without ``USE_BASE`` and knows no motor commands.
-    """
+    """The sketch, as a function of bytes and time."""
 
     def __init__(self, started_s: float = 0.0) -> None:
+        # Fault: bytes from the host are lost, and nothing is answered. Motors and the automatic stop work on.
         self.silent = False
-        self.use_base_off = False
+        self.use_base_off = False  # fault: the sketch was built without ``USE_BASE`` and knows no motor commands
         self.left = Wheel()
         self.right = Wheel()
         self._now_s = started_s
@@ -119,8 +104,7 @@ class RosArduinoFirmware:
     def reset(self, boot_s: float = 0.0) -> None:
         """Start again, motors off, as a real board does when a host opens its port.
 
-        Args:
-            boot_s: For how long from now the boot loader eats what the host sends.
+        For `boot_s` from now the boot loader eats what the host sends.
         """
         self._runs_from_s = self._now_s + boot_s
         self._next_frame_s = self._runs_from_s + FRAME_S
@@ -146,11 +130,7 @@ class RosArduinoFirmware:
         return answer
 
     def step(self, now_s: float) -> None:
-        """Live until that time: turn the wheels, run the frames of the speed control, stop by itself.
-
-        Args:
-            now_s: The time. One in the past changes nothing.
-        """
+        """Live until that time: turn the wheels, run the frames of the speed control, stop by itself."""
         while not self.hung and (due_s := min(self._next_frame_s, self._auto_stop_s)) <= now_s:
             self._turn_until(due_s)
             if due_s == self._auto_stop_s:
@@ -207,18 +187,16 @@ class RosArduinoFirmware:
 class EmulatedRosArduino:
     """The emulated board in the simulated world: its motors turn the robot's wheels, its cable can be pulled.
 
-    Attributes:
-        firmware: The board, with its own knobs for faults. The cable's is ``world.faults.base_unplugged``.
-        port: Where a driver finds it.
-
     Raises:
         DeviceOpenError: The system has no pseudo-terminal left.
     """
 
     def __init__(self, world: World, clock: Clock) -> None:
         self._world = world
+        # The board, with its own knobs for faults. The cable's is ``world.faults.base_unplugged``.
         self.firmware = RosArduinoFirmware(started_s=clock.now_s())
         try:
+            # Where a driver finds it.
             self.port = EmulatedPort(self.firmware, clock, self._is_plugged, self._turn_wheels)
         except OSError as error:
             raise DeviceOpenError(f"no pseudo-terminal for the emulated base: {error}") from error
@@ -232,10 +210,7 @@ class EmulatedRosArduino:
 
 
 def emulated_ros_arduino(context: DriverContext) -> EmulatedRosArduino:
-    """Return the run's emulated board; the first to ask connects it to the world's robot.
-
-    Args:
-        context: The run. It closes the port at its end.
+    """Return the run's emulated board, which the run closes; the first to ask connects it to the world's robot.
 
     Raises:
         ConfigError: The run has no world.

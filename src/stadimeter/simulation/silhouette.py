@@ -1,10 +1,12 @@
-"""The exact outline of a ball through a pinhole.
+"""A ball through a pinhole: its exact outline, and its picture.
 
 The rays that touch a ball form a cone, and the picture plane cuts the cone in an ellipse. With the ball's centre at
-``c`` and its radius ``r``, a ray ``d`` hits the ball if ``(d·c)² >= |d|² (|c|² - r²)``; the dual of that conic is
-``c cᵀ - r² I``, from which its extent follows (R. Hartley and A. Zisserman, "Multiple View Geometry", section 8.3).
-Seen along the plane through the optical axis and the ball's centre, the ellipse is longest; across it is
-``r / sqrt(z² - r²)`` per unit of depth, which is what similar triangles want.
+``c`` and its radius ``r``, a ray ``d`` hits the ball if ``(d·c)² >= |d|² (|c|² - r²)``; the dual of that conic is ``c
+cᵀ - r² I``, from which its extent follows (R. Hartley and A. Zisserman, "Multiple View Geometry", section 8.3). Seen
+along the plane through the optical axis and the ball's centre, the ellipse is longest; across it is ``r / sqrt(z² -
+r²)`` per unit of depth, which is what similar triangles want.
+
+In a picture each pixel's ray is intersected with the sphere, and the edge is anti-aliased exactly.
 """
 
 from __future__ import annotations
@@ -12,46 +14,47 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
 
 Vector = tuple[float, float, float]
-
+Plane = NDArray[np.float32]
 
 NO_DIRECTION_M = 1e-12
 """Nearer to the axis than this, rounding leaves nothing of the direction, and the outline is a circle anyway."""
 
+BALL_BGR = (52, 232, 190)
+"""The yellowish green of a tennis ball. Shading scales all three alike, so hue and saturation hold on the dark side."""
+
+LIGHT = (-0.37, -0.83, -0.42)
+"""The direction of the light, in the camera frame: from above, from the left and from behind the camera."""
+
+DARKEST = 0.42
+
+FINE_PX = 96
+"""A ball of fewer samples across is sampled more finely."""
+
+SHADOW_DEPTH = 0.5
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Silhouette:
-    """The ellipse that a ball fills in a picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
+    """The ellipse that a ball fills in a picture. Pixel coordinates have (0, 0) at the centre of the top left pixel."""
 
-    Attributes:
-        centre_px: Its centre, which lies a little further out than where the ball's centre is seen.
-        half_across_px: Its half axis across the direction from the optical centre, in horizontal and vertical pixels.
-        half_along_px: Its half axis along that direction, likewise.
-        along: That direction as a unit vector, x right and y down.
-        extent_px: Its bounding box: left, top, right, bottom.
-    """
-
-    centre_px: tuple[float, float]
+    centre_px: tuple[float, float]  # its centre, which lies a little further out than where the ball's centre is seen
+    # Its half axis across the direction from the optical centre, in horizontal and vertical pixels.
     half_across_px: tuple[float, float]
-    half_along_px: tuple[float, float]
-    along: tuple[float, float]
-    extent_px: tuple[float, float, float, float]
+    half_along_px: tuple[float, float]  # its half axis along that direction, likewise
+    along: tuple[float, float]  # that direction as a unit vector, x right and y down
+    extent_px: tuple[float, float, float, float]  # its bounding box: left, top, right, bottom
 
     def outline_px(self, cos_sin: Points, scale: float = 1.0) -> Points:
-        """Return points on the ellipse.
-
-        Args:
-            cos_sin: Shape ``(n, 2)``, points on the unit circle.
-            scale: The ellipse is drawn larger by this factor.
-
-        Returns:
-            Shape ``(n, 2)``, x and y in pixels.
-        """
+        """Return points on the ellipse, or one larger by a scale, from points on the unit circle, ``(n, 2)`` each."""
         (ax, ay), (bx, by), (ux, uy) = self.half_along_px, self.half_across_px, self.along
         axes = np.array(((ux * ax * scale, uy * ay * scale), (-uy * bx * scale, ux * by * scale)))
         outline: Points = cos_sin @ axes + self.centre_px
@@ -59,13 +62,9 @@ class Silhouette:
 
 
 def silhouette(model: CameraModel, centre_m: Vector, radius_m: float) -> Silhouette | None:
-    """Return the ellipse that a ball fills in a picture.
+    """Return the ellipse that a ball fills in a picture, perhaps outside it; its centre is x right, y down, z forward.
 
-    Args:
-        centre_m: The ball's centre in the camera frame: x right, y down, z forward.
-
-    Returns:
-        The ellipse, which may lie outside the picture; None if some of the ball is not in front of the camera.
+    None if some of the ball is not in front of the camera.
     """
     x, y, z = centre_m
     if z <= radius_m:
@@ -98,15 +97,119 @@ def _extent(sideways_m: float, z_m: float, radius_m: float) -> tuple[float, floa
 
 
 def hits(direction: tuple[float, float], centre_m: Vector, radius_m: float) -> bool:
-    """Return whether a ray from the camera hits the ball.
-
-    Args:
-        direction: The ray as x and y per unit of depth.
-        centre_m: The ball's centre in the camera frame.
-
-    Returns:
-        True if it does, the limb included.
-    """
+    """Return whether a ray, x and y per unit of depth, hits a ball in the camera frame, the limb included."""
     (u, v), (x, y, z) = direction, centre_m
     ahead = u * x + v * y + z
     return ahead > 0 and ahead * ahead >= (u * u + v * v + 1) * (x * x + y * y + z * z - radius_m * radius_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Patch:
+    """A part of a picture, in whole pixels, right and bottom excluded."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def of(self, image: Image) -> Image:
+        return image[self.top : self.bottom, self.left : self.right]
+
+    def rays(self, model: CameraModel, finer: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return x and y per unit of depth of its columns and rows, with ``finer`` of them in a pixel."""
+        columns = self.left + (np.arange((self.right - self.left) * finer) + 0.5) / finer - 0.5
+        rows = self.top + (np.arange((self.bottom - self.top) * finer) + 0.5) / finer - 0.5
+        return (columns - model.cx_px) / model.fx_px, (rows - model.cy_px) / model.fy_px
+
+
+def _patch(model: CameraModel, extent_px: tuple[float, float, float, float]) -> _Patch | None:
+    left, top = max(0, math.floor(extent_px[0])), max(0, math.floor(extent_px[1]))
+    right, bottom = min(model.width_px, math.ceil(extent_px[2]) + 1), min(model.height_px, math.ceil(extent_px[3]) + 1)
+    return _Patch(left=left, top=top, right=right, bottom=bottom) if left < right and top < bottom else None
+
+
+def paint_ball(image: Image, model: CameraModel, centre_m: Vector, radius_m: float) -> None:
+    """Paint a ball into a picture; its centre is in the camera frame: x right, y down, z forward."""
+    if centre_m[2] <= -radius_m:
+        return
+    seen = silhouette(model, centre_m, radius_m)
+    extent_px = seen.extent_px if seen else (0.0, 0.0, float(model.width_px), float(model.height_px))
+    patch = _patch(model, extent_px)
+    if patch is None:
+        return
+    across_px = max(extent_px[2] - extent_px[0], extent_px[3] - extent_px[1])
+    finer = max(1, min(8, math.ceil(FINE_PX / across_px)))
+    middle_px = seen.centre_px if seen else (model.cx_px, model.cy_px)
+    cover, shade = _cast(patch.rays(model, finer), model.direction(*middle_px), centre_m, radius_m)
+    size = (patch.right - patch.left, patch.bottom - patch.top)
+    layers = cv2.resize(cv2.merge((cover, cover * shade)), size, interpolation=cv2.INTER_AREA).reshape(*size[::-1], 2)
+    behind = patch.of(image) * (1 - layers[:, :, :1])
+    behind += layers[:, :, 1:] * np.array(BALL_BGR, np.float32) + 0.5
+    patch.of(image)[:] = behind.astype(np.uint8)
+
+
+def _cast(
+    rays: tuple[NDArray[np.float64], NDArray[np.float64]],
+    middle: tuple[float, float],
+    centre_m: Vector,
+    radius_m: float,
+) -> tuple[Plane, Plane]:
+    """Return how much of each sample the ball covers, and how brightly it shines there.
+
+    A ray hits where ``g = (d·c)² - |d|² (|c|² - r²)`` is positive. That is a polynomial in the ray's x and y; it is
+    developed around the middle of the silhouette, so that single precision is enough however far the ball is.
+    """
+    (x, y, z), (u0, v0) = centre_m, middle
+    power = x * x + y * y + z * z - radius_m * radius_m
+    ahead0 = u0 * x + v0 * y + z
+    du = (rays[0] - u0).astype(np.float32)[None, :]
+    dv = (rays[1] - v0).astype(np.float32)[:, None]
+    slope_u, slope_v = 2 * (ahead0 * x - power * u0), 2 * (ahead0 * y - power * v0)
+    bend_u, bend_v, twist = x * x - power, y * y - power, 2 * x * y
+    middle_g = ahead0 * ahead0 - (u0 * u0 + v0 * v0 + 1) * power
+    g = (bend_u * du * du + slope_u * du + middle_g) + (bend_v * dv * dv + slope_v * dv) + dv * (twist * du)
+    per_u = (((2 * bend_u) * du + slope_u) + twist * dv) * np.float32(abs(float(rays[0][1] - rays[0][0])))
+    per_v = (((2 * bend_v) * dv + slope_v) + twist * du) * np.float32(abs(float(rays[1][1] - rays[1][0])))
+    inside_samples = g / (cv2.magnitude(per_u, per_v) + np.float32(1e-12))
+    ahead = (x * du + ahead0) + y * dv
+    cover = np.clip(inside_samples + np.float32(0.5), 0, 1) * (ahead > 0)
+    squared = (rays[0] ** 2 + 1).astype(np.float32)[None, :] + (rays[1] ** 2).astype(np.float32)[:, None]
+    depth_m = (ahead - np.sqrt(np.maximum(g, 0))) / squared
+    return cover, _shade(depth_m, rays, centre_m, radius_m)
+
+
+def _shade(
+    depth_m: Plane, rays: tuple[NDArray[np.float64], NDArray[np.float64]], centre_m: Vector, radius_m: float
+) -> Plane:
+    """Return the brightness of a matte surface by Lambert's cosine law, with some light from all sides."""
+    light_x, light_y, light_z = (part / math.hypot(*LIGHT) for part in LIGHT)
+    along = (light_x * rays[0] + light_z).astype(np.float32)[None, :] + (light_y * rays[1]).astype(np.float32)[:, None]
+    behind_m = light_x * centre_m[0] + light_y * centre_m[1] + light_z * centre_m[2]
+    cosine = (depth_m * along - np.float32(behind_m)) * np.float32(1 / radius_m)
+    shade: Plane = np.clip(cosine, 0, 1) * np.float32(1 - DARKEST) + np.float32(DARKEST)
+    return shade
+
+
+def paint_shadow(image: Image, model: CameraModel, centre_m: Vector, radius_m: float, camera_height_m: float) -> None:
+    """Darken the floor under a ball; its centre is in the camera frame: x right, y down, z forward."""
+    x, y, z = centre_m
+    reach_m = 2 * radius_m
+    near_m = z - reach_m
+    if near_m < reach_m:
+        return
+    sides = [(x + side) / depth for side in (-reach_m, reach_m) for depth in (near_m, z + reach_m)]
+    extent_px = (
+        model.cx_px + model.fx_px * min(sides),
+        model.cy_px + model.fy_px * camera_height_m / (z + reach_m),
+        model.cx_px + model.fx_px * max(sides),
+        model.cy_px + model.fy_px * camera_height_m / near_m,
+    )
+    patch = _patch(model, extent_px)
+    if patch is None:
+        return
+    columns, rows = patch.rays(model, 1)
+    depth_m = camera_height_m / np.maximum(rows, 1e-6)[:, None]
+    off_squared = ((columns[None, :] * depth_m - x) ** 2 + (depth_m - z) ** 2) / radius_m**2
+    gap = max(0.0, camera_height_m - y - radius_m) / radius_m
+    light = 1 - SHADOW_DEPTH * math.exp(-gap) * np.exp(-1.5 * off_squared)
+    patch.of(image)[:] = (patch.of(image) * light[:, :, None].astype(np.float32) + 0.5).astype(np.uint8)

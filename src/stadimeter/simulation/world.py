@@ -1,4 +1,7 @@
-"""The simulated world: a floor, a ball that moves over it, a robot with a camera, and what goes wrong."""
+"""The simulated world: a floor, a ball that moves over it, a robot with a camera, and what goes wrong.
+
+Its options are the table ``[world]`` of a configuration.
+"""
 
 from __future__ import annotations
 
@@ -7,27 +10,128 @@ import math
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from itertools import pairwise
+from typing import Annotated
 
-from stadimeter.config.plugins import DriverContext, Plugin
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.units import LENGTHS_M, Angle, Duration, Length, LengthOrZero, as_written, parse_quantity
 from stadimeter.core.clock import Clock
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.options import FaultKind, ScheduledFault, WayPoint, WorldOptions
 from stadimeter.simulation.robot import DifferentialRobot, Pose
+
+SHARED_NAME = "world"
+"""Under this name the drivers of a run share the world."""
+
+
+def parse_coordinate(text: object) -> float:
+    """Read a coordinate such as ``"-1.5 m"``, return it in metres; raises ValueError if it is not a length."""
+    return parse_quantity(text, LENGTHS_M, "-1.5 m")
+
+
+Coordinate = Annotated[float, BeforeValidator(parse_coordinate), as_written(LENGTHS_M, "-1.5 m", is_signed=True)]
+
+
+class WayPoint(Options):
+    """The position of the ball at some time."""
+
+    at: Duration
+    """When, in seconds from the start of the run."""
+    x: Coordinate
+    """Metres to the east."""
+    y: Coordinate
+    """Metres to the north."""
+
+
+class FaultKind(StrEnum):
+    """The faults of the simulated world."""
+
+    HIDE_TARGET = "hide-target"
+    FREEZE_CAMERA = "freeze-camera"
+    BLOCK_CAMERA = "block-camera"
+    UNPLUG_BASE = "unplug-base"
+    BROKER_GONE = "broker-gone"
+
+
+class ScheduledFault(Options):
+    """Something that goes wrong at some time, and comes right again."""
+
+    at: Duration
+    """When, in seconds from the start of the run."""
+    duration: Duration | None = Field(default=None, alias="for")
+    """For how many seconds, written ``for``; None for the rest of the run."""
+    kind: FaultKind
+    """What goes wrong."""
+
+
+THERE_AND_BACK = tuple(
+    WayPoint.model_validate({"at": at, "x": x, "y": y})
+    for at, x, y in (
+        ("0 s", "1.5 m", "0 m"),
+        ("6 s", "4 m", "0.6 m"),
+        ("12 s", "2.5 m", "-0.5 m"),
+        ("18 s", "1.5 m", "0 m"),
+    )
+)
+
+
+class WorldOptions(Options):
+    """The simulated world. Lengths are in metres and angles in radians once they are read."""
+
+    seed: int = Field(default=1, ge=0)
+    """Everything random follows from it: the same seed gives the same run."""
+    ball_diameter: Length = 0.2
+    """The ball's diameter."""
+    ball_height: LengthOrZero | None = None
+    """Height of the ball's centre above the floor; None if it lies on the floor."""
+    path: tuple[WayPoint, ...] = Field(default=THERE_AND_BACK, min_length=1)
+    """Where the ball is when. In between it moves smoothly and never beyond its way points."""
+    loop: bool = True
+    """Whether the ball begins its path again at the end, or stays there."""
+    robot_x: Coordinate = 0.0
+    """Where the robot starts, to the east."""
+    robot_y: Coordinate = 0.0
+    """Where the robot starts, to the north."""
+    robot_heading: Angle = 0.0
+    """Where the robot faces at the start, counter-clockwise from east."""
+    track_width: Length = 0.2
+    """Distance between the robot's two wheels."""
+    ticks_per_metre: float = Field(default=4000.0, gt=0)
+    """Ticks that a wheel's encoder counts on a metre."""
+    camera_height: Length = 0.25
+    """Height of the camera above the floor. It looks straight ahead, level, from between the wheels."""
+    faults: tuple[ScheduledFault, ...] = ()
+    """What goes wrong when."""
+
+    @field_validator("path")
+    @classmethod
+    def _check_times(cls, path: tuple[WayPoint, ...]) -> tuple[WayPoint, ...]:
+        if path[0].at != 0:
+            raise ValueError(f"the path begins at {path[0].at:g} s; its first way point must be at '0 s'")
+        for before, after in pairwise(path):
+            if after.at <= before.at:
+                raise ValueError(f"the way point at {after.at:g} s follows one at {before.at:g} s; order them by time")
+        return path
+
+    @model_validator(mode="after")
+    def _check_loop(self) -> WorldOptions:
+        first, last = self.path[0], self.path[-1]
+        if self.loop and (first.x, first.y) != (last.x, last.y):
+            raise ValueError(
+                f"the path begins at ({first.x:g}, {first.y:g}) m and ends at ({last.x:g}, {last.y:g}) m; "
+                "end it where it begins, or set loop = false"
+            )
+        return self
 
 
 class Ball:
-    """A ball that moves along way points.
+    """A ball that moves along way points, whose times count from ``start_s``.
 
     Between two way points each coordinate is a monotone cubic (F. N. Fritsch and J. Butland, "A method for constructing
     local monotone piecewise cubic interpolants", 1984): the speed never jumps, the ball never goes beyond its way
-    points, and it stands still between two that are equal.
-
-    Args:
-        height_m: Height of its centre above the floor.
-        path: Where it is when; times count from ``start_s``.
-        loop: Whether it begins again at the end of its path, or stays there.
-        start_s: The time on the run's clock at which the path begins.
+    points, and it stands still between two that are equal. It stays at the end of its path or begins again.
     """
 
     def __init__(
@@ -89,21 +193,13 @@ def _speed_between(spans: tuple[float, float], slopes: tuple[float, float]) -> f
 
 @dataclass(slots=True)
 class Faults:
-    """The knobs. Tests and people turn them by hand; the schedule of the configuration turns them too.
+    """The knobs. Tests and people turn them by hand; the schedule of the configuration turns them too."""
 
-    Attributes:
-        target_hidden: Nobody can see the ball.
-        camera_frozen: The camera keeps delivering the same old frame, as a stuck driver does.
-        camera_blocked: No frame comes from the camera.
-        base_unplugged: The cable to the robot base is out.
-        broker_gone: Nobody answers where the message broker was.
-    """
-
-    target_hidden: bool = False
-    camera_frozen: bool = False
-    camera_blocked: bool = False
-    base_unplugged: bool = False
-    broker_gone: bool = False
+    target_hidden: bool = False  # nobody can see the ball
+    camera_frozen: bool = False  # the camera keeps delivering the same old frame, as a stuck driver does
+    camera_blocked: bool = False  # no frame comes from the camera
+    base_unplugged: bool = False  # the cable to the robot base is out
+    broker_gone: bool = False  # nobody answers where the message broker was
 
 
 KNOBS = {
@@ -116,11 +212,9 @@ KNOBS = {
 
 
 class FaultSchedule:
-    """Turns knobs at set times. A knob that was turned by hand stays so until its next time comes.
+    """Turns knobs at set times from ``start_s``. A knob that was turned by hand stays so until its next time comes.
 
-    Args:
-        planned: What goes wrong when. Faults of one kind may overlap.
-        start_s: The time that the plan counts from.
+    Faults of one kind may overlap.
     """
 
     def __init__(self, planned: Sequence[ScheduledFault], start_s: float) -> None:
@@ -141,19 +235,12 @@ def _end_s(fault: ScheduledFault) -> float:
     return float("inf") if fault.duration is None else fault.at + fault.duration
 
 
-SHARED_NAME = "world"
-"""Under this name the drivers of a run share the world."""
-
-
 class World:
     """The simulated world, which knows the truth.
 
     World coordinates have x to the east, y to the north and z up from the floor; headings are counter-clockwise from
     east, as in ROS REP 103. The world has no thread and takes no steps: everything in it is an exact function of time,
     so a question is answered for the moment that it is about. May be used from several threads.
-
-    Args:
-        clock: The run's clock. The times in the options count from what it shows now.
     """
 
     def __init__(self, options: WorldOptions, clock: Clock) -> None:
@@ -191,16 +278,10 @@ class World:
         return self._faults
 
     def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
-        """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not.
+        """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.
 
-        Args:
-            time_s: A time on the run's clock; None for now.
-
-        Returns:
-            The position in metres: x to the right, y down, z forward along the optical axis.
-
-        Raises:
-            DriverError: That is longer ago than the robot remembers.
+        The position is in metres: x to the right, y down, z forward along the optical axis. A `DriverError` says that
+        the time is longer ago than the robot remembers.
         """
         at_s = self._clock.now_s() if time_s is None else time_s
         pose = self.robot.pose_at(at_s)
@@ -210,26 +291,12 @@ class World:
         return (east * sin - north * cos, self.camera_height_m - ball_z, east * cos + north * sin)
 
     def distance_m(self, time_s: float | None = None) -> float:
-        """Return the true length of the straight line from the camera to the ball's centre.
-
-        Args:
-            time_s: A time on the run's clock; None for now.
-
-        Raises:
-            DriverError: That is longer ago than the robot remembers.
-        """
+        """Return the true length of the line from the camera to the ball's centre; errors as `target_in_camera`."""
         return math.hypot(*self.target_in_camera(time_s))
 
 
 def shared_world(context: DriverContext) -> World:
-    """Return the world that the drivers of a run share.
-
-    Args:
-        context: The run that a driver is part of.
-
-    Raises:
-        ConfigError: The run has none.
-    """
+    """Return the world that the drivers of a run share, or raise a `ConfigError` if it has none."""
 
     def missing() -> World:
         raise ConfigError(f"'{context.name}' is simulated and needs a world to be in; add a table [world]")

@@ -1,6 +1,6 @@
 """Still pictures of a target whose place is known exactly, with every trouble that a real camera adds.
 
-`stadimeter.simulation.renderer` draws a live view and must keep up with it. Here accuracy comes first: these pictures
+`stadimeter.simulation.camera` draws a live view and must keep up with it. Here accuracy comes first: these pictures
 are what detectors are tuned on and judged by. A `support.scenes.scene.Scene` holds all parameters, and
 `support.scenes.render.render` makes a picture and its truth from it. The same scene always gives the
 same picture.

@@ -1,10 +1,10 @@
 """The ball detector: a sphere of one colour, by the cone of rays that touches it.
 
-Blobs of the ball's colour say where to look (`ball_search`). Around each, the steps from ball to background are found
-along spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them (`ball_limb`,
+Blobs of the ball's colour say where to look (`blobs`). Around each, the steps from ball to background are found
+along spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them (`limb`,
 `stadimeter.ranging.sphere_cone`). Where a blob is not round, since part of the ball is in the shade or hidden, the
 circle of edges around it is the start (`edge_circle`). What does not look like a ball then is refused, with the test
-that it failed (`ball_judge`). Where a ball is expected, only the ring around its predicted limb is looked at.
+that it failed (`BallGates`). Where a ball is expected, only the ring around its predicted limb is looked at.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction, Re
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.ball.blobs import Blob, HsvRangeText, find_blobs, search_step
 from stadimeter.detectors.ball.circles import Circle, edge_circle
-from stadimeter.detectors.ball.judge import Ball, BallGates
-from stadimeter.detectors.ball.limb import find_limb, within
+from stadimeter.detectors.ball.limb import Ball, BallGates, find_limb, within
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
 from stadimeter.ranging.ball import BallShape
@@ -73,20 +72,13 @@ class BallOptions(Options):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Scene:
-    """A frame that is searched.
-
-    Attributes:
-        lens: The camera at its resolution; a likely one if it is not known.
-        is_lens_known: Whether it is.
-        rejected: What was looked at and is no ball, filled while searching.
-        is_expected: Whether what is searched is where the ball is expected.
-    """
+    """A frame that is searched."""
 
     image: Image
-    lens: CameraModel
-    is_lens_known: bool
-    rejected: list[RejectedCandidate]
-    is_expected: bool = False
+    lens: CameraModel  # the camera at its resolution; a likely one if it is not known
+    is_lens_known: bool  # whether it is
+    rejected: list[RejectedCandidate]  # what was looked at and is no ball, filled while searching
+    is_expected: bool = False  # whether what is searched is where the ball is expected
 
 
 class BallDetector:
@@ -113,12 +105,10 @@ class BallDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the ball.
+        """Look for the ball: the roundest blob of its colour.
 
-        Returns:
-            The roundest blob of the ball's colour. Away from the optical axis a ball looks like an ellipse that
-            points to the middle of the picture; width and height are both its smaller diameter, across that
-            direction, which is the one that says how deep the ball lies.
+        Away from the optical axis a ball looks like an ellipse that points to the middle of the picture; width and
+        height are both its smaller diameter, across that direction, which is the one that says how deep the ball lies.
         """
         check_image(frame)
         scene = _Scene(

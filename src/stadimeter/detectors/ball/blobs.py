@@ -38,19 +38,12 @@ GRID = 16
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Blob:
-    """Pixels of the ball's colour that hang together.
+    """Pixels of the ball's colour that hang together."""
 
-    Attributes:
-        circle: The circle around which its limb may be: as wide or as high as the blob, whichever is more.
-        contour: Its outline as OpenCV has it, in pixels of the thinned part of the picture.
-        step: Every step-th pixel of that was looked at.
-        origin_px: Where that part begins in the picture, x and y.
-    """
-
-    circle: Circle
-    contour: cv2.typing.MatLike
-    step: int
-    origin_px: tuple[int, int]
+    circle: Circle  # the circle around which its limb may be: as wide or as high as the blob, whichever is more
+    contour: cv2.typing.MatLike  # its outline as OpenCV has it, in pixels of the thinned part of the picture
+    step: int  # every step-th pixel of that was looked at
+    origin_px: tuple[int, int]  # where that part begins in the picture, x and y
 
     @property
     def size_px(self) -> float:
@@ -80,14 +73,7 @@ def search_step(min_radius_px: float) -> int:
 
 
 def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None = None) -> list[Blob]:
-    """Find the largest blobs of a colour.
-
-    Args:
-        step: Every step-th pixel is looked at, each way.
-
-    Returns:
-        `MOST_BLOBS` at most, the largest first.
-    """
+    """Find the largest blobs of a colour, `MOST_BLOBS` at most, the largest first; looks at every step-th pixel."""
     region = region or Region.whole(image)
     contours, _ = cv2.findContours(
         colour.mask(thinned(region.of(image), step)), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
@@ -109,11 +95,7 @@ def thinned(image: Image, step: int) -> Image:
 
 
 def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
-    """Return how much of a circle has a colour, from a grid of pixels in the square within it, 0 to 1.
-
-    Args:
-        circle: The circle; what is outside of the picture does not count.
-    """
+    """Return how much of a circle has a colour, 0 to 1, from a grid of the pixels in its inner square."""
     half_px = max(1.0, circle.radius_px * math.sqrt(0.5))
     left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
     right, bottom = max(int(circle.x_px + half_px + 1), 0), max(int(circle.y_px + half_px + 1), 0)
@@ -160,11 +142,9 @@ class HsvRange:
     upper: tuple[int, int, int]
 
     def mask(self, image: Image) -> Mask:
-        """Return which pixels have such a colour.
+        """Return which pixels have such a colour: 255 where one has, 0 elsewhere, shape ``(height, width)``.
 
-        Returns:
-            255 where it has, 0 elsewhere, shape ``(height, width)``. A pixel that is all but grey has no hue, so it
-            counts only where every hue does.
+        A pixel that is all but grey has no hue, so it counts only where every hue does.
         """
         hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
         if (self.lower[0], self.upper[0]) == (0, 179):
@@ -189,10 +169,7 @@ class HsvRange:
 
 
 def parse_hsv_range(text: object) -> HsvRange:
-    """Read a range of colours such as ``"29,86,6:64,255,255"``.
-
-    Args:
-        text: Lower and upper limit, each as hue, saturation and value.
+    """Read a range of colours such as ``"29,86,6:64,255,255"``: lower and upper limit of hue, saturation and value.
 
     Raises:
         ValueError: It is no such text, or a number is outside its channel.

@@ -36,26 +36,14 @@ away from the optical axis."""
 
 @dataclass(frozen=True, slots=True)
 class _Edges:
-    """Edges that were found along radials.
+    """Edges that were found along radials."""
 
-    Attributes:
-        points_px: Where they are, shape ``(n, 2)``.
-        strength: How steep they are, 1 for those as steep as the steepest in most directions, shape ``(n,)``.
-    """
-
-    points_px: Points
-    strength: Weights
+    points_px: Points  # where they are, shape ``(n, 2)``
+    strength: Weights  # how steep they are, 1 for those as steep as the steepest in most directions, shape ``(n,)``
 
 
 def edge_circle(image: Image, blob_px: Points, area_px2: float) -> Circle | None:
-    """Find the circle of edges around a blob.
-
-    Args:
-        blob_px: Points along the outline of the blob, shape ``(n, 2)``.
-
-    Returns:
-        The circle, or None if there is none of edges that has the blob inside.
-    """
+    """Find the circle of edges around a blob's outline, shape ``(n, 2)``; None if none has the blob inside."""
     low, high = blob_px.min(axis=0), blob_px.max(axis=0)
     centre, half_px = (low + high) / 2, float((high - low).max()) / 2 + 0.5
     step_px = max(0.5, half_px / 40)
@@ -70,10 +58,7 @@ def _angles() -> Points:
 
 
 def _edges(image: Image, centre: Points, distances_px: Points, most: int) -> _Edges:
-    """Return the strongest edges along radials, those inside the picture.
-
-    The distances are evenly spaced along each radial, shape ``(RADIALS, k)``.
-    """
+    """Return the strongest edges inside the picture along radials, whose distances are even, ``(RADIALS, k)``."""
     directions = np.column_stack([np.cos(_angles()), np.sin(_angles())])
     points = centre + directions[:, None, :] * distances_px[:, :, None]
     values = sample(image, points[..., 0], points[..., 1])
@@ -126,15 +111,9 @@ class Circle:
 
 
 def most_common_circle(points_px: Points, band_px: float = 1.0) -> Circle | None:
-    """Find the circle that most of the points lie on.
+    """Find the circle within a band of which most of the points lie; None if no three of them form one.
 
     Circles through three points each are tried. The same points always give the same circle.
-
-    Args:
-        band_px: How far from a circle its points may lie.
-
-    Returns:
-        The circle, or None if no three points form one.
     """
     circles = _circles_through_triples(points_px, FEW_TRIES)
     if not len(circles):
@@ -148,7 +127,7 @@ def most_common_circle(points_px: Points, band_px: float = 1.0) -> Circle | None
 def find_circle(
     points_px: Points, strength: Weights, around_px: Points, area_px2: float, band: tuple[float, float]
 ) -> Circle | None:
-    """Find the circle that has strong points on most of its circumference and is filled by something.
+    """Find the circle with strong points on most of its circumference that is filled by something; None if none is.
 
     Circles through three points each are tried. The same points always give the same circle.
 
@@ -157,9 +136,6 @@ def find_circle(
         around_px: Points that the circle should enclose, shape ``(m, 2)``.
         area_px2: The area of what should fill it.
         band: How far from a circle its points may lie: in pixels, and as a share of the radius if that is more.
-
-    Returns:
-        The circle, or None if no three points form one.
     """
     if len(points_px) < 6:
         return None

@@ -89,21 +89,13 @@ BLUR_OF_WIDTH = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LimbEdges:
-    """Steps around something round.
+    """Steps around something round."""
 
-    Attributes:
-        places: Where they are, shape ``(3, n)``: x and y in pixels, and ones.
-        usual_width_px: How many pixels they take from inside to outside, along the spokes: the median.
-        wide_width_px: One in eight is wider than this.
-        spokes: How many spokes there are around it, those that leave the picture included.
-        inside: How many of them do not, and were looked along.
-    """
-
-    places: Values
-    usual_width_px: float
-    wide_width_px: float
-    spokes: int
-    inside: int
+    places: Values  # where they are, shape ``(3, n)``: x and y in pixels, and ones
+    usual_width_px: float  # how many pixels they take from inside to outside, along the spokes: the median
+    wide_width_px: float  # one in eight is wider than this
+    spokes: int  # how many spokes there are around it, those that leave the picture included
+    inside: int  # how many of them do not, and were looked along
 
     @property
     def points_px(self) -> Points:
@@ -113,66 +105,43 @@ class LimbEdges:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Rose:
-    """Spokes around any circle: a quarter of them crosses each of its four sides, at evenly spread angles.
+    """Spokes around any circle: a quarter of them crosses each of its four sides, at evenly spread angles."""
 
-    Attributes:
-        start: What the first pixels follow from: the sums of these rows, times the radius, the pixels inside, the
-            centre's x, its y, and 1, are their x, then their y, then ones, shape ``(5, 3 n)``.
-        step: From each pixel to the next, x, y and 0, shape ``(3, n)``.
-        slant: How much longer a way across the edge is along the spoke, shape ``(n,)``.
-    """
-
+    # What the first pixels follow from: the sums of these rows, times the radius, the pixels inside, the
+    # centre's x, its y, and 1, are their x, then their y, then ones, shape ``(5, 3 n)``.
     start: Values
-    step: Values
-    slant: Values
+    step: Values  # from each pixel to the next, x, y and 0, shape ``(3, n)``
+    slant: Values  # how much longer a way across the edge is along the spoke, shape ``(n,)``
 
 
 class _Spokes(NamedTuple):
-    """Which pixels are looked at.
+    """Which pixels are looked at."""
 
-    Attributes:
-        pixels: Index of each in the flat picture, shape ``(n, k)``.
-        start: Where the first pixel of each spoke is: x, y and 1, shape ``(3, n)``.
-        step: From each pixel to the next, x, y and 0, shape ``(3, n)``.
-        slant: How much longer a way across the edge is along the spoke, shape ``(n,)``.
-        expected: How many there would be without the border.
-    """
-
-    pixels: Indices
-    start: Values
-    step: Values
-    slant: Values
-    expected: int
+    pixels: Indices  # index of each in the flat picture, shape ``(n, k)``
+    start: Values  # where the first pixel of each spoke is: x, y and 1, shape ``(3, n)``
+    step: Values  # from each pixel to the next, x, y and 0, shape ``(3, n)``
+    slant: Values  # how much longer a way across the edge is along the spoke, shape ``(n,)``
+    expected: int  # how many there would be without the border
 
 
 class _Steps(NamedTuple):
-    """Steps on spokes.
+    """Steps on spokes."""
 
-    Attributes:
-        at: Where they are, in pixels from the start of the spoke, shape ``(n,)``.
-        width: How wide they are, shape ``(n,)``.
-        found: Which of them are steps, shape ``(n,)``.
-        way: How much brighter it is inside than outside, for each channel.
-    """
-
-    at: Profiles | Values
-    width: Profiles
-    found: Flags
-    way: Profiles
+    at: Profiles | Values  # where they are, in pixels from the start of the spoke, shape ``(n,)``
+    width: Profiles  # how wide they are, shape ``(n,)``
+    found: Flags  # which of them are steps, shape ``(n,)``
+    way: Profiles  # how much brighter it is inside than outside, for each channel
 
 
 def limb_edges(
     image: Image, circle: Circle, reach_px: float, within_px: float, light: Light, bias_px: float = 0.0
 ) -> LimbEdges | None:
-    """Look for the steps near an expected circle.
+    """Find a step for each spoke that shows one, near an expected circle; None where no spoke does.
 
     Args:
         reach_px: How far from it pixels are looked at, along rows and columns.
         within_px: How far from it the steps may be.
         bias_px: The camera's edge bias: how far outwards the edge of something bright appears.
-
-    Returns:
-        The steps, one for each spoke that shows one; None where no spoke does.
     """
     inside = max(1, round(min(reach_px, 0.8 * circle.radius_px)))
     spokes = _spokes(image.shape, circle, inside, max(4, math.ceil(reach_px)))

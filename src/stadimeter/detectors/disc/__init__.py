@@ -1,7 +1,7 @@
 """The disc detector: a flat circle of one brightness, such as a sticker, a lid or a printed dot, at any tilt.
 
 A circle that does not face the camera appears as an ellipse. Another ellipse of even brightness, such as another lid,
-looks the same as the disc: the one that stands out most is taken, see `stadimeter.detectors.disc.judge.prominence`. A
+looks the same as the disc: the one that stands out most is taken, see `stadimeter.detectors.disc.edges.prominence`. A
 disc that is partly hidden, or touches what is as bright, is looked for where there is no whole one.
 """
 
@@ -21,9 +21,19 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.disc.edges import ROUGHLY, THOROUGHLY, Effort, EllipseEdges, measure_ellipse
+from stadimeter.detectors.disc.edges import (
+    ROUGHLY,
+    THOROUGHLY,
+    Effort,
+    EllipseEdges,
+    Trouble,
+    diameters_px,
+    measure_ellipse,
+    prominence,
+    quality,
+    trouble_with,
+)
 from stadimeter.detectors.disc.ellipse import Ellipse, Lens
-from stadimeter.detectors.disc.judge import Trouble, diameters_px, prominence, quality, trouble_with
 from stadimeter.detectors.disc.profiles import EdgePicture
 from stadimeter.detectors.disc.search import (
     LEAST_ASPECT,
@@ -157,11 +167,9 @@ class DiscDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the disc.
+        """Look for the disc: the one most like the prediction, or else the one that stands out most.
 
-        Returns:
-            The disc: the one most like the prediction, or else the one that stands out most. Its width is its larger
-            diameter and its height its smaller one, however it is turned.
+        Its width is its larger diameter and its height its smaller one, however it is turned.
         """
         check_image(frame)
         through = Lens(camera=lens)

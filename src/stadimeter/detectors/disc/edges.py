@@ -1,8 +1,9 @@
 """The outline of a disc, to a few hundredths of a pixel.
 
-Light is read along lines across an ellipse that is near the outline. Where it passes half way from inside to outside
-is the edge, see `stadimeter.detectors.sampling`; the ellipse is moved to these edges by least squares, and the
-light is read again, until the ellipse stays. So the result does not depend on where it began.
+Light is read along lines across an ellipse that is near the outline. Where it passes half way from inside to outside is
+the edge, see `stadimeter.detectors.sampling`; the ellipse is moved to these edges by least squares, and the light is
+read again, until the ellipse stays. So the result does not depend on where it began. Tests then distinguish it from
+other outlines.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from stadimeter.detectors.disc.ellipse import Ellipse, Rim, Values, turns
 from stadimeter.detectors.disc.profiles import LEAST_LIGHT, EdgePicture, Mask, Steps, read_steps
-from stadimeter.detectors.sampling import quantile
+from stadimeter.detectors.sampling import CODES, Light, quantile
 
 LEAST_LINES = 40
 """Across how many lines the light is read at least; if the effort allows, one for each pixel of the outline."""
@@ -54,54 +55,61 @@ INSIDE = np.concatenate([share * turns(16) for share in (0.15, 0.4, 0.6, 0.75)])
 EVEN_SHARE = 0.7
 """The rest may be hidden, or printed on."""
 
+GREATEST_TILT_RAD = math.radians(75)
+"""A disc turned away further from the line of sight is not accepted: it would be seen at a fourth of its height."""
+
+LEAST_CONTRAST = 8.0
+"""Least contrast of a disc, in levels of 8 bits, on nine tenths of its outline."""
+
+LEAST_SUPPORT = 0.6
+WIDEST_GAP = 0.36
+"""Least share of the outline that is seen, and greatest share hidden in one place, such as by a finger."""
+
+SCATTER_PX, SCATTER_BLURS, SCATTER_SHARE = 0.15, 0.15, 0.004
+"""Edges may scatter about the ellipse by the sum of these: pixels, widths of the edge, and shares of the diameter."""
+
+BEND_PX, BEND_SHARE = 0.12, 0.003
+"""The outline may differ from an ellipse by the sum of these pixels and share of the diameter: an octagon does by
+1.1 % of its diameter, a regular polygon of twelve corners by 0.5 %."""
+
+MOST_UNEVEN = 0.12
+"""The light inside may differ from that along the rim by this share of the contrast: that of a ball does by more."""
+
+MOST_BLURRED = 0.18
+"""Greatest blur of the edge, as a share of the smaller diameter: a glow without an edge is no disc."""
+
+LEAST_HEIGHT = 0.6
+"""The least smaller diameter, as a share of the least larger one: the end of a bar looks like an ellipse."""
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EllipseEdges:
-    """Measured outline of a disc.
+    """Measured outline of a disc."""
 
-    Attributes:
-        ellipse: The ellipse through its edges, without the lens's distortion and the camera's edge bias.
-        support: The share of the lines with an edge on the ellipse, of those inside the picture.
-        widest_gap: The longest part of the outline without an edge on the ellipse, as a share of it.
-        contrast: How much more light comes from inside than from outside, as a share of the most that a picture can
-            hold: the median of the lines on the ellipse. Negative for a dark disc.
-        weakest: The contrast that nine in ten lines on the ellipse exceed, without sign.
-        inside: The light inside, and
-        outside: outside, medians.
-        unevenness: How far the light inside is from that along the rim, as a share of the contrast; seven tenths of it
-            are nearer.
-        scatter_px: Standard deviation of the edges on the ellipse about it.
-        bend_px: The part of that which neighbouring edges have in common: how far the outline is from an ellipse.
-        edge_px: How blurred the edge is: the standard deviation of a normal distribution.
-        sigma_px: Standard deviation of the larger diameter that follows from the scatter alone.
-    """
-
-    ellipse: Ellipse
-    support: float
-    widest_gap: float
+    ellipse: Ellipse  # the ellipse through its edges, without the lens's distortion and the camera's edge bias
+    support: float  # the share of the lines with an edge on the ellipse, of those inside the picture
+    widest_gap: float  # the longest part of the outline without an edge on the ellipse, as a share of it
+    # How much more light comes from inside than from outside, as a share of the most that a picture can hold:
+    # the median of the lines on the ellipse. Negative for a dark disc.
     contrast: float
-    weakest: float
-    inside: float
-    outside: float
+    weakest: float  # the contrast that nine in ten lines on the ellipse exceed, without sign
+    inside: float  # the light inside, median
+    outside: float  # the light outside, median
+    # How far the light inside is from that along the rim, as a share of the contrast; seven tenths of it are
+    # nearer.
     unevenness: float
-    scatter_px: float
-    bend_px: float
-    edge_px: float
-    sigma_px: float
+    scatter_px: float  # standard deviation of the edges on the ellipse about it
+    bend_px: float  # the part of that which neighbouring edges have in common: how far the outline is from an ellipse
+    edge_px: float  # how blurred the edge is: the standard deviation of a normal distribution
+    sigma_px: float  # standard deviation of the larger diameter that follows from the scatter alone
 
 
 class Effort(NamedTuple):
-    """Effort of a measurement.
+    """Effort of a measurement."""
 
-    Attributes:
-        most_lines: Across how many lines the light is read at most.
-        most_looks: How often at most.
-        stays_px: The ellipse has arrived once a look moves no part of it by more than this.
-    """
-
-    most_lines: int
-    most_looks: int
-    stays_px: float
+    most_lines: int  # across how many lines the light is read at most
+    most_looks: int  # how often at most
+    stays_px: float  # the ellipse has arrived once a look moves no part of it by more than this
 
 
 ROUGHLY = Effort(most_lines=48, most_looks=4, stays_px=0.4)
@@ -122,17 +130,12 @@ class _Fit(NamedTuple):
 def measure_ellipse(
     picture: EdgePicture, start: Ellipse, *, is_bright: bool, reach_px: float, edge_bias_px: float, effort: Effort
 ) -> EllipseEdges | None:
-    """Fit an ellipse to the outline of a disc.
+    """Fit an ellipse to the outline of a disc; None where there is none near the start, which is without distortion.
 
     Args:
-        start: About where the outline is, without distortion.
-        is_bright: Whether the disc is brighter than what is around it.
-        reach_px: How far from there the outline may be.
+        reach_px: How far from the start the outline may be.
         edge_bias_px: How far outwards the camera moves the edges of something bright.
         effort: `ROUGHLY`, to tell what it is, or `THOROUGHLY`.
-
-    Returns:
-        The outline; None where there is none near the start.
     """
     ellipse, widest_px, seen = start, 0.0, None
     outwards_px = edge_bias_px if is_bright else -edge_bias_px
@@ -277,10 +280,7 @@ def _widest_gap(seen: Mask) -> float:
 
 
 def _bend_px(left_px: Values, seen: Mask) -> float:
-    """Return how far the edges are from the ellipse, less what follows from each erring on its own.
-
-    How much that is, is seen from how much each differs from the next.
-    """
+    """Return how far the edges are from the ellipse, less what each errs on its own, which is how neighbours differ."""
     # Noise of single edges averages out over a part of the outline, a bend does not: the variance of the means, less
     # the share of it that noise explains, is that of the bend. Differences of neighbours give the noise alone.
     together = max(1, len(seen) // BEND_PARTS)
@@ -297,3 +297,84 @@ def _unevenness(picture: EdgePicture, ellipse: Ellipse, rim_light: float) -> flo
     """Return how far the light inside an ellipse is from that along its rim, but for the part that differs most."""
     light, is_inside = picture.read(INSIDE @ ellipse.half_axes_px + ellipse.centre_px)
     return quantile(np.abs(light[is_inside] - rim_light), EVEN_SHARE) if is_inside.any() else 0.0
+
+
+class Trouble(NamedTuple):
+    """Why an outline is not that of a disc."""
+
+    passed: int  # how many tests it passed before
+    text: str  # the test that it failed, with the figure and the limit
+
+
+def trouble_with(edges: EllipseEdges, least_px: float, light: Light) -> Trouble | None:
+    """Return the first test of a disc that an outline failed; None if it is a disc, as far as a picture tells."""
+    larger, smaller = diameters_px(edges)
+    flattest = math.cos(GREATEST_TILT_RAD)
+    weakest = levels_out(edges, light) * edges.weakest / max(abs(edges.contrast), 1e-9)
+    scatter_px, bend_px = most_scatter_px(edges), BEND_PX + BEND_SHARE * larger
+    tests = (
+        (
+            edges.support >= LEAST_SUPPORT,
+            f"has an edge on {edges.support:.0%} of its outline, limit {LEAST_SUPPORT:.0%}",
+        ),
+        (
+            edges.scatter_px <= scatter_px,
+            f"is no ellipse: its edge scatters by {edges.scatter_px:.2f} px, limit {scatter_px:.2f} px",
+        ),
+        (
+            edges.bend_px <= bend_px,
+            f"is no ellipse: its outline differs from one by {edges.bend_px:.2f} px, limit {bend_px:.2f} px",
+        ),
+        (
+            edges.widest_gap <= WIDEST_GAP,
+            f"lacks {edges.widest_gap:.0%} of its outline in one piece, limit {WIDEST_GAP:.0%}",
+        ),
+        (smaller >= flattest * larger, f"is {smaller / larger:.2f} times as high as wide, limit {flattest:.2f}"),
+        (weakest >= LEAST_CONTRAST, f"stands out by {weakest:.0f} levels, limit {LEAST_CONTRAST:.0f}"),
+        (
+            edges.edge_px <= MOST_BLURRED * smaller,
+            f"has an edge blurred over {edges.edge_px:.1f} px, limit {MOST_BLURRED * smaller:.1f} px",
+        ),
+        (
+            edges.unevenness <= MOST_UNEVEN,
+            f"is unevenly bright: by {edges.unevenness:.0%} of its contrast, limit {MOST_UNEVEN:.0%}",
+        ),
+        (
+            smaller >= LEAST_HEIGHT * least_px,
+            f"is too thin: {smaller:.1f} px, limit {LEAST_HEIGHT * least_px:.1f} px",
+        ),
+        (larger >= least_px, f"is too small: {larger:.1f} px, limit {least_px:g} px"),
+    )
+    return next((Trouble(number, text) for number, (passed, text) in enumerate(tests) if not passed), None)
+
+
+def most_scatter_px(edges: EllipseEdges) -> float:
+    """Return by how much the edges of a disc may scatter about its ellipse."""
+    return SCATTER_PX + SCATTER_BLURS * edges.edge_px + SCATTER_SHARE * diameters_px(edges)[0]
+
+
+def diameters_px(edges: EllipseEdges) -> tuple[float, float]:
+    """Return the larger and the smaller diameter."""
+    larger, smaller, _ = edges.ellipse.axes()
+    return 2 * larger, 2 * smaller
+
+
+def levels_out(edges: EllipseEdges, light: Light) -> float:
+    """Return by how many levels of 8 bits a disc stands out: what is seen of it goes with these, not with the light."""
+    inside, outside = np.interp((edges.inside, edges.outside), light, np.arange(CODES))
+    return abs(float(inside - outside))
+
+
+def quality(edges: EllipseEdges) -> float:
+    """Return how much an outline looks like that of a disc: from 0 to 1."""
+    return edges.support * (1 - edges.unevenness / MOST_UNEVEN) * (1 - edges.scatter_px / most_scatter_px(edges) / 2)
+
+
+def prominence(edges: EllipseEdges, light: Light) -> float:
+    """Return how much a disc stands out among others.
+
+    That is the root of contrast times size, since the disc is not always the largest thing, times how round it appears,
+    since who measures a disc turns it about towards the camera, times how like a disc it is.
+    """
+    larger, smaller = diameters_px(edges)
+    return math.sqrt(levels_out(edges, light) * larger) * (smaller / larger) * quality(edges)

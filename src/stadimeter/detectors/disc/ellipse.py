@@ -38,32 +38,20 @@ def turns(count: int) -> Points:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Rim:
-    """Places around an ellipse.
+    """Places around an ellipse."""
 
-    Attributes:
-        turns: The cosine and sine that each belongs to, shape ``(n, 2)``.
-        points_px: Where they are, x and y, shape ``(n, 2)``.
-        outward: The unit vectors at right angles to the ellipse there, shape ``(n, 2)``.
-        curvature: One over the radius of the circle that follows the ellipse there, in 1/px, shape ``(n,)``.
-    """
-
-    turns: Points
-    points_px: Points
-    outward: Points
-    curvature: Values
+    turns: Points  # the cosine and sine that each belongs to, shape ``(n, 2)``
+    points_px: Points  # where they are, x and y, shape ``(n, 2)``
+    outward: Points  # the unit vectors at right angles to the ellipse there, shape ``(n, 2)``
+    curvature: Values  # one over the radius of the circle that follows the ellipse there, in 1/px, shape ``(n,)``
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Ellipse:
-    """The points ``c + M (cos t, sin t)`` with M symmetric: five numbers, none of which is undefined for a circle.
+    """The points ``c + M (cos t, sin t)`` with M symmetric: five numbers, none of which is undefined for a circle."""
 
-    Attributes:
-        centre_px: c, x and y, shape ``(2,)``.
-        half_axes_px: M, shape ``(2, 2)``; its eigenvalues are the half axes, its eigenvectors their directions.
-    """
-
-    centre_px: Points
-    half_axes_px: Matrix
+    centre_px: Points  # c, x and y, shape ``(2,)``
+    half_axes_px: Matrix  # M, shape ``(2, 2)``; its eigenvalues are the half axes, its eigenvectors their directions
 
     def axes(self) -> tuple[float, float, tuple[float, float]]:
         """Return the larger and the smaller half axis in pixels, and the unit vector along the larger one."""
@@ -104,15 +92,9 @@ class Ellipse:
 def ellipse_from_moments(
     area: float, centre: tuple[float, float], spread: tuple[float, float, float]
 ) -> Ellipse | None:
-    """Return the ellipse that has the second moments of a shape.
+    """Return the ellipse with the central second moments xx, xy and yy of a shape, in px⁴; None if it has no width.
 
     A full ellipse with the half axes M has the covariance ``M² / 4``.
-
-    Args:
-        spread: Its central second moments xx, xy and yy in px⁴.
-
-    Returns:
-        The ellipse; None if the shape has no width.
     """
     xx, xy, yy = (4 * each / area for each in spread)
     # The root of a symmetric 2x2 matrix A is (A + sqrt(det A) 1) / sqrt(trace A + 2 sqrt(det A)).
@@ -125,11 +107,7 @@ def ellipse_from_moments(
 
 
 def ellipse_through(points_px: Points) -> Ellipse | None:
-    """Return the ellipse through points on most of it, by linear least squares.
-
-    Returns:
-        The ellipse; None if they are on none.
-    """
+    """Return the ellipse through points on most of it, by linear least squares; None if they are on none."""
     conic = cone_through(points_px)
     if conic is None:
         return None
@@ -146,12 +124,9 @@ def ellipse_through(points_px: Points) -> Ellipse | None:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Lens:
-    """Leads between places in a picture and where they would be without distortion.
+    """Leads between places in a picture and where they would be without distortion."""
 
-    Attributes:
-        camera: The camera at the picture's resolution; None if it is not known, and then nothing is bent.
-    """
-
+    # The camera at the picture's resolution; None if it is not known, and then nothing is bent.
     camera: CameraModel | None
 
     @property

@@ -49,23 +49,14 @@ LEVEL_LINES = 9
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EdgePicture:
-    """A picture in which edges are looked for.
+    """A picture in which edges are looked for."""
 
-    Attributes:
-        image: The picture, 2 pixels each way at least.
-        bend: How the lens bends outlines; None if it does not.
-    """
-
-    image: Image
+    image: Image  # the picture, 2 pixels each way at least
     light: Light
-    bend: Bend | None = None
+    bend: Bend | None = None  # how the lens bends outlines; None if it does not
 
     def read(self, points_px: Points) -> tuple[Values, Mask]:
-        """Return the light at places, bilinearly, and whether each is inside the picture.
-
-        Args:
-            points_px: Without distortion, shape ``(..., 2)``.
-        """
+        """Return the light at undistorted places, ``(..., 2)``, bilinearly, and whether each is inside the picture."""
         height, width = self.image.shape[:2]
         places = points_px if self.bend is None else self.bend(points_px)
         x, y = places[..., 0], places[..., 1]
@@ -82,37 +73,23 @@ class EdgePicture:
 
 
 class Steps(NamedTuple):
-    """Edges on n lines.
+    """Edges on n lines."""
 
-    Attributes:
-        off_px: How far outside the ellipse the edge is, shape ``(n,)``.
-        is_edge: Whether there is one.
-        visible: Whether all of the line is inside the picture.
-        contrast: How much more light comes from inside; of a dark disc, how much less.
-        inside: The light inside; of a dark disc, below zero.
-        blur_px: How blurred the edge is: the standard deviation of a distribution.
-        edge_px: The median of that.
-        widest_px: The blur that nearly all edges are below.
-    """
-
-    off_px: Values
-    is_edge: Mask
-    visible: Mask
-    contrast: Values
-    inside: Values
-    blur_px: Values
-    edge_px: float
-    widest_px: float
+    off_px: Values  # how far outside the ellipse the edge is, shape ``(n,)``
+    is_edge: Mask  # whether there is one
+    visible: Mask  # whether all of the line is inside the picture
+    contrast: Values  # how much more light comes from inside; of a dark disc, how much less
+    inside: Values  # the light inside; of a dark disc, below zero
+    blur_px: Values  # how blurred the edge is: the standard deviation of a distribution
+    edge_px: float  # the median of that
+    widest_px: float  # the blur that nearly all edges are below
 
 
 def read_steps(picture: EdgePicture, rim: Rim, reach_px: float, *, is_bright: bool, is_first: bool) -> Steps:
-    """Find the edges of a disc on lines across an ellipse.
+    """Find the edges of a disc on lines that cross an ellipse and reach equally far to both sides.
 
-    Args:
-        rim: Where the lines cross the ellipse.
-        reach_px: How far the lines reach to both sides.
-        is_first: Whether to take the steepest place, since both ends of the line may be anywhere, instead of that half
-            way from inside to outside.
+    At the first look the steepest place is taken, since both ends of the line may be anywhere, instead of that half way
+    from inside to outside.
     """
     half = min(MOST_STEPS, math.ceil(reach_px / STEP_PX))
     along: Values = np.arange(-half, half + 1, dtype=np.float64) * (reach_px / half)

@@ -62,17 +62,11 @@ MOST_LOOKED_AT = 40
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class View:
-    """A part of a picture, reduced if it is large.
+    """A part of a picture, reduced if it is large."""
 
-    Attributes:
-        left_top_px: Its first pixel in the whole picture, x and y.
-        grey: It in code values, reduced.
-        scale: By how much: 0.5 for half the size.
-    """
-
-    left_top_px: Points
-    grey: Plane
-    scale: float
+    left_top_px: Points  # its first pixel in the whole picture, x and y
+    grey: Plane  # the part in code values, reduced
+    scale: float  # by how much: 0.5 for half the size
 
     @classmethod
     def of(cls, image: Image, region: Region) -> View:
@@ -89,35 +83,22 @@ class View:
 
 
 class Shape(NamedTuple):
-    """A region brighter or darker than a level.
+    """A region brighter or darker than a level."""
 
-    Attributes:
-        contour: The pixels of its outline, shape ``(n, 1, 2)``.
-        area: The area within, in px².
-        is_bright: Whether it is brighter than what is around it.
-    """
-
-    contour: Contour
-    area: float
-    is_bright: bool
+    contour: Contour  # the pixels of its outline, shape ``(n, 1, 2)``
+    area: float  # the area within, in px²
+    is_bright: bool  # whether it is brighter than what is around it
 
 
 class Outline(NamedTuple):
-    """A shape beside the ellipse that it is most like.
-
-    Attributes:
-        size_px: The larger diameter of the ellipse.
-        fill: The area of the shape, as a share of that of the ellipse.
-        off_px: How far the outline lies from the ellipse, root mean square; infinite if it is flat or hollow.
-        seen: At how many levels it was seen.
-    """
+    """A shape beside the ellipse that it is most like."""
 
     shape: Shape
     ellipse: Ellipse
-    size_px: float
-    fill: float
-    off_px: float
-    seen: int = 1
+    size_px: float  # the larger diameter of the ellipse
+    fill: float  # the area of the shape, as a share of that of the ellipse
+    off_px: float  # how far the outline lies from the ellipse, root mean square; infinite if it is flat or hollow
+    seen: int = 1  # at how many levels it was seen
 
     @property
     def promise(self) -> float:
@@ -132,25 +113,15 @@ class Outline(NamedTuple):
 
 
 class Outlines(NamedTuple):
-    """Outlines that were found in a picture.
+    """Outlines that were found in a picture."""
 
-    Attributes:
-        ellipses: What is elliptical, each of them once, the most promising first.
-        others: What has another shape, at every level.
-        brightness_range: By how much the brightest and the darkest value differ.
-    """
-
-    ellipses: Sequence[Outline]
-    others: Sequence[Shape]
-    brightness_range: int
+    ellipses: Sequence[Outline]  # what is elliptical, each of them once, the most promising first
+    others: Sequence[Shape]  # what has another shape, at every level
+    brightness_range: int  # by how much the brightest and the darkest value differ
 
 
 def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> Outlines:
-    """Find what may be a disc.
-
-    Args:
-        least_px: The least larger diameter.
-    """
+    """Find what may be a disc with a larger diameter of `least_px` at least."""
     smooth = np.asarray(cv2.blur(grey, (SMOOTH, SMOOTH)), np.uint8)
     darkest, brightest = (int(each) for each in cv2.minMaxLoc(smooth)[:2])
     if brightest - darkest < LEAST_RANGE:
@@ -273,14 +244,11 @@ Conics = NDArray[np.float64]
 
 
 def find_partly_hidden(outlines: Iterable[Outline], shape: tuple[int, int]) -> list[Outline]:
-    """Find ellipses of which a part is hidden, or cut off by the border of the picture.
+    """Find ellipses that most of an outline lies on, hidden or cut off by the border in part, the largest first.
 
     Args:
         outlines: What is not elliptical as a whole.
         shape: Height and width of the picture.
-
-    Returns:
-        The ellipses that most of an outline lies on, the largest first.
     """
     found = (_most_of(each, shape) for each in outlines if each.size_px > LEAST_SIZE_PX)
     return distinct([each for each in found if each is not None])

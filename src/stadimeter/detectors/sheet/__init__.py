@@ -68,12 +68,7 @@ class SheetDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the sheet.
-
-        Returns:
-            The outline that looks most like the sheet, the larger the better; whole ones before those that the border
-            cuts off.
-        """
+        """Look for the outline most like the sheet, the larger the better; whole ones before those that are cut off."""
         check_image(frame)
         search = SheetSearch(frame.image, self._size, self._min_side_px, lens)
         bias_px = 0.0 if lens is None else lens.edge_bias_px

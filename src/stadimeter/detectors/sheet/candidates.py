@@ -13,7 +13,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.detectors.sides import longest_sides_px, polygon_area
 from stadimeter.ranging.flat import SheetShape
-from stadimeter.ranging.rectangle_fit import rectangle_fit
+from stadimeter.ranging.plane_pose import rectangle_fit
 
 Which = NDArray[np.bool_]
 
@@ -23,21 +23,13 @@ REFUSED_OF_A_KIND = 3
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Candidate:
-    """An outline that looks like the sheet.
+    """An outline that looks like the sheet."""
 
-    Attributes:
-        corners_px: Its corners, clockwise on the screen, shape ``(4, 2)``.
-        corner_sigma_px: Standard deviation of their coordinates.
-        is_brighter: Whether it is brighter than what is around it.
-        quality: From 0, barely a candidate, to 1, as it should look.
-        chance: The share of outlines of any kind that would fit the sheet as well; 0 where it is not known.
-    """
-
-    corners_px: Points
-    corner_sigma_px: float
-    is_brighter: bool
-    quality: float
-    chance: float = 0.0
+    corners_px: Points  # its corners, clockwise on the screen, shape ``(4, 2)``
+    corner_sigma_px: float  # standard deviation of their coordinates
+    is_brighter: bool  # whether it is brighter than what is around it
+    quality: float  # from 0, barely a candidate, to 1, as it should look
+    chance: float = 0.0  # the share of outlines of any kind that would fit the sheet as well; 0 where it is not known
 
     @property
     def score(self) -> float:
@@ -47,26 +39,16 @@ class Candidate:
 
 @dataclass(slots=True, kw_only=True)
 class Findings:
-    """Result of a search.
+    """Result of a search."""
 
-    Attributes:
-        best: The outline that looks most like the sheet; None if none is one.
-        cut_off: The largest outline that could be one and is cut off by the border, if there is no whole one.
-        calm: How many times as easily an outline may fit by chance, because there are few.
-    """
-
-    best: Candidate | None = None
+    best: Candidate | None = None  # the outline that looks most like the sheet; None if none is one
+    # The largest outline that could be one and is cut off by the border, if there is no whole one.
     cut_off: Candidate | None = None
     refused: list[tuple[int, RejectedCandidate]] = field(default_factory=list)
-    calm: float = 1.0
+    calm: float = 1.0  # how many times as easily an outline may fit by chance, because there are few
 
     def refuse(self, stage: int, corners: Points, failing: Which, why: Callable[[int], str]) -> None:
-        """Note the largest of the candidates that fail a test.
-
-        Args:
-            stage: How many tests came before; what passed more of them is more like the sheet.
-            corners: The candidates' corners, shape ``(c, 4, 2)``.
-        """
+        """Note the largest of the candidates, ``(c, 4, 2)``, that fail a test; the later, the more like the sheet."""
         numbers = np.nonzero(failing)[0]
         if not len(numbers):
             return
@@ -104,25 +86,16 @@ UNKNOWN_SIDES = (0.5, 0.65, 0.8, 1.0, 1.25, 1.55, 2.0)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SheetFit:
-    """Misfit of outlines to the sheet.
+    """Misfit of outlines to the sheet."""
 
-    Attributes:
-        misfit_px: How far their corners are from where a sheet would have them, root mean square, shape ``(c,)``.
-        chance_per_square: What the square of a misfit in pixels is multiplied by to give the share of any outlines that
-            fit as well, shape ``(c,)``; 0 where it is not known, without the lens or with only one side known.
-    """
-
-    misfit_px: Values
+    misfit_px: Values  # how far their corners are from where a sheet would have them, root mean square, shape ``(c,)``
+    # What the square of a misfit in pixels is multiplied by to give the share of any outlines that fit as well,
+    # shape ``(c,)``; 0 where it is not known, without the lens or with only one side known.
     chance_per_square: Values
 
 
 class SheetOutlines:
-    """Shapes that pictures of the sheet may have.
-
-    Args:
-        lens: The camera model at the picture's resolution; None if it is not known.
-        picture: Width and height of the picture.
-    """
+    """Shapes that pictures of the sheet may have, in a picture of this width and height; the lens may be unknown."""
 
     def __init__(self, size: SheetShape, lens: CameraModel | None, picture: tuple[int, int]) -> None:
         aspect = size.width_m / size.height_m
@@ -137,14 +110,7 @@ class SheetOutlines:
         self._tells_chance = lens is not None and not one_side
 
     def fit(self, corners_px: Points) -> SheetFit:
-        """Compare outlines with the sheet.
-
-        Args:
-            corners_px: Their corners in order around each, shape ``(c, 4, 2)``.
-
-        Returns:
-            How well they fit; through the best of the lenses and shapes that are possible.
-        """
+        """Compare outlines, ``(c, 4, 2)``, with the sheet through the best of the possible lenses and shapes."""
         tried = [self._through(lens, corners_px) for lens in self._lenses]
         if len(tried) == 1:
             return tried[0]

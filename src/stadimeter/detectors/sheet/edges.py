@@ -66,29 +66,17 @@ SAME_PX = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadEdges:
-    """Measured sides of candidates. Side i leads from corner i to corner i + 1.
+    """Measured sides of candidates. Side i leads from corner i to corner i + 1."""
 
-    Attributes:
-        corners_px: Where the lines meet, shape ``(c, 4, 2)``; NaN where they do not.
-        contrast: How much brighter the inside of each side is, in levels of 8 bits, shape ``(c, 4)``.
-        colour_contrast: How much the inside differs in the channel that differs most, shape ``(c, 4)``.
-        support: The share of each side where there is a step on the line, of the sign that most have, ``(c, 4)``.
-        scatter_px: Standard deviation of the steps about each line, shape ``(c, 4)``.
-        steps: How many steps each line was fitted to, shape ``(c, 4)``.
-        edge_px: How many pixels each side takes from inside to outside at its steepest, shape ``(c, 4)``.
-        inside: The colour inside each side, in levels, shape ``(c, 4, 3)``.
-        unevenness: By how many levels the inside along each side usually differs from that colour, ``(c, 4)``.
-    """
-
-    corners_px: Points
-    contrast: Values
-    colour_contrast: Values
-    support: Values
-    scatter_px: Values
-    steps: NDArray[np.int64]
-    edge_px: Values
-    inside: Values
-    unevenness: Values
+    corners_px: Points  # where the lines meet, shape ``(c, 4, 2)``; NaN where they do not
+    contrast: Values  # how much brighter the inside of each side is, in levels of 8 bits, shape ``(c, 4)``
+    colour_contrast: Values  # how much the inside differs in the channel that differs most, shape ``(c, 4)``
+    support: Values  # the share of each side where there is a step on the line, of the sign that most have, ``(c, 4)``
+    scatter_px: Values  # standard deviation of the steps about each line, shape ``(c, 4)``
+    steps: NDArray[np.int64]  # how many steps each line was fitted to, shape ``(c, 4)``
+    edge_px: Values  # how many pixels each side takes from inside to outside at its steepest, shape ``(c, 4)``
+    inside: Values  # the colour inside each side, in levels, shape ``(c, 4, 3)``
+    unevenness: Values  # by how many levels the inside along each side usually differs from that colour, ``(c, 4)``
 
     def __len__(self) -> int:
         """Return how many candidates there are."""
@@ -112,7 +100,6 @@ def measure_edges(
     Args:
         corners_px: About where the corners are, clockwise on the screen, shape ``(c, 4, 2)``.
         reach_px: How far from there the true sides may be.
-        lens: How the lens bends straight sides; None if it does not.
         free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
     """
     reaches = np.full(corners_px.shape[:2], reach_px + PLATEAU_PX)
@@ -131,11 +118,7 @@ def settle_edges(
     lens: CameraModel | None = None,
     free: NDArray[np.bool_] | None = None,
 ) -> QuadEdges:
-    """Fit lines to the sides of candidates again and again, in many places and narrowly, until they stay.
-
-    Args:
-        free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
-    """
+    """Fit lines to the sides of candidates in many places, narrowly, until they stay; `free`: see `measure_edges`."""
     moving = np.arange(len(edges))
     for _ in range(LOOKS):
         before = edges.corners_px[moving]

@@ -28,42 +28,24 @@ CURVE_POINTS = 33
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadFrame:
-    """Expected sides. Arrays are of shape ``(c, 4, n)``, or ``(c, 4, 1)`` where nothing else is said.
+    """Expected sides. Arrays are of shape ``(c, 4, n)``, or ``(c, 4, 1)`` where nothing else is said."""
 
-    Attributes:
-        flat: Which sides are more horizontal.
-        outward: Which way across leads out of the outline, 1 or -1.
-        along: Where the steps are looked for: whole pixels, with n steps.
-        across: Where the side is expected there, with n steps; bent as the lens bends it.
-        pixel: The pixel there, or the nearest one around which so far can be looked, with n steps.
-        slope: How the straight line between the corners rises across.
-        at_zero: Where it crosses along = 0.
-        cosine: What turns a difference across into a distance from the side.
-        length_px: How long the side is.
-        reach: How many pixels are looked at in each direction.
-    """
-
-    flat: NDArray[np.bool_]
-    outward: NDArray[np.int64]
-    along: Values
-    across: Values
-    pixel: Values
-    slope: Values
-    at_zero: Values
-    cosine: Values
-    length_px: Values
-    reach: NDArray[np.int64]
+    flat: NDArray[np.bool_]  # which sides are more horizontal
+    outward: NDArray[np.int64]  # which way across leads out of the outline, 1 or -1
+    along: Values  # where the steps are looked for: whole pixels, with n steps
+    across: Values  # where the side is expected there, with n steps; bent as the lens bends it
+    pixel: Values  # the pixel there, or the nearest one around which so far can be looked, with n steps
+    slope: Values  # how the straight line between the corners rises across
+    at_zero: Values  # where it crosses along = 0
+    cosine: Values  # what turns a difference across into a distance from the side
+    length_px: Values  # how long the side is
+    reach: NDArray[np.int64]  # how many pixels are looked at in each direction
 
 
 def quad_frame(
     corners_px: Points, steps: int, reach_px: Values, shape: tuple[int, ...], lens: CameraModel | None = None
 ) -> QuadFrame:
-    """Return where the sides between corners are.
-
-    Args:
-        corners_px: The corners of outlines, clockwise on the screen, shape ``(c, 4, 2)``.
-        reach_px: How far across, shape ``(c, 4)``; less where the outline is small.
-    """
+    """Return where the sides between corners, ``(c, 4, 2)``, are; small outlines are looked across less far."""
     # Side i is across = at_zero + slope * along. Choosing the longer coordinate as along keeps |slope| <= 1, so every
     # step is read along whole pixels and nothing is interpolated.
     vector = corners_px[:, [1, 2, 3, 0]] - corners_px
@@ -131,21 +113,13 @@ ROUNDS = 3
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class QuadLines:
-    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle).
+    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle)."""
 
-    Attributes:
-        middle: Shape ``(c, 4, 1)``.
-        offset: Shape ``(c, 4, 1)``.
-        slope: Shape ``(c, 4, 1)``.
-        used: Which steps lie on the line, shape ``(c, 4, n)``.
-        scatter_px: Standard deviation of these steps about it, shape ``(c, 4)``.
-    """
-
-    middle: Values
-    offset: Values
-    slope: Values
-    used: NDArray[np.bool_]
-    scatter_px: Values
+    middle: Values  # shape ``(c, 4, 1)``
+    offset: Values  # shape ``(c, 4, 1)``
+    slope: Values  # shape ``(c, 4, 1)``
+    used: NDArray[np.bool_]  # which steps lie on the line, shape ``(c, 4, n)``
+    scatter_px: Values  # standard deviation of these steps about it, shape ``(c, 4)``
 
     @property
     def steps(self) -> NDArray[np.int64]:
@@ -156,9 +130,7 @@ class QuadLines:
 def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     """Fit lines by least squares with Tukey's weights, from the line that most steps agree on.
 
-    Args:
-        across: Where the steps are, shape ``(c, 4, n)``.
-        worth: How much each counts, shape ``(c, 4, n)``; 0 for what is no step.
+    Places and weights of the steps have the shape ``(c, 4, n)``; the weight is 0 for what is no step.
     """
     middle = (frame.along[..., :1] + frame.along[..., -1:]) / 2
     along, off = frame.along - middle, across - frame.across

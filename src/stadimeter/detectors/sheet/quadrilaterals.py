@@ -61,12 +61,9 @@ SAME_PX = 3.0
 
 
 def quick_masks(image: Image) -> Iterator[tuple[Mask, float]]:
-    """Yield a few black and white versions of a picture, which show a sheet that stands out all around.
+    """Yield black and white versions that show a sheet that stands out, and how many pixels too small it is there.
 
     White paper on brown wood hardly differs in brightness but clearly in its darkest channel.
-
-    Yields:
-        Each version, and by how many pixels things are too small in it.
     """
     darkest, brightest = _extremes(image)
     for plane in (cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), darkest, brightest):
@@ -98,17 +95,10 @@ def thorough_masks(image: Image) -> Iterator[tuple[Mask, float]]:
 
 
 def find_quadrilaterals(masks: Iterable[tuple[Mask, float]], smallest_side_px: float) -> Points:
-    """Return the outlines of four straight sides in black and white pictures, without those that are all but the same.
+    """Return the outlines of four straight sides in masks, without those that are all but the same; a sheet or not.
 
-    Whether one of them is a sheet is not decided here.
-
-    Args:
-        masks: The pictures, and by how many pixels things are too small in each.
-        smallest_side_px: Outlines with a shorter side are left out.
-
-    Returns:
-        The corners of each, clockwise on the screen from the one nearest to the top left, shape ``(c, 4, 2)``; the
-        largest first.
+    Each mask comes with the number of pixels by which things are too small in it. The corners are clockwise on the
+    screen from the one nearest to the top left, shape ``(c, 4, 2)``; the largest outline is first.
     """
     pieces: list[Points] = []
     too_small: list[float] = []

@@ -137,12 +137,7 @@ clutter, with noise, JPEG, motion blur and too little light."""
 
 
 class SheetSearch:
-    """Looks for a sheet in one picture.
-
-    Args:
-        min_side_px: Sheets whose shorter side is smaller are not accepted.
-        lens: The camera model at the picture's resolution; None if it is not known.
-    """
+    """Looks for a sheet in one picture; the lens is None if it is not known."""
 
     def __init__(self, image: Image, size: SheetShape, min_side_px: float, lens: CameraModel | None) -> None:
         self._image = image
@@ -157,11 +152,7 @@ class SheetSearch:
         self._flatness = shape_share + TOLERANCE_FACTOR * size.relative_sigma
 
     def look(self, region: Region, expected: Prediction | None = None) -> Findings:
-        """Look for the sheet in a part of the picture.
-
-        Args:
-            expected: What is expected there; only what is about as large is taken for the sheet then.
-        """
+        """Look for the sheet in a part of the picture; where one is expected, only what is about as large counts."""
         # Cheap masks first. A later, slower search runs only while nothing found is beyond doubt.
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX

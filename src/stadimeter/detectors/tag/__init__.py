@@ -29,8 +29,7 @@ from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamilyName, tag_family
 from stadimeter.detectors.tag.frame import BentSides
-from stadimeter.detectors.tag.outlines import ApriltagFinder
-from stadimeter.detectors.tag.search import Sighting, SmallTagFinder, TagSearch, candidate
+from stadimeter.detectors.tag.search import ApriltagFinder, Sighting, SmallTagFinder, TagSearch, candidate
 from stadimeter.detectors.tag.sides import TagSides, measure_sides
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.ranging.flat import TagShape
@@ -98,11 +97,7 @@ class TagOptions(Options):
 
 
 class TagDetector:
-    """Finds one tag.
-
-    Args:
-        small_tags: Finds what is too small for the rest; None to do without.
-    """
+    """Finds one tag; with `small_tags` also one that is too small for the rest."""
 
     def __init__(
         self,
@@ -134,12 +129,7 @@ class TagDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the tag.
-
-        Returns:
-            The tag. Without a number it is the one nearest to the prediction or else the largest, and where several
-            are in view the reason says so.
-        """
+        """Look for the tag; without a number, the one nearest to the prediction or else the largest in view."""
         check_image(frame)
         near = None if prediction is None else self._near(frame, lens, prediction)
         return near or self._anywhere(frame, lens)

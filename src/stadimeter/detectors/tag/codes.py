@@ -40,17 +40,11 @@ MOST_BORDER_DOUBTS = 0.4
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SeenTag:
-    """A tag whose code was read.
+    """A tag whose code was read."""
 
-    Attributes:
-        number: Which member of the family it is.
-        errors: How many of its cells are wrong.
-        corners_px: Its corners clockwise on the screen, starting with its own top left one, shape ``(4, 2)``.
-    """
-
-    number: int
-    errors: int
-    corners_px: Points
+    number: int  # which member of the family it is
+    errors: int  # how many of its cells are wrong
+    corners_px: Points  # its corners clockwise on the screen, starting with its own top left one, shape ``(4, 2)``
 
     @property
     def side_px(self) -> float:
@@ -59,15 +53,10 @@ class SeenTag:
 
 
 class Unread(NamedTuple):
-    """Why the content of an outline is no tag of the family.
+    """Why the content of an outline is no tag of the family."""
 
-    Attributes:
-        reason: The test that it failed, with the figure and the limit.
-        white_border: The share of the border's cells that look white; 1 where there is no contrast.
-    """
-
-    reason: str
-    white_border: float
+    reason: str  # the test that it failed, with the figure and the limit
+    white_border: float  # the share of the border's cells that look white; 1 where there is no contrast
 
     @property
     def may_be_tag(self) -> bool:
@@ -76,18 +65,11 @@ class Unread(NamedTuple):
 
 
 def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bool = False) -> SeenTag | Unread:
-    """Read the code inside an outline.
+    """Read the code inside an outline, or why it is no tag of the family; `inverted` accepts white on black too.
 
-    What parts black from white is found by Otsu's criterion: the variance between the two classes is the largest
-    (N. Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems, Man, and
-    Cybernetics 9, 1979).
-
-    Args:
-        corners_px: The outline's corners clockwise on the screen.
-        inverted: Whether a white border on black counts too.
-
-    Returns:
-        The tag, or why it is none of the family.
+    What parts black from white is found by Otsu's criterion: the variance between the two classes is the largest (N.
+    Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems, Man, and Cybernetics 9,
+    1979).
     """
     cells = _cells(grey, corners_px, family.cells)
     white = np.asarray(cv2.threshold(cells, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1], np.uint8)
@@ -175,35 +157,24 @@ takes clutter for a tag."""
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TagFamily:
-    """A set of square tags that differ in their code.
+    """A set of square tags that differ in their code."""
 
-    Attributes:
-        name: Such as ``apriltag-36h11``.
-        cells: How many cells a side of the black square is long, its border of one cell included.
-        members: How many tags there are; they are numbered from 0.
-        codes: The cells inside the border, row by row, of each member: 1 for white, -1 for black. First all members
-            upright, then all turned clockwise by one, two and three quarters, shape ``(4 * members, (cells - 2)²)``.
-        rows: Where in `codes` a code is, by its cells as bytes, 1 for white and 0 for black.
-        most_errors: How many wrong cells are accepted.
-    """
-
-    name: str
-    cells: int
-    members: int
+    name: str  # such as ``apriltag-36h11``
+    cells: int  # how many cells a side of the black square is long, its border of one cell included
+    members: int  # how many tags there are; they are numbered from 0
+    # The cells inside the border, row by row, of each member: 1 for white, -1 for black. First all members
+    # upright, then all turned clockwise by one, two and three quarters, shape ``(4 * members, (cells - 2)²)``.
     codes: NDArray[np.float32]
-    rows: dict[bytes, int]
-    most_errors: int
+    rows: dict[bytes, int]  # where in `codes` a code is, by its cells as bytes, 1 for white and 0 for black
+    most_errors: int  # how many wrong cells are accepted
 
 
 @cache
 def tag_family(name: str) -> TagFamily:
-    """Return the family of that name.
+    """Return one of the families in `DICTIONARIES`.
 
     OpenCV holds the AprilTag families turned by half a turn against the pictures that their authors publish; here they
     are turned back.
-
-    Args:
-        name: One of `DICTIONARIES`.
     """
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARIES[name]))
     size = int(dictionary.markerSize)
@@ -243,10 +214,7 @@ def _rows(codes: NDArray[np.float32]) -> dict[bytes, int]:
 
 
 def parse_family(text: object) -> str:
-    """Read the name of a family; ``36h11`` and ``4x4-50`` are enough where only one family ends so.
-
-    Returns:
-        One of `DICTIONARIES`.
+    """Read one of `DICTIONARIES`; ``36h11`` and ``4x4-50`` are enough where only one family ends so.
 
     Raises:
         ValueError: There is no such family; the message offers the likely one.

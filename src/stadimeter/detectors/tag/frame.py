@@ -42,30 +42,20 @@ START: OfSides = (START_PX,) * 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """Parameters of one fit.
+    """Parameters of one fit."""
 
-    Attributes:
-        reach_cells: How far across a side is looked, in cells: the border of a tag is one wide, and so is its margin.
-        most_steps: How many steps along a side are looked at, at most.
-        refit: Whether the line through the medians is fitted again without what lies far from it.
-    """
-
+    # How far across a side is looked, in cells: the border of a tag is one wide, and so is its margin.
     reach_cells: float
-    most_steps: int
-    refit: bool
+    most_steps: int  # how many steps along a side are looked at, at most
+    refit: bool  # whether the line through the medians is fitted again without what lies far from it
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BentSides:
-    """Distortion of straight sides by a lens.
+    """Distortion of straight sides by a lens."""
 
-    Attributes:
-        camera: The lens at the picture's resolution.
-        left_top_px: Where the part of the picture that is looked at starts.
-    """
-
-    camera: CameraModel
-    left_top_px: Points
+    camera: CameraModel  # the lens at the picture's resolution
+    left_top_px: Points  # where the part of the picture that is looked at starts
 
     def middles(self, corners_px: Points) -> Points:
         """Return where the middles of straight sides between these corners appear, shape ``(4, 2)``."""
@@ -74,26 +64,16 @@ class BentSides:
 
 
 class Side(NamedTuple):
-    """The straight line from one corner to the next.
+    """The straight line from one corner to the next."""
 
-    Attributes:
-        flat: Whether it is more horizontal.
-        start: Where it starts along.
-        forward: How far it leads along, below zero for backwards.
-        slope: How it rises across.
-        at_zero: Where it crosses along = 0.
-        cosine: What turns a difference across into a distance from the side.
-        outward: Which way across leads out of the tag, 1 or -1.
-    """
-
-    flat: bool
+    flat: bool  # whether it is more horizontal
     length_px: float
-    start: float
-    forward: float
-    slope: float
-    at_zero: float
-    cosine: float
-    outward: int
+    start: float  # where it starts along
+    forward: float  # how far it leads along, below zero for backwards
+    slope: float  # how it rises across
+    at_zero: float  # where it crosses along = 0
+    cosine: float  # what turns a difference across into a distance from the side
+    outward: int  # which way across leads out of the tag, 1 or -1
 
     def strides(self, width_px: int) -> tuple[int, int]:
         """Return how many places further on the next pixel along and the next one across is, row by row."""
@@ -102,32 +82,21 @@ class Side(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SideFrame:
-    """The expected sides.
+    """The expected sides."""
 
-    Attributes:
-        sides: The straight lines between the corners.
-        middle: Where along is the middle of the steps of each side, shape ``(4, 1)``.
-        from_middle: Where the steps are looked for, whole pixels along less the middle, shape ``(4, n)``.
-        place: Which pixel of the picture, counted row by row, the side is expected in there, or the nearest one around
-            which so far can be looked, shape ``(4, n)``.
-        off_pixel: How much further across than the middle of this pixel, shape ``(4, n)``; bent as the lens bends it.
-        stride: How many places further on the next pixel outwards is, shape ``(4, 1)``.
-        outward: Which way across leads out of the tag, 1 or -1, shape ``(4, 1)``.
-        cosine: What turns a difference across into a distance from the side, shape ``(4, 1)``.
-        reach: How many pixels are looked at in each direction.
-        most_reach: How many could be, as far as cells allow it.
-    """
-
-    sides: list[Side]
-    middle: Values
-    from_middle: Values
+    sides: list[Side]  # the straight lines between the corners
+    middle: Values  # where along is the middle of the steps of each side, shape ``(4, 1)``
+    from_middle: Values  # where the steps are looked for, whole pixels along less the middle, shape ``(4, n)``
+    # Which pixel of the picture, counted row by row, the side is expected in there, or the nearest one around
+    # which so far can be looked, shape ``(4, n)``.
     place: NDArray[np.intp]
+    # How much further across than the middle of this pixel, shape ``(4, n)``; bent as the lens bends it.
     off_pixel: Values
-    stride: NDArray[np.intp]
-    outward: Values
-    cosine: Values
-    reach: tuple[int, ...]
-    most_reach: tuple[int, ...]
+    stride: NDArray[np.intp]  # how many places further on the next pixel outwards is, shape ``(4, 1)``
+    outward: Values  # which way across leads out of the tag, 1 or -1, shape ``(4, 1)``
+    cosine: Values  # what turns a difference across into a distance from the side, shape ``(4, 1)``
+    reach: tuple[int, ...]  # how many pixels are looked at in each direction
+    most_reach: tuple[int, ...]  # how many could be, as far as cells allow it
 
     def sees_enough(self, edges_px: OfSides) -> bool:
         """Return whether edges of these widths were looked at as far as they and the cells ask for."""
@@ -151,15 +120,12 @@ def side_frame(
     edges_px: OfSides = START,
     bent: BentSides | None = None,
 ) -> SideFrame | None:
-    """Return where the sides between four corners are.
+    """Return where the sides between four corners are; None where they, or the picture, are too small or they lead out.
 
     Args:
         corners_px: The corners, clockwise on the screen, shape ``(4, 2)``.
         cells: How many cells a side is long.
         edges_px: How many pixels each side takes from black to white.
-
-    Returns:
-        The sides; None where they, or the picture, are too small to be looked at, or lead out of the picture.
     """
     points = corners_px.tolist()
     sides = [_side(points[i], points[i - 3]) for i in range(4)]

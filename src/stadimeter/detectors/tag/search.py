@@ -2,7 +2,7 @@
 
 A reduced picture first, larger ones only if the tag is not there. Around a prediction only a part of the picture is
 looked at, reduced until the tag is about `TRACKED_PX` long, so that the cost depends neither on the picture's size nor
-on the tag's.
+on the tag's. Outlines of four corners are found by `cv2.aruco`, and small tags by the AprilTag library.
 """
 
 from __future__ import annotations
@@ -10,21 +10,47 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.detectors.region import Region
-from stadimeter.detectors.sampling import Light, grey_of
+from stadimeter.detectors.sampling import Light, grey_of, reduced, to_full_scale
 from stadimeter.detectors.sides import side_lengths
-from stadimeter.detectors.tag.codes import SeenTag, TagFamily, Unread, read_tag
-from stadimeter.detectors.tag.outlines import find_outlines
+from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamily, Unread, read_tag
 from stadimeter.detectors.tag.sides import measure_sides
 
 Plane = NDArray[np.uint8]
+
+ONE_WINDOW = (13, 13)
+"""Pixels are compared with the mean of a square around them; one size is enough for most tags."""
+
+THREE_WINDOWS = (3, 23)
+"""OpenCV's own choice: squares of 3, 13 and 23 pixels."""
+
+LEAST_PICTURE_PX = 8
+"""No tag fits into a smaller picture."""
+
+SAME_PX = 1.5
+"""Outlines whose corners are all nearer to each other are one."""
+
+OBLIQUE = np.array((0.8, 0.6))
+NEAR_PX = SAME_PX * (0.8 + 0.6)
+"""A direction, and how far apart along it the centres of two outlines that are one may be."""
+
+INSET_PX = 0.85
+"""Distance of OpenCV's outline inside the edge of a black tag: through the middles of the outermost dark pixels."""
+
+ROUND = np.array((1, 2, 3, 0))
+"""The corner after each corner."""
+
+LEAST_MARGIN = 20.0
+"""Least difference of the cells from the threshold between black and white, in levels: noise reaches about 10."""
 
 FIRST_LONG_SIDE_PX = 480
 """The first look is at the picture halved until its long side is no longer than this."""
@@ -52,6 +78,109 @@ SMALL_CELL_PX = 5.0
 the code is given up."""
 
 
+def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> Points:
+    """Return outlines of four corners that differ from what is around, clockwise, ``(k, 4, 2)``; the largest first.
+
+    What costs time is what is found, so small ones are left out early: OpenCV's limit is a share of the picture's long
+    side and its default, 0.03, means nothing in a small part of a picture.
+
+    Args:
+        smallest_perimeter_px: Outlines that are shorter than this around are left out.
+        long_side_px: The picture is searched with its long side reduced to this.
+        thorough: Whether three window sizes are tried instead of one.
+    """
+    if min(grey.shape) < LEAST_PICTURE_PX:
+        return np.zeros((0, 4, 2))
+    small, scale = reduced(grey, long_side_px, cv2.INTER_LINEAR)
+    rate = smallest_perimeter_px * scale / max(small.shape)
+    parameters = _parameters(THREE_WINDOWS if thorough else ONE_WINDOW, rate)
+    named, _, others = cv2.aruco.ArucoDetector(_no_dictionary(), parameters).detectMarkers(small)
+    found = (*named, *others)
+    if not found:
+        return np.zeros((0, 4, 2))
+    return distinct(_around_dark(np.concatenate(found), scale))
+
+
+def _around_dark(corners: NDArray[np.float32], scale: float) -> Points:
+    """Return where outlines of a reduced picture lead around what is dark, in the full picture, the largest first."""
+    around_px = np.abs(corners.take(ROUND, axis=1) - corners).reshape(-1, 8).sum(axis=1, dtype=np.float64)
+    # Of a square, each edge is an eighth of the way around from the centre.
+    growth = (1 + 8 * INSET_PX / around_px) / scale
+    centre = corners.sum(axis=1, keepdims=True) / 4
+    grown = to_full_scale(centre, scale) + (corners - centre) * growth[:, None, None]
+    return np.asarray(grown if len(grown) == 1 else grown[np.argsort(-around_px, kind="stable")])
+
+
+def _parameters(windows: tuple[int, int], rate: float) -> cv2.aruco.DetectorParameters:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = windows
+    parameters.minMarkerPerimeterRate = max(rate, 1e-3)
+    parameters.minDistanceToBorder = 0
+    parameters.perspectiveRemovePixelPerCell = 1
+    # An outline inside another, such as a tag on its paper, would hide behind it.
+    parameters.minMarkerDistanceRate = 0.0
+    return parameters
+
+
+@cache
+def _no_dictionary() -> cv2.aruco.Dictionary:
+    """Return a dictionary of a single small tag: OpenCV returns what it does not recognise as well."""
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    return cv2.aruco.Dictionary(np.asarray(family.bytesList)[:1], family.markerSize, 0)
+
+
+def distinct(outlines: Points) -> Points:
+    """Leave out what was found twice: of two outlines that are one, the later, shape ``(k, 4, 2)``.
+
+    Only neighbours along an oblique line are compared: a table of all with all would fill the memory where a floor or a
+    grille shows thousands. The line is oblique since their rows and columns would meet in one place of an axis.
+    """
+    if len(outlines) == 1:
+        return outlines
+    along = outlines.mean(axis=1) @ OBLIQUE
+    order = np.argsort(along)
+    along = along[order]
+    is_left = np.ones(len(outlines), np.bool_)
+    for step in range(1, len(outlines)):
+        near = np.flatnonzero(along[step:] - along[:-step] < NEAR_PX)
+        if not len(near):
+            break
+        one, other = order[near], order[near + step]
+        is_same = np.abs(outlines[one] - outlines[other]).reshape(-1, 8).max(axis=1) < SAME_PX
+        is_left[np.maximum(one, other)[is_same]] = False
+    return outlines[is_left]
+
+
+class ApriltagFinder:
+    """Finds small AprilTags, of 16 to 24 pixels, with their authors' own library.
+
+    It takes several times as long as `find_outlines`, and raises an `ImportError` without the extra ``tags``.
+    """
+
+    def __init__(self, family: str) -> None:
+        import pyapriltags  # noqa: PLC0415 - an optional library
+
+        self._detector = pyapriltags.Detector(families=SMALL_TAG_FAMILIES[family], nthreads=1, quad_decimate=1.0)
+
+    def find(self, grey: Plane) -> list[SeenTag]:
+        """Return the tags of the family in a picture."""
+        if min(grey.shape) < LEAST_PICTURE_PX:
+            return []
+        return [
+            SeenTag(number=int(tag.tag_id), errors=int(tag.hamming), corners_px=_clockwise(tag.corners))
+            for tag in self._detector.detect(grey)
+            if tag.decision_margin >= LEAST_MARGIN
+        ]
+
+
+def _clockwise(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return corners that come anticlockwise from the bottom left clockwise from the top left.
+
+    The library has (0, 0) at the corner of the first pixel instead of at its centre.
+    """
+    return np.asarray(corners[::-1] - 0.5, np.float64)
+
+
 def candidate(corners_px: Points, reason: str) -> RejectedCandidate:
     """Return an outline of four corners, shape ``(4, 2)``, as a candidate that was rejected."""
     x, y = corners_px.mean(axis=0).tolist()
@@ -68,20 +197,13 @@ class SmallTagFinder(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sighting:
-    """Tags and outlines seen in one look at a picture or a part of it.
+    """Tags and outlines seen in one look at a picture or a part of it."""
 
-    Attributes:
-        grey: What was looked at, shape ``(height, width)``.
-        left_top_px: Where its first pixel is in the picture.
-        tags: The tags of the family, the largest first, with their corners in `grey`.
-        outlines: How many outlines of four corners there were.
-        unread: Outlines that show no tag of the family, shape ``(4, 2)`` in `grey` each, and why.
-    """
-
-    grey: Plane
-    left_top_px: Points
-    tags: tuple[SeenTag, ...]
-    outlines: int
+    grey: Plane  # what was looked at, shape ``(height, width)``
+    left_top_px: Points  # where its first pixel is in the picture
+    tags: tuple[SeenTag, ...]  # the tags of the family, the largest first, with their corners in `grey`
+    outlines: int  # how many outlines of four corners there were
+    # Outlines that show no tag of the family, shape ``(4, 2)`` in `grey` each, and why.
     unread: Sequence[tuple[Points, Unread]] = ()
 
     def rejected(self, most: int) -> list[RejectedCandidate]:
@@ -92,25 +214,16 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TagSearch:
-    """Looks for the tags of a family.
-
-    Attributes:
-        min_side_px: Tags whose longest side is smaller than this are not looked for.
-        small_tags: Finds what is too small for the rest; None to do without.
-    """
+    """Looks for the tags of a family."""
 
     family: TagFamily
     light: Light
-    min_side_px: float
+    min_side_px: float  # tags whose longest side is smaller than this are not looked for
     inverted: bool = False
-    small_tags: SmallTagFinder | None = None
+    small_tags: SmallTagFinder | None = None  # finds what is too small for the rest; None to do without
 
     def around(self, image: Image, prediction: Prediction) -> Sighting | None:
-        """Look where a tag is expected.
-
-        Returns:
-            What was seen, without tags that may be cut off; None if the place is not in the picture.
-        """
+        """Look where a tag is expected, for whole ones only; None if the place is not in the picture."""
         longest_px = prediction.size_px + SIGMAS * prediction.sigma_px
         least_px = max((prediction.size_px - SIGMAS * prediction.sigma_px) / 2, self.min_side_px)
         half_px = HALF_DIAGONAL * prediction.size_px + SIGMAS * prediction.sigma_px + MARGIN_PX
@@ -131,11 +244,7 @@ class TagSearch:
         return self._sighting(grey, left_top, whole, len(outlines))
 
     def everywhere(self, image: Image) -> Iterator[Sighting]:
-        """Look at the whole picture, each time harder.
-
-        Yields:
-            What was seen. Who has what he wants stops here and saves the rest, which takes longer each time.
-        """
+        """Yield what the whole picture shows, each time looking harder and longer: the caller may stop early."""
         grey = grey_of(image)
         sizes = self._long_sides(max(grey.shape))
         for long_side_px in sizes:

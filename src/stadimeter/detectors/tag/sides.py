@@ -56,24 +56,16 @@ LEAST_RISE = 0.04
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TagSides:
-    """Measured sides of a tag. Side i leads from corner i to corner i + 1.
+    """Measured sides of a tag. Side i leads from corner i to corner i + 1."""
 
-    Attributes:
-        corners_px: Where the lines meet, shape ``(4, 2)``.
-        contrast: How much more light comes from outside each side than from inside, as a share of the brightest that
-            a picture can hold; negative for a white border on black.
-        support: The share of the steps along each side that lie on its line.
-        scatter_px: Standard deviation of the steps about each line.
-        steps: How many steps each line was fitted to.
-        edge_px: How many pixels each side takes from black to white at its steepest.
-    """
-
-    corners_px: Points
+    corners_px: Points  # where the lines meet, shape ``(4, 2)``
+    # How much more light comes from outside each side than from inside, as a share of the brightest that a
+    # picture can hold; negative for a white border on black.
     contrast: OfSides
-    support: OfSides
-    scatter_px: OfSides
-    steps: tuple[int, ...]
-    edge_px: OfSides
+    support: OfSides  # the share of the steps along each side that lie on its line
+    scatter_px: OfSides  # standard deviation of the steps about each line
+    steps: tuple[int, ...]  # how many steps each line was fitted to
+    edge_px: OfSides  # how many pixels each side takes from black to white at its steepest
 
 
 class _Steps(NamedTuple):
@@ -88,14 +80,11 @@ class _Steps(NamedTuple):
 def measure_sides(
     grey: Plane, corners_px: Points, cells: int, light: Light, bent: BentSides | None = None
 ) -> TagSides | None:
-    """Fit lines to the sides of a tag.
+    """Fit lines to the sides of a tag; None where they form no outline near the given corners.
 
     Args:
         corners_px: About where the corners are, clockwise on the screen, shape ``(4, 2)``.
         cells: How many cells a side is long.
-
-    Returns:
-        The sides; None where they form no outline near the given corners.
     """
     looks = (NEXT_LOOK,) * MOST_NEXT_LOOKS
     if quad_area(corners_px.tolist()) < (LARGE_CELL_PX * cells) ** 2:
@@ -191,12 +180,10 @@ def _beside(reach: int) -> NDArray[np.intp]:
 
 @lru_cache(maxsize=256)
 def _ends(reach: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return which rows of the profiles show black and white themselves, of each side inside, then outside.
+    """Return which rows of the profiles show black and white themselves, where the look ends first, by the sides.
 
-    That is where the look ends, and the pixel before, unless so little is looked at that this would be on the edge.
-
-    Returns:
-        The rows, shape ``(8, 2)`` or ``(8, 1)``, where the look ends first, and the sides.
+    That is where the look ends, and the pixel before, unless so little is looked at that this would be on the edge. The
+    rows come first of each side inside, then outside, shape ``(8, 2)`` or ``(8, 1)``.
     """
     widest = max(reach)
     before = np.arange(2 if widest >= 3 else 1)
@@ -206,30 +193,20 @@ def _ends(reach: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TagLines:
-    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle).
+    """A line for each side, as a difference from where it was expected: offset + slope * (along - middle)."""
 
-    Attributes:
-        offset: Shape ``(4, 1)``.
-        slope: Shape ``(4, 1)``.
-        support: The share of the steps along each side that lie on its line.
-        scatter_px: Standard deviation of these steps about each line.
-        steps: How many these are.
-    """
-
-    offset: Values
-    slope: Values
-    support: OfSides
-    scatter_px: OfSides
-    steps: tuple[int, ...]
+    offset: Values  # shape ``(4, 1)``
+    slope: Values  # shape ``(4, 1)``
+    support: OfSides  # the share of the steps along each side that lie on its line
+    scatter_px: OfSides  # standard deviation of these steps about each line
+    steps: tuple[int, ...]  # how many these are
 
 
 def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit: bool) -> TagLines:
     """Fit lines by least squares with Tukey's weights, from a line through medians, which outliers do not move.
 
-    Args:
-        off: How far across from there the steps are, shape ``(4, n)``.
-        found: Which of them are steps, shape ``(4, n)``.
-        refit: Whether the line is fitted again; otherwise it is the one through the medians.
+    Where the steps are across, and which are found, has the shape ``(4, n)``. Without `refit` it is the line through
+    the medians.
     """
     along = frame.from_middle
     half = along.shape[1] // 2
