@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, PackageNotFoundError, distribution, entry_points
 from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict
@@ -176,6 +176,15 @@ class DriverChoice:
 
 
 @cache
+def _built_in() -> EntryPoints:
+    """Return this package's own entry points: one file. Most configurations name no other driver."""
+    try:
+        return distribution("stadimeter").entry_points
+    except PackageNotFoundError:
+        return EntryPoints()
+
+
+@cache
 def _every_entry_point() -> Any:
     """Return the entry points of all groups. Looking for them reads a file of every installed package."""
     return entry_points()
@@ -197,7 +206,7 @@ def driver_names(group: str) -> tuple[str, ...]:
 
 
 def load_plugin(group: str, name: str) -> Plugin[Any]:
-    """Load the driver of that name.
+    """Load the driver of that name; of several packages that have one, the built-in one.
 
     Args:
         group: One of `GROUPS`.
@@ -207,7 +216,8 @@ def load_plugin(group: str, name: str) -> Plugin[Any]:
         DriverUnavailableError: A library that it needs is not installed.
         DriverError: The entry point names something that is not a driver.
     """
-    matching = [entry for entry in installed(group) if entry.name == name]
+    matching = [*_built_in().select(group=group, name=name)]
+    matching = matching or [entry for entry in installed(group) if entry.name == name]
     if not matching:
         raise DriverNotFoundError(_not_found(group, name))
     try:
