@@ -84,11 +84,7 @@ class DriverContext:
         return found
 
     def at_end(self, close: Callable[[], None]) -> None:
-        """Call ``close`` when the run ends, after every driver was closed.
-
-        Args:
-            close: Releases something that was shared.
-        """
+        """Call ``close``, which releases something shared, when the run ends and every driver was closed."""
         self.shared.closers.append(close)
 
     def port_path(self, port: str) -> str:
@@ -97,9 +93,6 @@ class DriverContext:
         Args:
             port: A path such as ``/dev/serial/by-id/…``, or the name of an entry point in ``stadimeter.ports``,
                 which then makes the port, such as a firmware emulator behind a pseudo-terminal.
-
-        Returns:
-            A path that can be opened.
 
         Raises:
             DriverUnavailableError: The entry point cannot be loaded.
@@ -197,11 +190,7 @@ def installed(group: str) -> tuple[EntryPoint, ...]:
 
 
 def driver_names(group: str) -> tuple[str, ...]:
-    """Return the names of the installed drivers of a group, in alphabetical order.
-
-    Args:
-        group: One of `GROUPS`.
-    """
+    """Return the names of the installed drivers of one of the `GROUPS`, in alphabetical order."""
     return tuple(sorted({entry.name for entry in installed(group)}))
 
 
