@@ -10,6 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import Commands, app
+from stadimeter.config import plugins
 
 HEAVY = ("cv2", "numpy", "pydantic", "paho", "gpiozero", "serial", "stadimeter.app", "stadimeter.config")
 OF_DRIVERS = ("paho", "gpiozero", "serial", "lgpio", "stadimeter.simulation", "stadimeter.messaging.mqtt")
@@ -54,6 +55,12 @@ def test_a_run_loads_no_warnings_no_rule_tests_and_no_descriptions(tmp_path):
 def test_a_run_loads_nothing_that_only_other_views_and_commands_need():
     unused = ["rich", "asyncio", "mcap", "stadimeter.workbench", "stadimeter.app.recordings", "stadimeter.app.control"]
     assert among(loaded_by("import stadimeter.cli.run"), unused) == []
+
+
+def test_built_in_drivers_are_found_without_reading_the_record_of_every_installed_package(monkeypatch):
+    monkeypatch.setattr(plugins, "installed", lambda group: pytest.fail(f"looked for {group} everywhere"))
+    assert plugins.load_plugin(plugins.CAMERAS, "images").options
+    assert plugins.load_plugin(plugins.DETECTORS, "ball").exercise
 
 
 FROM_THE_START = """

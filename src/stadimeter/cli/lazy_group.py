@@ -39,14 +39,7 @@ class LazyGroup(TyperGroup):
             self.add_command(TyperCommand(name, help=lazy.summary, rich_markup_mode=self.rich_markup_mode))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Load the command that is called, and let the group go on with it.
-
-        Args:
-            args: What follows on the command line, the name first.
-
-        Returns:
-            What the group found: the name, the command, and what is left on the command line.
-        """
+        """Load the command that is called, the first of the arguments, and let the group go on with it."""
         if args and args[0] in self.LAZY:
             self.load(args[0])
         return super().resolve_command(ctx, args)

@@ -75,36 +75,18 @@ class Draft:
     renamed: tuple[Finding, ...] = ()
 
     def names(self, section: str) -> tuple[str, ...]:
-        """Return the names that a section declares, whether or not what they stand for could be read.
-
-        Args:
-            section: Such as ``actuators``.
-
-        Returns:
-            The names, in the order of the file.
-        """
+        """Return the names that a section such as ``actuators`` declares, in order, even of what could not be read."""
         return tuple(self.tables(section))
 
     def tables(self, section: str) -> dict[str, Mapping[str, Any]]:
-        """Return the tables of a section as they were written.
-
-        Args:
-            section: Such as ``rules``.
-
-        Returns:
-            The tables by name; without what is not a table.
-        """
+        """Return the tables of a section such as ``rules`` by name, as they were written; only what is a table."""
         tables = self.table.get(section, {})
         if not isinstance(tables, Mapping):
             return {}
         return {name: table for name, table in tables.items() if isinstance(table, Mapping)}
 
     def parts(self) -> Iterator[tuple[tuple[str, ...], DriverChoice]]:
-        """Go through every driver that could be read.
-
-        Yields:
-            The path of its table, and the driver.
-        """
+        """Go through every driver that could be read, each behind the path of its table."""
         single = (("camera", self.camera), ("base", self.base), ("messenger", self.messenger), ("world", self.world))
         yield from (((section,), choice) for section, choice in single if choice is not None)
         yield from ((("targets", choice.name), choice) for choice in self.targets)
@@ -127,11 +109,7 @@ def read_draft(table: Mapping[str, Any], file: Path, *, with_tests: bool = True)
 
 
 class _Reader:
-    """Fills a draft, part by part.
-
-    Attributes:
-        folder: What paths are relative to.
-    """
+    """Fills a draft, part by part."""
 
     def __init__(self, table: Mapping[str, Any], file: Path) -> None:
         self.draft = Draft(table=table)

@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, PackageNotFoundError, distribution, entry_points
 from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict
@@ -84,11 +84,7 @@ class DriverContext:
         return found
 
     def at_end(self, close: Callable[[], None]) -> None:
-        """Call ``close`` when the run ends, after every driver was closed.
-
-        Args:
-            close: Releases something that was shared.
-        """
+        """Call ``close``, which releases something shared, when the run ends and every driver was closed."""
         self.shared.closers.append(close)
 
     def port_path(self, port: str) -> str:
@@ -97,9 +93,6 @@ class DriverContext:
         Args:
             port: A path such as ``/dev/serial/by-id/…``, or the name of an entry point in ``stadimeter.ports``,
                 which then makes the port, such as a firmware emulator behind a pseudo-terminal.
-
-        Returns:
-            A path that can be opened.
 
         Raises:
             DriverUnavailableError: The entry point cannot be loaded.
@@ -176,6 +169,15 @@ class DriverChoice:
 
 
 @cache
+def _built_in() -> EntryPoints:
+    """Return this package's own entry points: one file. Most configurations name no other driver."""
+    try:
+        return distribution("stadimeter").entry_points
+    except PackageNotFoundError:
+        return EntryPoints()
+
+
+@cache
 def _every_entry_point() -> Any:
     """Return the entry points of all groups. Looking for them reads a file of every installed package."""
     return entry_points()
@@ -188,16 +190,12 @@ def installed(group: str) -> tuple[EntryPoint, ...]:
 
 
 def driver_names(group: str) -> tuple[str, ...]:
-    """Return the names of the installed drivers of a group, in alphabetical order.
-
-    Args:
-        group: One of `GROUPS`.
-    """
+    """Return the names of the installed drivers of one of the `GROUPS`, in alphabetical order."""
     return tuple(sorted({entry.name for entry in installed(group)}))
 
 
 def load_plugin(group: str, name: str) -> Plugin[Any]:
-    """Load the driver of that name.
+    """Load the driver of that name; of several packages that have one, the built-in one.
 
     Args:
         group: One of `GROUPS`.
@@ -207,7 +205,8 @@ def load_plugin(group: str, name: str) -> Plugin[Any]:
         DriverUnavailableError: A library that it needs is not installed.
         DriverError: The entry point names something that is not a driver.
     """
-    matching = [entry for entry in installed(group) if entry.name == name]
+    matching = [*_built_in().select(group=group, name=name)]
+    matching = matching or [entry for entry in installed(group) if entry.name == name]
     if not matching:
         raise DriverNotFoundError(_not_found(group, name))
     try:

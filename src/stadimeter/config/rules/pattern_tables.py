@@ -66,9 +66,6 @@ class PatternTable(Section):
 
         Args:
             level: The level while it is on, where the pattern names none.
-
-        Returns:
-            The pattern.
         """
         if self.steps is not None:
             return rule.Pattern(steps=tuple((step.level, step.for_) for step in self.steps), times=self.times)
