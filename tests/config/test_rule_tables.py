@@ -326,12 +326,12 @@ observe = true
     assert "Tells people through `phone` (simulated)." in sentences
     assert "`near` drives `buzzer` in turns of 100% for 0.2 s and 0% for 0.3 s, 3 times when" in sentences[-2]
     assert sentences[-2].endswith(
-        "When raised, 90 s later notifies `phone` unless somebody has acknowledged it. "
+        "When raised, 90 s later notifies `phone` unless it has been acknowledged. "
         "When raised sends `door/alert`. "
         "When it clears drives `motor` at 50% for 2 s. "
         "When raised stops `base`. "
-        "Latches: stands until somebody resets it. "
-        "Somebody must acknowledge it. "
+        "Latches: stands until it is reset. "
+        "Must be acknowledged. "
         "Is reported again every 5 min while it stands. "
         "Of the alarms of the group `door`, the first is marked. "
         "Keeps quiet while `quiet` is active."

@@ -57,7 +57,7 @@ def ask(path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: f
     except PermissionError as error:
         raise ControlError(f"{path}: we may not ask there; try it with sudo, or as the user that runs it") from error
     except OSError as error:
-        raise ControlError(f"{path}: nobody listens there: {error.strerror or error}") from error
+        raise ControlError(f"{path}: no instance listens there: {error.strerror or error}") from error
     return _data(path, line)
 
 

@@ -170,4 +170,4 @@ def _status(decision: Decision) -> Mapping[str, Any]:
 
 def _reload_words(reply: Reply | Callable[[], Reply]) -> str:
     known = reply if isinstance(reply, Reply) else reply()
-    return known.error or "the configuration was taken over: " + in_words(known.data)
+    return known.error or "the configuration was reloaded: " + in_words(known.data)

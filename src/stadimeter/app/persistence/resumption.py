@@ -168,4 +168,4 @@ def read_resumption(text: str) -> Resumption:
     try:
         return _ONE.validate_json(upgraded(text))[0]
     except ValidationError as error:
-        raise StateError(f"not what a run takes over from another: {error.errors()[0]['msg']}") from error
+        raise StateError(f"not what a run restores from another: {error.errors()[0]['msg']}") from error

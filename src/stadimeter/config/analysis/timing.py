@@ -155,8 +155,8 @@ def _cut_off_delay(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding
 def _hidden_realarm(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     if alarm.realarm_s is not None and alarm.cooldown_s > alarm.realarm_s:
         message = (
-            f"cooldown {alarm.cooldown_s:g} s is longer than realarm {alarm.realarm_s:g} s: nobody is told that the "
-            "alarm still stands"
+            f"cooldown {alarm.cooldown_s:g} s is longer than realarm {alarm.realarm_s:g} s: no one is notified that "
+            "the alarm still stands"
         )
         key = "cooldown" if "cooldown" in declared.table else "realarm"
         yield Finding(declared.at(key), message, "make the cooldown shorter", "cooldown-hides-realarm")

@@ -200,9 +200,9 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
     for step in rule.sequence:
         yield _step(step, verb)
     if rule.latch:
-        yield "Latches: stands until somebody resets it"
+        yield "Latches: stands until it is reset"
     if rule.needs_ack:
-        yield "Somebody must acknowledge it"
+        yield "Must be acknowledged"
     if rule.realarm_s is not None:
         yield f"Is reported again every {duration(rule.realarm_s)} while it stands"
     yield from _governor(rule)
@@ -223,7 +223,7 @@ def _governor(rule: AlarmRule) -> Iterator[str]:
 def _step(step: SequenceStep, verb: Verb) -> str:
     when = "When it clears" if step.on == "cleared" else "When raised"
     after = f", {duration(step.after_s)} later" if step.after_s else ""
-    unless = " unless somebody has acknowledged it" if step.only_unacknowledged else ""
+    unless = " unless it has been acknowledged" if step.only_unacknowledged else ""
     return f"{when}{after} {_does(step, verb)}{unless}"
 
 
