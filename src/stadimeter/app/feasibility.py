@@ -25,8 +25,7 @@ def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
 
     Nothing is opened. The camera is taken at the resolution that its model was made for.
 
-    Returns:
-        One warning for each limit that cannot be relied on, in the order of the file.
+    There is one warning for each limit that cannot be relied on, in the order of the file.
     """
     if configuration.camera_model is None:
         return ()

@@ -18,14 +18,7 @@ class FieldOfView:
         self.camera = camera
 
     def ends_rad(self, quantity: Direction) -> tuple[float, float]:
-        """Return the lowest and the highest direction.
-
-        Args:
-            quantity: Bearing, positive to the right, or elevation, positive upwards.
-
-        Returns:
-            Both in radians.
-        """
+        """Return the lowest and the highest bearing (positive to the right) or elevation (positive upwards)."""
         model = self.camera
         if quantity == "bearing":
             return -math.atan(model.cx_px / model.fx_px), math.atan((model.width_px - 1 - model.cx_px) / model.fx_px)

@@ -21,9 +21,6 @@ PERIOD_S = 0.02
 class Guard:
     """Checks the outputs of a run again and again.
 
-    Args:
-        clock: The run's clock; a real one calls from a thread of its own.
-
     Attributes:
         failure: A defect in a driver that came up here; the loop raises it. None if all is well.
     """
@@ -53,11 +50,7 @@ class Guard:
 
 
 def retire_all(outputs: Sequence[LeasedOutput]) -> list[str]:
-    """Stop every output for good, each one whatever becomes of the others, and those that are busy last.
-
-    Returns:
-        What went wrong, in words.
-    """
+    """Stop every output for good, each one whatever becomes of the others, busy ones last; return what went wrong."""
     for output in outputs:
         output.forbid()
     busy = [output for output in outputs if _retired(output, 0.0)]

@@ -51,12 +51,7 @@ PUBLISHED_MAX = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """When a run ends by itself.
-
-    Attributes:
-        frames: After this many frames; None for no such limit.
-        seconds: After this long on the run's clock; None for no such limit.
-    """
+    """When a run ends by itself: after a number of frames, or after a time on the run's clock; None for never."""
 
     frames: int | None = None
     seconds: float | None = None
@@ -154,11 +149,7 @@ class Loop:
         return list(dict.fromkeys(self.troubles))
 
     def trouble(self) -> str:
-        """Return in words what is wrong outside the loop: with the camera, the messenger, a notifier or the disk.
-
-        Returns:
-            The words; empty if nothing is wrong.
-        """
+        """Return in words what is wrong outside the loop: with the camera, the messenger, a notifier or the disk."""
         messenger = self.parts.messenger
         capture = self.parts.capture
         notifiers = [notifier.trouble() for notifier in self.parts.notifiers.values()]

@@ -18,11 +18,7 @@ STALLED_AFTER_S = 0.5
 
 
 class StallWatch:
-    """Puts outputs at their safe values while a stepped clock stands still.
-
-    Args:
-        clock: The run's clock, which the loop steps.
-    """
+    """Puts outputs at their safe values while a stepped clock stands still."""
 
     def __init__(self, outputs: Sequence[LeasedOutput], clock: Clock, real_clock: Clock | None = None) -> None:
         self._outputs = outputs

@@ -26,11 +26,7 @@ _SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to its group.
-
-    Args:
-        app: The group ``calibrate``.
-    """
+    """Add the command to the group ``calibrate``."""
     app.command("board")(board)
 
 

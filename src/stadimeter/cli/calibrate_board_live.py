@@ -68,11 +68,7 @@ def _collect(source: Source, session: BoardSession) -> None:
 
 
 class _Teller:
-    """Tells of each view that was taken at once, and now and then why none is.
-
-    Args:
-        is_live: Whether frames come all the time; of a recording, each one is reported.
-    """
+    """Reports each view that was taken at once, and now and then why none is; of a recording, every frame."""
 
     def __init__(self, *, is_live: bool) -> None:
         self._is_live = is_live

@@ -29,8 +29,6 @@ class PlainView:
 
     Args:
         write: Takes one line without its line break, such as `print`.
-        every_s: Seconds of the run between two lines.
-        unit: The unit of distances: ``m``, ``cm``, ``ft`` or ``in``.
         trouble: Says what is wrong outside the loop; said again only when it changes.
         ascii_only: Whether `write` takes nothing but ASCII.
 

@@ -41,16 +41,7 @@ ImageQuality = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Keeping:
-    """What is kept of a run.
-
-    Attributes:
-        journal: The journal to write; None for none.
-        record: The recording to write; None for none.
-        images: Which pictures the recording holds.
-        image_rate_hz: How many of them in a second; None for no limit.
-        image_quality_percent: The quality of their JPEGs.
-        is_quiet: Whether to say what goes wrong at the end only, since the view of the run says it at once.
-    """
+    """What is kept of a run. With `is_quiet`, trouble is printed at the end only: the view has shown it."""
 
     journal: Path | None = None
     record: Path | None = None
@@ -62,15 +53,7 @@ class Keeping:
 
 @contextmanager
 def kept(loop: Loop, keeping: Keeping) -> Iterator[None]:
-    """Record a run.
-
-    Yields:
-        Nothing; the files are closed with the context.
-
-    Raises:
-        JournalError: A file cannot be written.
-        DriverUnavailableError: A library for recordings is not installed.
-    """
+    """Record a run while in the context."""
     if keeping.journal is not None and keeping.record is not None and keeping.journal == keeping.record:
         raise JournalError(f"--journal and --record both name {keeping.journal}; they need a file each")
     with ExitStack() as closing:

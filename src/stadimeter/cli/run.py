@@ -132,11 +132,7 @@ def demo(
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """How a run is shown.
-
-    Attributes:
-        unit: The unit of distances.
-    """
+    """How a run is shown."""
 
     view: View
     title: str

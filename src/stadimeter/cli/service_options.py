@@ -59,12 +59,7 @@ class Serving:
 
 @contextmanager
 def served(loop: Loop, serving: Serving) -> Iterator[None]:
-    """Give a run its services.
-
-    Raises:
-        ControlError: Nobody can listen where it was asked for.
-        StateError: The file that was named for the state is something else, such as the configuration.
-    """
+    """Give a run its services."""
     is_right = (lambda: True) if serving.trust_clock else is_synchronised
     with ExitStack() as closing:
         services = loop.services

@@ -102,11 +102,7 @@ class _TroubleLines:
 
 
 def chart_limits_m(plan: Plan) -> dict[str, list[float]]:
-    """Return the distances at which rules begin, for marking them in a chart.
-
-    Returns:
-        For each target the distances in metres, nearest first.
-    """
+    """Return, by target, the distances at which rules begin, nearest first, to mark them in a chart."""
     limits_m: dict[str, set[float]] = {target: set() for target in plan.targets}
     for rule in plan.rules:
         limits_m[rule.target].update(_limits_m(rule))
@@ -153,11 +149,7 @@ class ViewThread:
         self._thread.start()
 
     def submit(self, record: CycleRecord) -> None:
-        """Hand a cycle over, and return at once.
-
-        Raises:
-            Exception: What ended the view.
-        """
+        """Hand a cycle over, and return at once. Raises what ended the view."""
         if self.failure is not None:
             raise self.failure
         try:
@@ -166,11 +158,7 @@ class ViewThread:
             self.dropped += 1
 
     def stop(self, wait_s: float = STOP_WAIT_S) -> None:
-        """Show what waits, and end. A view that blocks is left behind: its thread is a daemon.
-
-        Args:
-            wait_s: How long to wait for it.
-        """
+        """Show what waits, and end. A view that blocks is left behind: its thread is a daemon."""
         until_s = time.monotonic() + wait_s
         try:
             self._waiting.put(None, timeout=wait_s)
@@ -188,11 +176,7 @@ class ViewThread:
 
 
 def summarise(health: Health, ending: str) -> dict[str, Any]:
-    """Return the figures of a run.
-
-    Returns:
-        What ``run --json`` prints: counts, and times in milliseconds.
-    """
+    """Return the figures of a run, as ``run --json`` prints them: counts, and times in milliseconds."""
     return {
         "ended": ending,
         "cycles": health.cycles,
@@ -205,11 +189,7 @@ def summarise(health: Health, ending: str) -> dict[str, Any]:
 
 
 def in_words(summary: dict[str, Any]) -> str:
-    """Return the figures of a run as a few lines.
-
-    Args:
-        summary: What `summarise` returned.
-    """
+    """Return the figures of a run as a few lines."""
     lines = [f"Ended: {summary['ended'] or 'unknown'}. {summary['frames']} frames in {summary['cycles']} cycles."]
     for target, counts in summary["tracks"].items():
         lines.append(f"{target}: {_listed(counts)}.")

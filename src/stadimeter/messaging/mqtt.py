@@ -42,11 +42,7 @@ class PahoMessenger:
         return link.undelivered() if link is not None else self._left
 
     def open(self) -> None:
-        """Begin to connect and return at once. A broker that is away is not an error.
-
-        Raises:
-            DeviceOpenError: The password or certificate file cannot be used.
-        """
+        """Begin to connect and return at once. A broker that is away is not an error."""
         if self._link is not None:
             return
         self._link = BrokerLink(self._options, read_secrets(self._options), self._patience)

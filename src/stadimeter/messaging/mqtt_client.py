@@ -51,23 +51,14 @@ class _Client(Client):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Secrets:
-    """The password and certificates that are read when a messenger opens.
-
-    Attributes:
-        password: The password, or None for none.
-        tls: Whose certificates are trusted, or None for no encryption.
-    """
+    """The password and the trusted certificates, read when a messenger opens; None for no login or no encryption."""
 
     password: str | None = field(default=None, repr=False)
     tls: ssl.SSLContext | None = None
 
 
 def read_secrets(options: MqttOptions) -> Secrets:
-    """Read the files that the configuration names.
-
-    Raises:
-        DeviceOpenError: One cannot be read or holds nothing of use.
-    """
+    """Read the files that the configuration names; raises `DeviceOpenError` for one that is of no use."""
     return Secrets(
         password=_read_password(options.password_file) if options.password_file else None,
         tls=_tls_context(options.ca_file) if options.tls else None,
@@ -75,11 +66,7 @@ def read_secrets(options: MqttOptions) -> Secrets:
 
 
 def make_client(options: MqttOptions, secrets: Secrets, version: MQTTProtocolVersion, answer_s: float) -> Client:
-    """Make a client that is ready to connect.
-
-    Returns:
-        The client. It has no thread, and tries nothing by itself.
-    """
+    """Make a client that is ready to connect. It has no thread, and tries nothing by itself."""
     is_v5 = version == MQTTProtocolVersion.MQTTv5
     client = _Client(
         CallbackAPIVersion.VERSION2,
@@ -99,11 +86,7 @@ def make_client(options: MqttOptions, secrets: Secrets, version: MQTTProtocolVer
 
 
 def publish_properties(message: Message) -> Properties | None:
-    """Return the properties of MQTT 5 that a message needs.
-
-    Returns:
-        The properties, or None for none.
-    """
+    """Return the properties of MQTT 5 that a message needs; None for none."""
     if message.expires_s is None:
         return None
     return _properties(PacketTypes.PUBLISH, MessageExpiryInterval=message.expires_s)

@@ -54,22 +54,16 @@ class MemoryOutbox:
         return len(self._unwritten) < self._unwritten_max
 
     def add(self, message: Message, now_s: float) -> None:
-        """Let a message of QoS 1 wait for its turn.
-
-        Args:
-            now_s: The time on any monotonic clock, the same for every call.
-        """
+        """Let a message of QoS 1 wait for its turn. All times are on one monotonic clock."""
         if len(self._waiting) >= self._capacity:
             self._make_room()
         lives_s = math.inf if message.expires_s is None else message.expires_s
         self._waiting.append(_Waiting(message, now_s + lives_s))
 
     def take(self, now_s: float) -> Message | None:
-        """Return the next message that may be sent now; it must then be reported to `sent`.
+        """Return the next message that may be sent now, with what is left of its life; then report it to `sent`.
 
-        Returns:
-            The oldest message that has not expired, with what is left of its life; None if there is none, or
-            enough are on the wire.
+        None if none waits that has not expired, or enough are on the wire.
         """
         while self._waiting and len(self._unacknowledged) < self._window:
             waiting = self._waiting.popleft()
@@ -90,11 +84,7 @@ class MemoryOutbox:
             self._unacknowledged[number] = _Waiting(message, now_s + lives_s)
 
     def done(self, number: int, *, is_refused: bool = False) -> None:
-        """Note that a message was written (QoS 0) or answered (QoS 1). Unknown numbers are passed over.
-
-        Args:
-            is_refused: Whether the answer was that it is not taken. It would not be another time either.
-        """
+        """Note that a message was written (QoS 0) or answered (QoS 1); unknown numbers are passed over."""
         self._unwritten.discard(number)
         if self._unacknowledged.pop(number, None) is not None and is_refused:
             self.given_up += 1
