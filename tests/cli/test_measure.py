@@ -248,7 +248,7 @@ def perceiver(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-@pytest.mark.usefixtures("looking")
+@pytest.mark.usefixtures("perceiver")
 def test_explained_each_line_is_followed_by_how_it_came_about(pictures: Path, camera) -> None:
     result = _run(pictures / "ball.png", pictures / "wall.png", *camera, *SHEET, "--explain")
     assert result.exit_code == 1
@@ -266,13 +266,13 @@ def test_explained_each_line_is_followed_by_how_it_came_about(pictures: Path, ca
     ]
 
 
-@pytest.mark.usefixtures("looking")
+@pytest.mark.usefixtures("perceiver")
 def test_without_explain_there_is_one_line_a_picture(pictures: Path, camera) -> None:
     result = _run(pictures / "ball.png", pictures / "wall.png", *camera, *SHEET)
     assert len(result.stdout.splitlines()) == 2
 
 
-@pytest.mark.usefixtures("looking")
+@pytest.mark.usefixtures("perceiver")
 def test_explained_in_json_there_are_further_fields(pictures: Path, camera) -> None:
     result = _run(pictures / "wall.png", *camera, *SHEET, "--json", "--explain")
     record = json.loads(result.stdout)
@@ -284,7 +284,7 @@ def test_explained_in_json_there_are_further_fields(pictures: Path, camera) -> N
     assert list(plain) == KEYS
 
 
-@pytest.mark.usefixtures("looking")
+@pytest.mark.usefixtures("perceiver")
 def test_explained_the_copies_show_what_was_rejected(pictures: Path, camera, tmp_path: Path) -> None:
     copies = []
     for name, options in (("plain", ()), ("explained", ("--explain",))):

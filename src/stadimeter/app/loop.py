@@ -14,12 +14,11 @@ from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.deliveries import Deliveries
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
-from stadimeter.app.guard import Guard, retire_all
+from stadimeter.app.guard import Guard, StallWatch, retire_all
 from stadimeter.app.health import Health
 from stadimeter.app.notifying import Notifying
 from stadimeter.app.reporting import Reporter
 from stadimeter.app.services import Recording, Services
-from stadimeter.app.stall_watch import StallWatch
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message

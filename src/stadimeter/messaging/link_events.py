@@ -12,7 +12,7 @@ from typing import Any
 from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags
 from paho.mqtt.reasoncodes import ReasonCode
 
-from stadimeter.messaging.mqtt_options import MqttOptions
+from stadimeter.messaging.mqtt_client import MqttOptions
 
 STABLE_S = 10.0
 """A connection that ends sooner is not taken for a sign that all is well."""

@@ -7,8 +7,7 @@ from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError, DeviceClosedError
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.broker_link import BrokerLink
-from stadimeter.messaging.mqtt_client import read_secrets
-from stadimeter.messaging.mqtt_options import MqttOptions
+from stadimeter.messaging.mqtt_client import MqttOptions, read_secrets
 
 
 class PahoMessenger:
