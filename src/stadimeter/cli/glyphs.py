@@ -48,11 +48,7 @@ class Glyphs:
         return shown.translate(_ASCII_WORDS).encode("ascii", "replace").decode("ascii")
 
     def fit(self, text: Text, width: int) -> Text:
-        """Return a line cut or filled to a width.
-
-        Args:
-            width: How many columns it shall take.
-        """
+        """Return a line cut or filled to a width in columns."""
         text.truncate(width, overflow="crop" if self.ascii_only else "ellipsis", pad=True)
         return text
 
@@ -67,6 +63,8 @@ ASCII = Glyphs(
 
 def heading(name: str, width: int, glyphs: Glyphs, *details: tuple[str, str]) -> Text:
     """Return a line across the screen with a name in it, and details behind it, each with its style."""
+    from rich.text import Text  # noqa: PLC0415 - the plain view starts sooner without rich
+
     line = Text.assemble((f"{glyphs.line} ", "dim"), (glyphs.words(name), "bold"), " ")
     for words, style in details:
         line.append(glyphs.words(words), style).append(" ")
