@@ -64,7 +64,6 @@ class Problem:
     """One thing that is wrong in a configuration.
 
     Attributes:
-        message: What is wrong, with the value, in one sentence.
         file: The file it stands in, or an empty string for an option of the command line.
         line: The line in that file, counted from 1, or 0 where it is not known.
         key: The dotted path of the key, such as ``rules.near.when.below``.
@@ -94,7 +93,6 @@ class ConfigError(StadimeterError, ValueError):
     """A configuration, a camera file or an option of the command line is wrong.
 
     Attributes:
-        problems: Every problem found, in the order of the file.
         warnings: What else deserves a look, as far as that can be told of a configuration that is wrong.
     """
 

@@ -186,4 +186,4 @@ def test_a_signal_asks_for_the_configuration_to_be_read_before_the_next_cycle(de
     (answer,) = desk.reloader.asked
     answer(Reply(error="nothing was changed: it is wrong"))
     answer(Reply({"kept": ["a", "b"], "changed": ["c"], "added": [], "removed": [], "warnings": []}))
-    assert said == ["nothing was changed: it is wrong", "the configuration was taken over: 2 rules kept; changed: c"]
+    assert said == ["nothing was changed: it is wrong", "the configuration was reloaded: 2 rules kept; changed: c"]

@@ -115,7 +115,7 @@ def test_an_instance_that_does_not_answer_is_said_to_hang(instance):
 
 
 def test_where_nobody_listens_that_is_said(tmp_path):
-    with pytest.raises(ControlError, match="nobody listens there"):
+    with pytest.raises(ControlError, match="no instance listens there"):
         ask(tmp_path / "none.sock", "status")
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 from stadimeter.app.bootstrap import build
+from stadimeter.app.guard import StallWatch
 from stadimeter.app.leased_output import LeasedOutput
-from stadimeter.app.stall_watch import StallWatch
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.command import LevelCommand
 from stadimeter.testing.manual_clock import ManualClock

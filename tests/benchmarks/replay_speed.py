@@ -22,7 +22,7 @@ from machinery import configuration, yardstick_times_s
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.cli.recording_options import Keeping, kept
+from stadimeter.cli.run_options import Keeping, kept
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.replay.comparison import Comparison
 from stadimeter.workbench.replay.opening import read_recording

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from stadimeter.cli import calibrate_board_live
+from stadimeter.cli import calibrate_board
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.core.frame import Frame
@@ -183,7 +183,7 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Held]:
 
     def make(pictures: list[Path], ending: BaseException) -> Held:
         camera = Held(pictures, ending)
-        monkeypatch.setattr(calibrate_board_live, "open_source", lambda _: Source(capture=camera, is_live=True))
+        monkeypatch.setattr(calibrate_board, "open_source", lambda _: Source(capture=camera, is_live=True))
         return camera
 
     return make

@@ -62,9 +62,9 @@ def hang(*_):
 calls = []
 real = {name}.{method}
 
-def method(*args, **keywords):
+def method(*args, **options):
     calls.append(args)
-    return hang() if len(calls) > {after} else real(*args, **keywords)
+    return hang() if len(calls) > {after} else real(*args, **options)
 
 {name}.{method} = method
 from stadimeter.cli.main import main
@@ -319,7 +319,7 @@ def test_without_a_terminal_a_hangup_has_it_read_its_file_again_and_it_drives_on
     robot.start("--json", start_new_session=True)
     robot.process.send_signal(signal.SIGHUP)
     line = robot.process.stderr.readline() + robot.process.stderr.readline()
-    assert b"the configuration was taken over" in line
+    assert b"the configuration was reloaded" in line
     assert robot.drives()
     robot.end()
     assert json.loads(robot.process.stdout.read())["ended"] == "SIGTERM"

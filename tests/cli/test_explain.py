@@ -125,7 +125,7 @@ def test_without_a_running_instance_it_says_so(tmp_path, monkeypatch):
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
     done = stadimeter("explain", "near", "--socket", tmp_path / "none.sock")
     assert done.returncode == 2
-    assert "nobody listens there" in done.stderr
+    assert "no instance listens there" in done.stderr
 
 
 def test_a_file_that_is_no_recording_is_refused(tmp_path):

@@ -256,7 +256,7 @@ def test_a_hang_up_reloads_a_service_and_says_what_came_of_it(terminal):
     instance = terminal.start()
     terminal.write(NEAR, FAR)
     instance.process.send_signal(signal.SIGHUP)
-    instance.wait_for("the configuration was taken over: 1 rule kept; added: far")
+    instance.wait_for("the configuration was reloaded: 1 rule kept; added: far")
     terminal.config.write_text("nothing")
     instance.process.send_signal(signal.SIGHUP)
     instance.wait_for("nothing was changed:")

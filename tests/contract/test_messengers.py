@@ -11,7 +11,7 @@ import pytest
 from stadimeter.config.plugins import MESSENGERS, WORLDS, DriverContext, load_plugin
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.messaging.mqtt_options import MqttOptions
+from stadimeter.messaging.mqtt_client import MqttOptions
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.messenger_contract import GONE, SILENT, MessengerContract, MessengerRig
 from stadimeter.testing.rig import impossible

@@ -141,7 +141,7 @@ def test_a_latched_rule_says_what_ends_it():
 def test_within_the_cooldown_it_says_when_people_are_told():
     run = rehearse(cooldown_s=60.0, off_delay_s=0.2)
     run.see(3.0, *[1.0] * 5, *[3.0] * 5)
-    assert "nobody is told for another 5" in said(run.see(*[1.0] * 5))
+    assert "no notification for another 5" in said(run.see(*[1.0] * 5))
 
 
 def test_a_condition_with_parts_shows_each_with_its_own_verdict():

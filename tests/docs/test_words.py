@@ -9,11 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "deploy" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 CONFIGURATIONS = sorted((ROOT / "config").glob("*.toml"))
-SOURCES = [
-    path
-    for part in ("cli", "workbench/replay", "workbench/tuning")
-    for path in sorted((ROOT / "src" / "stadimeter" / part).glob("*.py"))
-]
+SOURCES = sorted((ROOT / "src" / "stadimeter").rglob("*.py"))
 
 UNWANTED = {
     "median": r"\bin the middle(?! of)",
@@ -65,8 +61,8 @@ def test_documentation_uses_words_that_readers_know(page):
     assert unwanted(page.read_text()) == {}
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
-def test_messages_of_the_command_line_use_words_that_readers_know(path):
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT / "src")))
+def test_messages_use_words_that_readers_know(path):
     assert unwanted("\n".join(messages(path))) == {}
 
 

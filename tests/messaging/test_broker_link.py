@@ -14,7 +14,7 @@ import pytest
 from stadimeter.core.message import Message
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.messaging.mqtt_options import MqttOptions
+from stadimeter.messaging.mqtt_client import MqttOptions
 from stadimeter.testing.eventually import eventually
 from support.broker import HOST
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.messaging.mqtt_options import MqttOptions, default_node
+from stadimeter.messaging.mqtt_client import MqttOptions, default_node
 
 
 def options(**table: object) -> MqttOptions:

@@ -32,14 +32,7 @@ class BeepPattern:
         self._started_s: float | None = None
 
     def period_s(self, level: float) -> float:
-        """Return the time from one beep's start to the next one's.
-
-        Args:
-            level: 0 to 1.
-
-        Returns:
-            ``slowest_s * (fastest_s / slowest_s) ** level``.
-        """
+        """Return the time from one beep's start to the next one's: ``slowest_s * (fastest_s / slowest_s) ** level``."""
         return float(self._slowest_s * self._ratio**level)
 
     def sounds(self, level: float, now_s: float) -> bool:
@@ -106,11 +99,7 @@ class GpiozeroBuzzer:
         self._pin.open()
 
     def apply(self, command: LevelCommand) -> LevelCommand:
-        """Beep as fast as commanded. A beep that sounds is not begun anew.
-
-        Returns:
-            The command; a steady buzzer knows the levels 0 and 1 only.
-        """
+        """Beep as fast as commanded; a beep that sounds is not begun anew. A steady buzzer only knows 0 and 1."""
         self._pin.check_open()
         self._level = float(command.level > 0.0) if self._steady else command.level
         self._drive(self._clock.now_s())

@@ -37,8 +37,7 @@ _TRY_WITHOUT = "to try without hardware, set GPIOZERO_PIN_FACTORY=mock"
 def shared_pin_factory(context: DriverContext) -> PiFactory:
     """Return the run's pin factory; open it if this is the first driver to ask. It is closed at the end of the run.
 
-    Returns:
-        The factory. Whoever makes a gpiozero device hands it over; gpiozero's global one is never touched.
+    Give it to every gpiozero device: gpiozero's global one is never touched.
 
     Raises:
         DriverUnavailableError: lgpio is not installed.
@@ -123,25 +122,14 @@ def _make_mock() -> PiFactory:
 
 
 def vendor_errors() -> tuple[type[Exception], ...]:
-    """Return what gpiozero and the library below it raise, for an ``except`` clause.
-
-    Returns:
-        The classes. lgpio's own error is a plain `Exception` of its own, and is there only while lgpio is.
-    """
+    """Return what gpiozero and lgpio raise, for an ``except`` clause; lgpio's own is there only while lgpio is."""
     lgpio = sys.modules.get("lgpio")
     return (GPIOZeroError, OSError) if lgpio is None else (GPIOZeroError, OSError, lgpio.error)
 
 
 @contextmanager
 def plain_words(name: str, pin: int, doing: str, raises: type[DriverError] = DriverError) -> Iterator[None]:
-    """Turn the vendors' errors into ours.
-
-    Args:
-        doing: What is being tried, such as ``open``.
-
-    Raises:
-        DriverError: gpiozero or lgpio failed; of the class ``raises``.
-    """
+    """Raise the vendors' errors as ``raises``, a `DriverError`; ``doing`` is what is being tried, such as ``open``."""
     try:
         yield
     except vendor_errors() as error:
@@ -200,12 +188,7 @@ class OutputPin:
         self._opened()
 
     def open(self) -> None:
-        """Take the pin, off. Does nothing if it is open.
-
-        Raises:
-            DriverUnavailableError: lgpio is not installed.
-            DeviceOpenError: There are no pins, or this one is in use.
-        """
+        """Take the pin, off. Does nothing if it is open."""
         if self._device is not None:
             return
         factory = shared_pin_factory(self._context)
@@ -220,15 +203,7 @@ class OutputPin:
         self._written_percent = 0
 
     def write(self, percent: int) -> None:
-        """Be on for that part of the time. Writing what is already there touches nothing.
-
-        Args:
-            percent: 0 for off to 100 for on; a pin without a frequency is on from 1.
-
-        Raises:
-            DeviceClosedError: It is not open.
-            DriverError: The pin failed.
-        """
+        """Be on for 0 to 100 percent of the time (without a frequency: on from 1). A repeated write does nothing."""
         if percent != self._written_percent or self._device is None:
             self._write_at_once(percent)
 
@@ -238,11 +213,7 @@ class OutputPin:
             self._write_at_once(0)
 
     def close(self) -> None:
-        """Switch off and let go of the pin. May be called any number of times.
-
-        Raises:
-            DriverError: The pin failed; it is let go all the same.
-        """
+        """Switch off and let go of the pin, even if it fails. May be called any number of times."""
         device = self._device
         try:
             self.off()
@@ -278,15 +249,9 @@ class OutputPin:
 
 
 def duty(percent: int) -> float:
-    """Return the duty that lgpio turns into exactly this percentage.
+    """Return the smallest duty, 0 to 1, that lgpio turns into exactly this percentage.
 
     gpiozero hands ``int(value * 100)`` to lgpio, and 0.29 * 100 is 28.999…: one percent would be lost.
-
-    Args:
-        percent: 0 to 100.
-
-    Returns:
-        The smallest number, from 0 to 1, that is at least ``percent / 100`` and does not lose that percent.
     """
     value = percent / FULL_PERCENT
     return value if int(value * FULL_PERCENT) == percent else math.nextafter(value, 1.0)

@@ -53,9 +53,6 @@ class GpiozeroSwitch:
     """Something on a pin that is on or off, or as bright as the level says.
 
     It has no deadband of its own: rules that switch have theirs, and delays too.
-
-    Args:
-        percent_of: What the pin gets at a level.
     """
 
     def __init__(self, pin: OutputPin, percent_of: Callable[[float], int]) -> None:
@@ -67,11 +64,7 @@ class GpiozeroSwitch:
         self._pin.open()
 
     def apply(self, command: LevelCommand) -> LevelCommand:
-        """Switch, or dim.
-
-        Returns:
-            The command with the level that it really has: 0 or 1, or a whole percent if it is dimmed.
-        """
+        """Switch, or dim. The level returned is 0 or 1, or a whole percent if it is dimmed."""
         percent = self._percent_of(command.level)
         self._pin.write(percent)
         return replace(command, level=percent / FULL_PERCENT)

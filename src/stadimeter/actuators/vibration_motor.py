@@ -33,9 +33,6 @@ class DutySteps:
 
     The duty is a whole percent. The percents from the weakest to 100 are evenly spaced over the levels above 0, so
     the weakest has a level above 0 as well: a level of 0 always means that the motor stands still.
-
-    Args:
-        minimum_duty: The weakest duty, above 0, at most 1. Rounded up to a whole percent.
     """
 
     def __init__(self, minimum_duty: float) -> None:
@@ -43,25 +40,14 @@ class DutySteps:
         self._count = FULL_PERCENT + 1 - self._weakest_percent
 
     def percent(self, level: float) -> int:
-        """Return the duty for a level: the nearest step, and at least the weakest for any level above 0.
-
-        Args:
-            level: 0 to 1.
-
-        Returns:
-            0, or from the weakest to 100 percent.
-        """
+        """Return the duty for a level: the nearest step, and at least the weakest for any level above 0."""
         if level <= 0.0:
             return 0
         step = max(1, math.floor(level * self._count + 0.5))
         return self._weakest_percent - 1 + step
 
     def level(self, percent: int) -> float:
-        """Return the level that a duty stands for.
-
-        Returns:
-            0 to 1.
-        """
+        """Return the level, 0 to 1, that a duty stands for."""
         return 0.0 if percent == 0 else (percent + 1 - self._weakest_percent) / self._count
 
 
@@ -81,11 +67,7 @@ class GpiozeroVibrationMotor:
         self._pin.open()
 
     def apply(self, command: LevelCommand) -> LevelCommand:
-        """Turn as strongly as commanded; from standstill at full power first, until the kick is over.
-
-        Returns:
-            The command with the level of the duty that the motor has after the kick.
-        """
+        """Turn as strongly as commanded, after a kick from standstill; returns the level after the kick."""
         self._pin.check_open()
         now_s = self._clock.now_s()
         percent = self._steps.percent(command.level)

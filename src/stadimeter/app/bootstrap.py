@@ -148,9 +148,5 @@ def _no_camera_model(configuration: Configuration) -> Problem:
 
 
 def demo_configuration() -> Configuration:
-    """Load the demonstration's configuration: ``config/demo.toml`` of the checkout, or its copy in a package.
-
-    Raises:
-        ConfigError: It is damaged.
-    """
+    """Load the demonstration's configuration: ``config/demo.toml`` of the checkout, or its copy in a package."""
     return load_configuration(Path(stadimeter.__file__).parent / "configurations" / "demo.toml")

@@ -38,14 +38,7 @@ class Mailbox:
             self._changed.notify()
 
     def take(self, timeout_s: float) -> Frame | None:
-        """Take out the frame; wait for one if there is none.
-
-        Args:
-            timeout_s: How long to wait, in real seconds.
-
-        Returns:
-            The frame, or None if none came in time or the mailbox is closed.
-        """
+        """Take out the frame; wait for one if there is none. None if none came in time, or the mailbox is closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._frame is not None or self._is_closed, timeout_s)
             frame, self._frame = self._frame, None
@@ -97,9 +90,6 @@ class CaptureThread:
     A camera that times out, is lost or repeats its picture is closed and opened again, after a delay that doubles
     until a new frame comes. Repeated pictures never reach the mailbox. An error of another kind, such as a mistake in a
     driver, ends the thread and is kept in `failure`.
-
-    Args:
-        wait: Waits for an event, like ``threading.Event.wait``, which it is unless in tests.
     """
 
     def __init__(self, camera: Camera, clock: Clock, freeze: FreezeDetector, wait: Wait) -> None:
@@ -227,10 +217,6 @@ class LiveCapture:
 
     A camera that fails or freezes is opened again without being asked for, as `CaptureThread` describes; meanwhile
     `latest` raises and `trouble` tells.
-
-    Args:
-        freeze: Tells new pictures from repeated ones; None for one with the usual limits.
-        wait: Waits for an event, like ``threading.Event.wait``; another one is for tests.
     """
 
     def __init__(
@@ -248,11 +234,7 @@ class LiveCapture:
         return self._thread.mailbox.passed_over if self._thread else 0
 
     def open(self) -> None:
-        """Open the camera in the caller's thread, so that one that is missing is noticed at once, and start reading.
-
-        Raises:
-            DeviceOpenError: It is absent, busy, or not ours to open.
-        """
+        """Open the camera in the caller's thread, so that one that is missing is noticed at once, and start reading."""
         self.close()
         self._camera.open()
         self._thread = CaptureThread(self._camera, self._clock, self._freeze, self._wait)
@@ -262,9 +244,6 @@ class LiveCapture:
         """Return the newest frame that was not returned before; see `Capture`.
 
         An error that is no trouble of the camera, such as a mistake in its driver, is raised as it is.
-
-        Args:
-            timeout_s: How long to wait, in real seconds.
 
         Raises:
             CaptureTimeoutError: None came; the message says why.
@@ -338,9 +317,5 @@ class DirectCapture:
 
 
 def capture_for(camera: Camera, clock: Clock) -> Capture:
-    """Return the way to get frames from a camera.
-
-    Returns:
-        A `LiveCapture` for a live camera, a `DirectCapture` for another.
-    """
+    """Return the way to get frames from a camera: `LiveCapture` for a live one, `DirectCapture` for another."""
     return LiveCapture(camera, clock) if camera.is_live else DirectCapture(camera)

@@ -131,9 +131,6 @@ class SteppedClock:
 
     All time passes inside `sleep_until_s`, in the thread of the caller, so a run is the same each time. An hour takes
     as long as what is computed in it.
-
-    Args:
-        speed: How many seconds pass on this clock in a real second; None for as many as the computer manages.
     """
 
     def __init__(self, start_s: float = 0.0, speed: float | None = None) -> None:

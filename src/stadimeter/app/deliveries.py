@@ -53,9 +53,6 @@ class Deliveries:
 
         A message says itself when it arose, and by its id whether it came before. A notification that does not is
         given its time: nobody must take last night's alarm for one of now.
-
-        Args:
-            left: What it left. What nobody carries any more is given up.
         """
         for name, item in left:
             messenger, notifier = self._parts.messenger, self._parts.notifiers.get(name)
@@ -82,14 +79,7 @@ class Deliveries:
         self._reasons = [words for _, sender in self._senders() if (words := sender.trouble())]
 
     def last_words(self, kept: Iterable[Undelivered]) -> list[str]:
-        """Say at the end of a run what becomes of what was not delivered.
-
-        Args:
-            kept: What is kept for the next run.
-
-        Returns:
-            Lines; none if everything was delivered.
-        """
+        """Say at the end of a run, in lines, what becomes of what was not delivered, some of it kept for the next."""
         left = Counter(name for name, _ in self.undelivered())
         later = left & Counter(name for name, _ in kept)
         lost = left - later + Counter(self.given_up())

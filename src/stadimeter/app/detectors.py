@@ -20,18 +20,7 @@ class NamedDetector:
 
 
 def build_detectors(choices: Sequence[DriverChoice], camera_model: CameraModel | None) -> tuple[NamedDetector, ...]:
-    """Build the detectors of targets.
-
-    Args:
-        choices: The targets' drivers with their checked options.
-        camera_model: The lens; None where it is not known yet.
-
-    Returns:
-        The detectors, in the same order.
-
-    Raises:
-        StadimeterError: A detector cannot be built.
-    """
+    """Build the detectors of targets, in the same order. Without a lens, only what needs none can be told."""
     clock = SteppedClock()
     return tuple(
         NamedDetector(

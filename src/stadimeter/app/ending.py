@@ -50,11 +50,7 @@ class Deadline:
         return self._by_s < math.inf
 
     def left_s(self, wish_s: float, keep_s: float = 0.0) -> float:
-        """Return for how long something may be waited for.
-
-        Args:
-            keep_s: What must be left for others after that.
-        """
+        """Return for how long something may be waited for, if ``keep_s`` must be left for others after that."""
         return max(0.0, min(wish_s, self._by_s - time.monotonic() - keep_s))
 
 
@@ -64,7 +60,6 @@ def close_side_by_side(
     """Close everything: each lane in a thread of its own, whatever becomes of the others.
 
     Args:
-        lanes: What must be closed one after the other, by name.
         deadline: Until when. It may be set while we wait.
         keep_s: How much of the time must be left for others.
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.app.field_of_view import FieldOfView, direction_findings
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.condition import DirectionCondition, DistanceCondition
+from stadimeter.core.condition import Direction, DirectionCondition, DistanceCondition
 from stadimeter.core.conditions.figures import probability_between
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.target import TargetShape
@@ -20,13 +20,44 @@ from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.feasibility import RELIABLE_PX, expect, farthest_m
 
 
+class FieldOfView:
+    """Directions that a camera sees along the middle of its picture; lens distortion at its edge is left out."""
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+
+    def ends_rad(self, quantity: Direction) -> tuple[float, float]:
+        """Return the lowest and the highest bearing (positive to the right) or elevation (positive upwards)."""
+        model = self.camera
+        if quantity == "bearing":
+            return -math.atan(model.cx_px / model.fx_px), math.atan((model.width_px - 1 - model.cx_px) / model.fx_px)
+        return -math.atan((model.height_px - 1 - model.cy_px) / model.fy_px), math.atan(model.cy_px / model.fy_px)
+
+
+def direction_findings(at: KeyPath, condition: DirectionCondition, view: FieldOfView) -> Iterator[Finding]:
+    """Find conditions on directions that begin, or end, outside the picture only."""
+    low_rad, high_rad = view.ends_rad(condition.quantity)
+    seen = f"the camera sees from {_degrees(low_rad)} to {_degrees(high_rad)}"
+    above_rad = -math.inf if condition.above_rad is None else condition.above_rad
+    below_rad = math.inf if condition.below_rad is None else condition.below_rad
+    if above_rad >= high_rad or below_rad <= low_rad:
+        message = f"no {condition.quantity} in the picture meets this: {seen}"
+        yield Finding(at, message, "choose a limit within that, or a wider lens", "unreachable")
+    elif above_rad - condition.deadband_rad <= low_rad and below_rad + condition.deadband_rad >= high_rad:
+        message = f"with its deadband of {_degrees(condition.deadband_rad)} this ends outside the picture only: {seen}"
+        yield Finding(at, message, "make the deadband smaller, or choose another limit", "unresolvable")
+
+
+def _degrees(angle_rad: float) -> str:
+    return f"{math.degrees(angle_rad):.0f}°"
+
+
 def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
     """Say which rules ask for what the camera cannot see, or not well enough, of the target.
 
     Nothing is opened. The camera is taken at the resolution that its model was made for.
 
-    Returns:
-        One warning for each limit that cannot be relied on, in the order of the file.
+    There is one warning for each limit that cannot be relied on, in the order of the file.
     """
     if configuration.camera_model is None:
         return ()

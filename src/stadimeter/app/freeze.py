@@ -44,9 +44,6 @@ class FreezeDetector:
     number, is not believed and not remembered: every later frame would look old beside it.
 
     A picture of which a part is old is not new either: see `has_stale_bands`.
-
-    Args:
-        frozen_after_s: After how many seconds without a new picture the camera counts as frozen.
     """
 
     def __init__(self, frozen_after_s: float = FROZEN_AFTER_S) -> None:
@@ -58,19 +55,11 @@ class FreezeDetector:
         self._what = ""
 
     def restart(self, now_s: float) -> None:
-        """Give the camera its time again, after it was opened. The last pictures are remembered.
-
-        Args:
-            now_s: The time in seconds.
-        """
+        """Give the camera its time again, after it was opened. The last pictures are remembered."""
         self._changed_at_s = now_s
 
     def is_new(self, frame: Frame, now_s: float) -> bool:
-        """Return whether a frame shows what was not shown before, all over, and was captured later.
-
-        Args:
-            now_s: The time in seconds.
-        """
+        """Return whether a frame shows what was not shown before, all over, and was captured later."""
         hashed = zlib.crc32(np.ascontiguousarray(frame.image[::HASHED_ROWS]).data)
         self._what = self._what_is_old(frame, now_s, hashed)
         if self._what:
@@ -82,14 +71,7 @@ class FreezeDetector:
         return True
 
     def frozen(self, now_s: float) -> str:
-        """Return what has not changed and for how long, or an empty string while that is within what is allowed.
-
-        Args:
-            now_s: The time in seconds.
-
-        Returns:
-            A sentence about the time since the last new picture or the last `restart`, or nothing.
-        """
+        """Return what has not changed since the last new picture or `restart`, and for how long; else ``""``."""
         unchanged_s = now_s - self._changed_at_s
         return f"{self._what} for {unchanged_s:.1f} s" if unchanged_s > self._frozen_after_s else ""
 

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.leased_output import BUSY_WAIT_S, LeasedOutput
 from stadimeter.core.clock import Clock
 from stadimeter.errors import DriverError
@@ -20,9 +21,6 @@ PERIOD_S = 0.02
 
 class Guard:
     """Checks the outputs of a run again and again.
-
-    Args:
-        clock: The run's clock; a real one calls from a thread of its own.
 
     Attributes:
         failure: A defect in a driver that came up here; the loop raises it. None if all is well.
@@ -53,11 +51,7 @@ class Guard:
 
 
 def retire_all(outputs: Sequence[LeasedOutput]) -> list[str]:
-    """Stop every output for good, each one whatever becomes of the others, and those that are busy last.
-
-    Returns:
-        What went wrong, in words.
-    """
+    """Stop every output for good, each one whatever becomes of the others, busy ones last; return what went wrong."""
     for output in outputs:
         output.forbid()
     busy = [output for output in outputs if _retired(output, 0.0)]
@@ -75,3 +69,38 @@ def _retired(output: LeasedOutput, wait_s: float) -> str:
     except Exception as error:  # noqa: BLE001 - a defect in one driver must not keep the next from stopping
         return f"{type(error).__name__}: {error}"
     return ""
+
+
+LOOK_EVERY_S = 0.05
+STALLED_AFTER_S = 0.5
+
+
+class StallWatch:
+    """Puts outputs at their safe values while a stepped clock stands still."""
+
+    def __init__(self, outputs: Sequence[LeasedOutput], clock: Clock, real_clock: Clock | None = None) -> None:
+        self._outputs = outputs
+        self._clock = clock
+        self._real_clock = real_clock or MonotonicClock()
+        self._seen_s = clock.now_s()
+        self._moved_at_s = self._real_clock.now_s()
+        self._cancel: Callable[[], None] | None = None
+
+    def start(self) -> None:
+        """Begin to watch."""
+        self._cancel = self._real_clock.call_every(LOOK_EVERY_S, self.step)
+
+    def step(self, real_s: float) -> None:
+        """Look once."""
+        now_s = self._clock.now_s()
+        if now_s != self._seen_s:
+            self._seen_s, self._moved_at_s = now_s, real_s
+        elif real_s - self._moved_at_s > STALLED_AFTER_S:
+            for output in self._outputs:
+                output.make_safe()
+
+    def stop(self) -> None:
+        """Cease to watch. May be called any number of times."""
+        if self._cancel is not None:
+            self._cancel()
+            self._cancel = None

@@ -55,14 +55,7 @@ class Health:
 
 
 def percentile(ordered: Sequence[float], share: float) -> float | None:
-    """Return the value that this share of the values does not exceed.
-
-    Args:
-        share: From 0 to 1.
-
-    Returns:
-        One of the values; None if there are none.
-    """
+    """Return the value that this share (0 to 1) of the values does not exceed; None if there are none."""
     if not ordered:
         return None
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))]

@@ -68,11 +68,6 @@ class LeasedOutput:
     Args:
         lease_s: How old the frame behind a command may grow.
         stays_off: Whether a driver that failed stays off for the rest of the run.
-
-    Attributes:
-        name: Its name in the configuration.
-        safe: The command for its safe value.
-        fault: Why the driver is out of order; empty if it is in order.
     """
 
     def __init__(
@@ -98,30 +93,18 @@ class LeasedOutput:
         self._lock = threading.RLock()
 
     def open(self) -> None:
-        """Acquire the device and put it at its safe value.
-
-        Raises:
-            DriverError: The device cannot be acquired.
-        """
+        """Acquire the device and put it at its safe value; `DriverError` if it cannot be acquired."""
         with self._lock:
             self._driver.open()
             self._driver.apply(self.safe)
 
     def observed_fault(self) -> str:
-        """Return why the driver is out of order, for the control loop: no fault ends before the loop has seen it.
-
-        Returns:
-            The fault; empty if the driver is in order.
-        """
+        """Return why the driver is out of order, for the control loop: no fault ends before the loop has seen it."""
         self._observed_fault = fault = self.fault
         return fault
 
     def apply(self, command: Command) -> Command | None:
-        """Act as commanded, unless the frame behind the command is too old already: then the safe value is applied.
-
-        Returns:
-            What was really applied; None if nothing was, because the driver is out of order or the output is retired.
-        """
+        """Act as commanded, unless the frame behind the command is too old already: then the safe value is applied."""
         with self._lock:
             if self.fault or self._retired:
                 return None
@@ -184,13 +167,10 @@ class LeasedOutput:
             self._fail(error)
 
     def retire(self, wait_s: float = BUSY_WAIT_S) -> None:
-        """Stop for good: no later command moves it.
+        """Stop for good: no later command moves it. Waits so long for a driver that is busy in another thread.
 
-        Args:
-            wait_s: How long to wait for a driver that is busy in another thread.
-
-        Raises:
-            DriverError: The stop could not be sent, or the driver is still busy; it is stopped when it comes back.
+        Raises `DriverError` if the stop could not be sent, or the driver is still busy; then it is stopped when it
+        comes back.
         """
         self._retired = True
         with self._free(wait_s):
@@ -198,11 +178,7 @@ class LeasedOutput:
                 self._driver.stop()
 
     def close(self) -> None:
-        """Stop and release the device.
-
-        Raises:
-            DriverError: The stop could not be sent; the device is released all the same. Or the driver is busy.
-        """
+        """Stop and release the device, even if the stop could not be sent; a busy driver is another `DriverError`."""
         self._retired = True
         with self._free(CLOSE_WAIT_S):
             if not self._broke_off_opening():

@@ -14,12 +14,11 @@ from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.deliveries import Deliveries
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
-from stadimeter.app.guard import Guard, retire_all
+from stadimeter.app.guard import Guard, StallWatch, retire_all
 from stadimeter.app.health import Health
 from stadimeter.app.notifying import Notifying
 from stadimeter.app.reporting import Reporter
 from stadimeter.app.services import Recording, Services
-from stadimeter.app.stall_watch import StallWatch
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
@@ -51,12 +50,7 @@ PUBLISHED_MAX = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """When a run ends by itself.
-
-    Attributes:
-        frames: After this many frames; None for no such limit.
-        seconds: After this long on the run's clock; None for no such limit.
-    """
+    """When a run ends by itself: after a number of frames, or after a time on the run's clock; None for never."""
 
     frames: int | None = None
     seconds: float | None = None
@@ -154,11 +148,7 @@ class Loop:
         return list(dict.fromkeys(self.troubles))
 
     def trouble(self) -> str:
-        """Return in words what is wrong outside the loop: with the camera, the messenger, a notifier or the disk.
-
-        Returns:
-            The words; empty if nothing is wrong.
-        """
+        """Return in words what is wrong outside the loop: with the camera, the messenger, a notifier or the disk."""
         messenger = self.parts.messenger
         capture = self.parts.capture
         notifiers = [notifier.trouble() for notifier in self.parts.notifiers.values()]

@@ -18,11 +18,7 @@ TITLE_LONGEST = 120
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outgoing:
-    """What is to be sent after a cycle.
-
-    Attributes:
-        notifications: For people: the name of the notifier, and what it tells.
-    """
+    """What is to be sent after a cycle; notifications go with the name of their notifier."""
 
     messages: tuple[Message, ...] = ()
     notifications: tuple[tuple[str, Notification], ...] = ()
@@ -43,13 +39,9 @@ class Notifying:
         self._alarms = {rule.name: rule for rule in rules if isinstance(rule, AlarmRule)}
 
     def outgoing(self, decision: Decision, local_time: LocalTime) -> Outgoing:
-        """Return what is to be sent after a cycle.
+        """Return what is to be sent after a cycle, in the order of the rules.
 
-        Args:
-            local_time: Tells the local time, as RFC 3339 has it. Asked only when there is something to send.
-
-        Returns:
-            Messages and notifications, in the order in which the rules send them.
+        The time (RFC 3339) is asked for if needed.
         """
         if not decision.notices:
             return NOTHING

@@ -59,13 +59,9 @@ class Reporter:
         self._given_up: Mapping[str, int] = {}
 
     def messages(self, now_s: float, wall_clock: WallClock, decision: Decision) -> tuple[Message, ...]:
-        """Return what is to be told after a cycle. Call it for every cycle: silence is also decided here.
+        """Return what is to be reported after each cycle: events, then rules, then targets.
 
-        Args:
-            wall_clock: Tells the time of day, as RFC 3339 has it, in UTC. Asked only when there is something to tell.
-
-        Returns:
-            Events first, then rules, then targets.
+        Silence is decided here too.
         """
         messages = [_event_message(event, self._boot_id, wall_clock()) for event in decision.events]
         messages += self._rule_messages(now_s, wall_clock, decision)
@@ -96,26 +92,14 @@ class Reporter:
         return [trace for trace, last in pairs if trace is not last or trace.rule in names]
 
     def forget(self, rules: Collection[str]) -> tuple[Message, ...]:
-        """Forget rules that are no more, and return what makes a broker forget them too.
-
-        Returns:
-            An empty retained message for each; a broker keeps the state of a rule until it is told to forget it.
-        """
+        """Forget rules that are no more; return an empty retained message for each, for brokers to forget them too."""
         for name in rules:
             self._rules.pop(name, None)
             self._held_back.discard(name)
         return tuple(Message(topic=f"rule/{name}/state", payload="", qos=1, retain=True) for name in rules)
 
     def given_up(self, wall_clock: WallClock, counts: Mapping[str, int]) -> tuple[Message, ...]:
-        """Return what is to be told of messages and notifications that were given up since this was asked last.
-
-        Args:
-            wall_clock: Tells the time of day. Asked only when there is something to tell.
-            counts: How many were given up since the start, by the name of the notifier; empty for the messenger.
-
-        Returns:
-            One event for each of those that gave up more.
-        """
+        """Report, as events, what was given up since the last call, by notifier; the empty name is the messenger."""
         before, self._given_up = self._given_up, counts
         if before == counts:
             return ()
@@ -126,14 +110,7 @@ class Reporter:
         )
 
     def last_messages(self, wall_clock: str) -> tuple[Message, ...]:
-        """Return the figures that were held back so far, for the end of a run.
-
-        Args:
-            wall_clock: The time of day, as RFC 3339 has it, in UTC.
-
-        Returns:
-            The state of every target that was not told as it is.
-        """
+        """Return, for the end of a run, the state of every target whose newest figures were held back."""
         return tuple(message for reports in self._targets.values() for message in reports.last_messages(wall_clock))
 
 

@@ -43,11 +43,7 @@ class Recording(Protocol):
 class Services:
     """What a run has beside its cycles. Each of them may be missing.
 
-    Attributes:
-        control: Attends to what people ask of the run.
-        memory: What alarms remember beyond the end of the run.
-        time_of_day: Gives the time of day, for rules that go by it.
-        tell: Takes a line that somebody should read, such as what became of a damaged state file.
+    `tell` takes a line that a person should read, such as what became of a damaged state file.
     """
 
     control: Control | None = None
@@ -80,11 +76,7 @@ class Services:
         return self.control.change() if self.control is not None else None
 
     def reloaded(self, state: State, change: Change) -> ReloadedState:
-        """Let a run go on with a changed configuration.
-
-        Returns:
-            What it remembers now, and what became of which rule.
-        """
+        """Let a run go on with a changed configuration."""
         from stadimeter.core.reload import reload  # noqa: PLC0415 - few runs are reloaded
 
         plan = change.configuration.plan
@@ -107,11 +99,7 @@ class Services:
         return True
 
     def wall(self, now_s: float) -> WallTime | None:
-        """Return the time of day, if a rule goes by it and it is known to be right.
-
-        Returns:
-            The local time, or None.
-        """
+        """Return the local time of day, if a rule goes by it and it is known to be right."""
         return self.time_of_day.at(now_s) if self.time_of_day is not None and self._goes_by_the_clock else None
 
     def cycle(self, before: State, after: State, record: CycleRecord) -> None:
@@ -135,9 +123,5 @@ class Services:
         return self.memory.kept if self.memory is not None else ()
 
     def end(self, state: State) -> str:
-        """Keep what is remembered at the end of the run, and what could not be delivered until then.
-
-        Returns:
-            What went wrong, in words; empty if nothing did.
-        """
+        """Keep what is remembered at the end of the run, and what was not delivered; return what went wrong."""
         return self.memory.end(state) if self.memory is not None else ""

@@ -47,11 +47,7 @@ class _Timex(ctypes.Structure):
 
 
 def is_synchronised(timesync_file: Path = TIMESYNC_FILE) -> bool:
-    """Return whether the computer's clock shows the right time.
-
-    Args:
-        timesync_file: What systemd-timesyncd makes when it has set the clock.
-    """
+    """Return whether the computer's clock shows the right time."""
     return timesync_file.exists() or _kernel_error_us() < ERROR_MAX_US
 
 
@@ -75,9 +71,6 @@ class TimeOfDay:
 
     On a stepped clock the day goes on with the run: from the time at which it began. A simulated hour is an hour of
     the day, however fast it is simulated.
-
-    Args:
-        is_live: Whether the run is on the computer's clock.
     """
 
     def __init__(
@@ -95,11 +88,7 @@ class TimeOfDay:
         self._began: tuple[datetime, float] | None = None
 
     def at(self, now_s: float) -> WallTime | None:
-        """Return the time of day.
-
-        Returns:
-            The local time; None while nobody vouches for it.
-        """
+        """Return the local time; None while nothing vouches for it."""
         if now_s - self._asked_s >= ASKED_EVERY_S:
             self._asked_s = now_s
             self._shown = _time_of_day(self._local(now_s)) if self._is_right() else None

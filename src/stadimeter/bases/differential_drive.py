@@ -21,12 +21,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WheelTicks:
-    """Encoder counts that both wheels shall make in one frame of the base's speed control.
-
-    Attributes:
-        left: Whole ticks of the left wheel, positive forwards.
-        right: Whole ticks of the right wheel.
-    """
+    """Whole encoder ticks, positive forwards, that both wheels shall make in one frame of the base's speed control."""
 
     left: int
     right: int
@@ -39,7 +34,6 @@ class DifferentialDrive:
     Attributes:
         track_width_m: Distance between the middles of the two wheels.
         ticks_per_metre: Encoder ticks while a wheel rolls one metre.
-        max_wheel_mps: No wheel is asked to run faster than this.
         frame_s: Length of one frame of the base's speed control.
     """
 
@@ -73,11 +67,7 @@ class DifferentialDrive:
         return WheelTicks(left=round(left * scale), right=round(right * scale))
 
     def motion(self, ticks: WheelTicks) -> Motion:
-        """Return the motion that wheel speeds make.
-
-        Args:
-            ticks: Whole ticks per frame.
-        """
+        """Return the motion that wheel speeds make."""
         left_mps, right_mps = ticks.left * self.tick_mps, ticks.right * self.tick_mps
         return Motion(
             linear_mps=(left_mps + right_mps) / 2,

@@ -38,12 +38,7 @@ BASE_IS_OFF = (
 
 @dataclass(slots=True, kw_only=True)
 class Handshake:
-    """The first words with a base, over a link that is already open.
-
-    Attributes:
-        link: The port, just opened. The base may still be booting.
-        boot_wait_s: How long the base may take until it answers.
-    """
+    """The first exchange with a base, over a link that was just opened; the base may still be booting."""
 
     link: SerialLink
     clock: Clock
@@ -55,11 +50,6 @@ class Handshake:
 
         Each try begins with an end of line and a stop. A base that drove when an earlier program died shall not drive
         on while we ask, and half a command of that program shall not swallow our stop.
-
-        Raises:
-            DeviceOpenError: Nothing answers, or not as this firmware does.
-            ProtocolError: It answers, but will not drive.
-            LinkLostError: The port is gone.
         """
         tries = self._identify()
         if tries > 1:
@@ -136,11 +126,7 @@ class Acknowledgements:
         self._stop_sent_s: float | None = None
 
     def sent(self, now_s: float, *, stop: bool) -> None:
-        """Note that a command was sent.
-
-        Args:
-            stop: Whether it was a stop. Any other command takes an earlier stop back.
-        """
+        """Note that a command was sent. Any other command takes an earlier stop back."""
         self._unanswered += 1
         self._stop_sent_s = now_s if stop else None
         if self._silent_s is None:
@@ -246,12 +232,7 @@ class RosArduinoBase:
         self._refusals_to_ignore = 0
 
     def open(self) -> None:
-        """Open the port, wait until the base answers, and make it stand. Does nothing when open.
-
-        Raises:
-            DeviceOpenError: The port is absent, busy or not ours to open, or nothing answers on it.
-            ProtocolError: The base answers, but its sketch was built without motors.
-        """
+        """Open the port, wait until the base answers, and make it stand. Does nothing when open."""
         if self._link:
             return
         link = SerialLink(self._context.port_path(self._options.port), self._options.baud)
@@ -269,8 +250,7 @@ class RosArduinoBase:
     def apply(self, command: TwistCommand) -> TwistCommand:
         """Move as commanded.
 
-        Returns:
-            What was sent: limited to the fastest wheel speed along the same curve, and rounded to whole encoder ticks.
+        The speeds returned are those sent: limited along the same curve, and rounded to whole encoder ticks.
 
         Raises:
             LinkLostError: The port is gone, takes no bytes, or nothing was answered for `LOST_AFTER_S`.
@@ -286,12 +266,7 @@ class RosArduinoBase:
         return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps)
 
     def tick(self, now_s: float) -> None:
-        """Read answers, and repeat a stop that was not acknowledged, also while the link counts as lost.
-
-        Raises:
-            LinkLostError: The port is gone, takes no bytes, or nothing was answered for `LOST_AFTER_S`.
-            ProtocolError: The base refused a command.
-        """
+        """Read answers, and repeat a stop that was not acknowledged, also while the link counts as lost."""
         link = self._opened()
         self._read_replies(link, now_s)
         if self._awaited.stop_is_overdue(now_s):
@@ -300,20 +275,12 @@ class RosArduinoBase:
         self._check_silence(link)
 
     def stop(self) -> None:
-        """Stand still at once. Does nothing when closed.
-
-        Raises:
-            LinkLostError: The stop could not be sent.
-        """
+        """Stand still at once. Does nothing when closed."""
         if self._link:
             self._send(self._link, codec.STOP, self._clock.now_s())
 
     def close(self) -> None:
-        """Stop, wait shortly until the stop has left the computer, and release the port.
-
-        Raises:
-            LinkLostError: The stop could not be sent; the port is released all the same.
-        """
+        """Stop, wait shortly until the stop has left the computer, and release the port, even if the stop fails."""
         link = self._link
         if not link:
             return

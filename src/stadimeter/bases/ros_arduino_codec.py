@@ -38,12 +38,7 @@ class Acknowledged:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncoderCounts:
-    """The answer to `ASK_ENCODERS`.
-
-    Attributes:
-        left: Ticks of the left wheel since the last reset.
-        right: Ticks of the right wheel.
-    """
+    """The answer to `ASK_ENCODERS`: ticks of each wheel since the last reset."""
 
     left: int
     right: int
@@ -51,11 +46,7 @@ class EncoderCounts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaudRate:
-    """The answer to `ASK_BAUD_RATE`; it shows that the firmware runs.
-
-    Attributes:
-        baud: The speed of the line in bits per second.
-    """
+    """The answer to `ASK_BAUD_RATE`, in bits per second; it shows that the firmware runs."""
 
     baud: int
 
@@ -67,12 +58,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Garbage:
-    """Bytes that were dropped: noise on the line, what a boot loader says, or a line that means nothing.
-
-    Attributes:
-        size: How many bytes were dropped.
-        text: The printable end of them.
-    """
+    """Bytes that were dropped: noise, a boot loader's, or a line without meaning; `text` is their printable end."""
 
     size: int
     text: str = ""
@@ -82,16 +68,9 @@ Reply = Acknowledged | EncoderCounts | BaudRate | Refused | Garbage
 
 
 def encode_drive(left_ticks: int, right_ticks: int) -> bytes:
-    """Return the command that drives both wheels at a controlled speed.
+    """Return the command that drives both wheels at a speed in ticks per frame (`FRAME_S`), to send in one write.
 
-    Args:
-        left_ticks: Encoder ticks per frame (`FRAME_S`) of the left wheel, which comes first.
-
-    Returns:
-        The bytes to send, in one write.
-
-    Raises:
-        CommandRangeError: A speed does not fit the firmware's 16 bits.
+    Raises `CommandRangeError` for a speed beyond the firmware's 16 bits.
     """
     if max(abs(left_ticks), abs(right_ticks)) > MAX_TICKS_PER_FRAME:
         raise CommandRangeError(
@@ -117,11 +96,7 @@ class ReplyParser:
         return self._dropped_bytes
 
     def feed(self, data: bytes) -> list[Reply]:
-        """Take in what has arrived.
-
-        Returns:
-            The replies that are complete now, oldest first. Garbage comes before the reply that it stood in front of.
-        """
+        """Return the replies that are complete now, oldest first; garbage comes before the reply behind it."""
         replies: list[Reply] = []
         for byte in data:
             if byte in b"\r\n":

@@ -34,10 +34,6 @@ class SerialLink:
     for a processor longer than any limit here, while the port took every byte. So a limit only says when to look once
     more, and what counts is what is left then. pyserial's own write goes wrong both ways: with a ``write_timeout``
     above 0 it reports a frame that was taken whole, but late, and with 0 it never returns from a port that is full.
-
-    Args:
-        path: The port, best as ``/dev/serial/by-id/…``, which does not change when something else is plugged in.
-        baud: The speed of the line in bits per second.
     """
 
     def __init__(self, path: str, baud: int) -> None:
@@ -51,11 +47,7 @@ class SerialLink:
         return self._path
 
     def open(self) -> None:
-        """Open the port and lock it, so that no second program can mix its bytes with ours.
-
-        Raises:
-            DeviceOpenError: It is absent, in use, not ours to open, or no serial port.
-        """
+        """Open the port and lock it, so that no second program can mix its bytes with ours."""
         try:
             self._port = serial.Serial(self._path, self._baud, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
@@ -84,11 +76,7 @@ class SerialLink:
                 )
 
     def read(self) -> bytes:
-        """Return what has arrived, which may be nothing. Never waits.
-
-        Raises:
-            LinkLostError: The port is gone.
-        """
+        """Return what has arrived, which may be nothing; never waits. Raises `LinkLostError` if the port is gone."""
         port = self._opened()
         try:
             return port.read(_MOST_BYTES_A_READ)
@@ -96,11 +84,7 @@ class SerialLink:
             raise self._lost(error) from error
 
     def drain(self) -> None:
-        """Wait until everything written has left the computer, for at most `DRAIN_TIMEOUT_S`.
-
-        Raises:
-            LinkLostError: The port is gone, or the bytes have not left in time.
-        """
+        """Wait until everything written has left the computer; raises `LinkLostError` after `DRAIN_TIMEOUT_S`."""
         deadline_s = time.monotonic() + DRAIN_TIMEOUT_S
         while self._waiting() and time.monotonic() < deadline_s:
             time.sleep(0.001)

@@ -16,11 +16,7 @@ from stadimeter.ranging.calibration_check import CalibrationCheck, check_calibra
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to its group.
-
-    Args:
-        app: The group ``calibrate``.
-    """
+    """Add the command to the group ``calibrate``."""
     app.command("check")(check)
 
 

@@ -31,11 +31,7 @@ MISFIT_SIGMAS = 3.0
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to its group.
-
-    Args:
-        app: The group ``calibrate``.
-    """
+    """Add the command to the group ``calibrate``."""
     app.command("distance")(distance)
 
 

@@ -117,11 +117,7 @@ def _print_json(problems: tuple[Problem, ...], warnings: tuple[Problem, ...], de
 def print_problems(
     console: Console, problems: Iterable[Problem], kind: Kind, sources: dict[str, list[str]] | None = None
 ) -> None:
-    """Print each problem with its line, underlined, and what to do about it.
-
-    Args:
-        sources: The files that were read for this before; those that are read now are added.
-    """
+    """Print each problem with its line, underlined, and what to do about it. Files that are read are added."""
     sources = {} if sources is None else sources
     every = list(problems)
     for problem in every[:MOST_SHOWN]:

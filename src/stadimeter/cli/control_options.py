@@ -35,11 +35,7 @@ def asked(
     socket: Path | None,
     wait_s: float = ANSWER_WAIT_S,
 ) -> Any:
-    """Ask the running instance: that at a socket, or with a configuration, or the only one.
-
-    Raises:
-        ControlError: None runs, several do, or it refuses.
-    """
+    """Ask the running instance: that at a socket, or with a configuration, or the only one."""
     return ask(socket or find(config), op, args, wait_s)
 
 

@@ -105,9 +105,6 @@ def explain_recording(run: ReplayRun, rule: str, at: str | None) -> tuple[Explan
     Returns:
         The explanation of the last cycle that is not after that moment, and its time since the beginning in seconds.
 
-    Raises:
-        ConfigError: There is no such rule, no such moment, or the text is no moment.
-        JournalError: The recording is damaged.
     """
     until_s = None if at is None else seconds_since_the_beginning(at, run.recording.header.began_at)
     began_s, last_s, decision = None, 0.0, None
@@ -140,9 +137,6 @@ def seconds_since_the_beginning(at: str, began_at: str) -> float:
     Args:
         at: As typed: ``12.5``, ``12.5 s``, ``14:03``, ``14:03:20.5`` or ``2026-06-01 14:03:20``.
         began_at: When the recording began, ISO 8601.
-
-    Raises:
-        ConfigError: It is none of these.
     """
     after_s = _duration_s(at)
     if after_s is not None:
@@ -156,11 +150,7 @@ def seconds_since_the_beginning(at: str, began_at: str) -> float:
 
 
 def seconds_ago(at: str, now: datetime) -> float:
-    """Read a moment that is over, in seconds before now: ``12.5 s``, or a time of day.
-
-    Raises:
-        ConfigError: It is no moment.
-    """
+    """Read a moment that is over, in seconds before now: ``12.5 s``, or a time of day; else `ConfigError`."""
     ago_s = _duration_s(at)
     if ago_s is not None:
         return ago_s

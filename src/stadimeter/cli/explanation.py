@@ -26,11 +26,7 @@ _NO_SHARE = 5e-6
 
 
 def explanation(result: TargetResult) -> list[str]:
-    """Explain what became of a target in a picture.
-
-    Returns:
-        Lines of text, to stand below the one with the result; none for a picture that could not be read.
-    """
+    """Explain in lines what became of a target in a picture; none for a picture that could not be read."""
     found = result.detection
     if found is None:
         return []
@@ -40,11 +36,7 @@ def explanation(result: TargetResult) -> list[str]:
 
 
 def explanation_record(result: TargetResult) -> dict[str, object]:
-    """Return the same as `explanation` as further fields of the object that ``--json`` prints.
-
-    Returns:
-        Lengths in metres and in pixels; null where the target was not found.
-    """
+    """Return `explanation` as further fields of the object that ``--json`` prints, in metres and pixels."""
     found, parts = result.detection, result.parts
     seen = found if found is not None and found.status is not DetectionStatus.NOT_FOUND else None
     return {
@@ -143,9 +135,6 @@ def copy_paths(images: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
 
     No copy has the name of its picture, so that the folder may be the pictures' own.
 
-    Args:
-        folder: Where to; it is made if it is not there. None for no copies.
-
     Raises:
         ConfigError: The folder cannot be made.
     """
@@ -168,12 +157,7 @@ def copy_paths(images: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
 
 
 def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) -> tuple[Mark, ...]:
-    """Return what to draw into the copy of a picture.
-
-    Args:
-        unit: The unit of the headlines.
-        explain: Whether to draw what was looked at and rejected as well.
-    """
+    """Return what to draw into the copy of a picture; with ``explain``, also what was rejected."""
     marks = (_mark(each, unit) for each in result.targets)
     if not explain:
         return tuple(marks)

@@ -36,11 +36,7 @@ LENGTH_UNITS = {unit.symbol: unit for unit in (METRE, CENTIMETRE, FOOT, INCH)}
 
 
 def length_unit(symbol: str) -> LengthUnit:
-    """Return the unit with a symbol.
-
-    Raises:
-        ConfigError: Distances are not shown in that unit.
-    """
+    """Return the unit with a symbol; `ConfigError` if distances are not shown in that unit."""
     if symbol in LENGTH_UNITS:
         return LENGTH_UNITS[symbol]
     close = difflib.get_close_matches(symbol, LENGTH_UNITS, n=1)
@@ -160,11 +156,7 @@ def format_age(age_s: float) -> str:
 
 
 def format_place(candidate: RejectedCandidate) -> str:
-    """Write the size and the position of a candidate.
-
-    Returns:
-        Such as ``24 px at 310, 120``.
-    """
+    """Write the size and the position of a candidate, such as ``24 px at 310, 120``."""
     x, y = candidate.centre_px
     return f"{candidate.size_px:.0f} px at {x:.0f}, {y:.0f}"
 

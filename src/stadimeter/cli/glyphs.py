@@ -48,11 +48,7 @@ class Glyphs:
         return shown.translate(_ASCII_WORDS).encode("ascii", "replace").decode("ascii")
 
     def fit(self, text: Text, width: int) -> Text:
-        """Return a line cut or filled to a width.
-
-        Args:
-            width: How many columns it shall take.
-        """
+        """Return a line cut or filled to a width in columns."""
         text.truncate(width, overflow="crop" if self.ascii_only else "ellipsis", pad=True)
         return text
 

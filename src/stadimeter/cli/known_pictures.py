@@ -44,26 +44,16 @@ ToneCurveOption = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownPictures:
-    """Pictures in which the target was looked for.
-
-    Attributes:
-        usable: Those in which the target was found whole.
-        all_usable: Whether that is all of them.
-    """
+    """Pictures in which the target was found whole, and whether those are all."""
 
     usable: tuple[KnownDistance, ...]
     all_usable: bool
 
 
 def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None) -> KnownPictures:
-    """Look for the target in pictures, and say on standard error which cannot be used, and why.
+    """Look for the target in ``PATH@DISTANCE`` pictures; say on standard error which cannot be used, and why.
 
-    Args:
-        pictures: Each as ``PATH@DISTANCE``.
-        camera_model: The lens; None where it is not known yet.
-
-    Raises:
-        StadimeterError: A distance or a picture is wrong, or the pictures were taken with different zoom.
+    Raises `StadimeterError` if a distance or a picture is wrong, or the zoom differs.
     """
     taken = [_split(each) for each in pictures]
     _refuse_twice([path for path, _ in taken])

@@ -14,12 +14,7 @@ from typer.core import TyperCommand, TyperGroup
 
 @dataclass(frozen=True, slots=True)
 class LazyCommand:
-    """A command that is not loaded yet.
-
-    Attributes:
-        module: The module whose function ``register`` adds the command to a command line.
-        summary: What the list of commands says about it: the first sentence of its own help.
-    """
+    """A command that is not loaded yet: a module with a function ``register``, and the first sentence of its help."""
 
     module: str
     summary: str
@@ -39,7 +34,7 @@ class LazyGroup(TyperGroup):
             self.add_command(TyperCommand(name, help=lazy.summary, rich_markup_mode=self.rich_markup_mode))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Load the command that is called, the first of the arguments, and let the group go on with it."""
+        """Load the command that is called, and let the group go on with it."""
         if args and args[0] in self.LAZY:
             self.load(args[0])
         return super().resolve_command(ctx, args)

@@ -39,11 +39,9 @@ class LiveView:
     times a second. Without that, `render` may be printed at any time.
 
     Args:
-        unit: The unit of distances: ``m``, ``cm``, ``ft`` or ``in``.
         trouble: Says what is wrong outside the loop, such as with the broker; an empty string if nothing.
         messages: Returns what was sent to other programs and when, newest first.
         limits_m: Distances to mark in the chart of each target, such as those of its rules.
-        console: Where to draw; standard output by default.
         real_time_s: A monotonic clock of real time, in seconds. Simulated time would draw too often, or too seldom.
 
     Raises:
@@ -204,12 +202,7 @@ def _wide(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyp
 
 
 def grant_rows(free: int, claims: Sequence[tuple[str, int]], most: dict[str, int]) -> Counter[str]:
-    """Share rows out. Headings come all together or not at all.
-
-    Args:
-        claims: Names with the rows that they want, the most important claim first.
-        most: The upper limits of some of them.
-    """
+    """Share rows out, the most important claim first, up to ``most``. Headings come all together or not at all."""
     rows: Counter[str] = Counter()
     for name, wanted in claims:
         granted = int(max(0, min(free, wanted, most.get(name, math.inf) - rows[name])))

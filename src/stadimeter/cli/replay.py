@@ -211,11 +211,7 @@ def event_line(event: Event) -> str:
 
 
 def comparison_lines(result: ReplayResult, *, same_rules: bool) -> Iterator[str]:
-    """Return in lines how decisions compare with the recorded ones.
-
-    Args:
-        same_rules: Whether the rules were those of the recording.
-    """
+    """Return in lines how decisions compare with the recorded ones."""
     rules = "the configuration of the recording" if same_rules else "another configuration than the recording's"
     yield f"{result.cycles} cycles, {result.identical} decisions identical, with {rules}."
     for difference in result.differences:

@@ -15,16 +15,21 @@ from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.exits import DONE, plain_errors
-from stadimeter.cli.recording_options import (
+from stadimeter.cli.run_options import (
     ImageQuality,
     ImageRate,
     JournalFile,
     Keeping,
+    NoState,
     RecordFile,
     RecordImages,
+    Serving,
+    SocketFile,
+    StateFile,
+    TrustClock,
     kept,
+    served,
 )
-from stadimeter.cli.service_options import NoState, Serving, SocketFile, StateFile, TrustClock, served
 from stadimeter.cli.viewing import View, in_words, show, summarise
 from stadimeter.config.loader import load_configuration
 
@@ -132,11 +137,7 @@ def demo(
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """How a run is shown.
-
-    Attributes:
-        unit: The unit of distances.
-    """
+    """How a run is shown."""
 
     view: View
     title: str

@@ -97,11 +97,7 @@ def _rule_block(
 
 
 def why(decision: Decision, rule: str) -> str:
-    """Return why a rule does what it does: the sentence of ``stadimeter explain``.
-
-    Returns:
-        The sentence; the reason alone where the decision was read from a file.
-    """
+    """Return why a rule does what it does, as ``stadimeter explain``; the reason alone if read from a file."""
     if isinstance(decision.reasons, Reasons):
         return explain(decision, rule).sentence
     return decision.reasons.get(rule, "")

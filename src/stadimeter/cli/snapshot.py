@@ -20,15 +20,12 @@ class Snapshot:
     """All that a live view shows at one moment.
 
     Attributes:
-        record: The newest cycle; None before the first.
         started_s: The time of the first cycle, on the run's monotonic clock.
         frame_age_s: Age of the newest frame; None before the first.
         looked_at: Rejected candidates of each target that the newest frame does not show, the most like it first.
-        tilts_rad: Tilt of each flat target that was measured in the newest frame.
         samples: The recent distances of each target, oldest first.
         events: Newest first.
         messages: The messages to other programs, each with its time, newest first.
-        limits_m: Distances to mark in the chart of each target.
         trouble: A fault outside the loop, such as of the broker; empty if there is none.
     """
 
@@ -65,7 +62,6 @@ class Sample:
     """A distance at a moment.
 
     Attributes:
-        at_s: The moment, on the run's monotonic clock.
         distance_m: The filtered distance; None while there is none that may be acted on.
         sigma_m: Its standard deviation; 0 if unknown.
     """

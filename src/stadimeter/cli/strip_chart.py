@@ -40,7 +40,6 @@ class StripChart:
     Attributes:
         width: Its columns, axis and labels included.
         height: Its rows, the axis of time included; below 3 nothing can be drawn.
-        limits_m: Distances to draw as dotted lines.
     """
 
     width: int
@@ -51,15 +50,7 @@ class StripChart:
     glyphs: Glyphs = UNICODE
 
     def render(self, samples: Sequence[Sample], now_s: float) -> list[Text]:
-        """Draw the chart.
-
-        Args:
-            samples: The distances, oldest first. One without a distance makes a gap.
-            now_s: The time at the right edge, on the clock of the samples.
-
-        Returns:
-            The rows, each of `width` columns at most; fewer than `height`, or none, where there is no room.
-        """
+        """Draw the chart up to a time on the samples' clock; fewer rows, or none, where there is no room."""
         rows = self.height - 1
         if rows < 2:
             return []
@@ -151,11 +142,7 @@ class DotCanvas:
         return self._height * self._dots_down
 
     def dots_of_row(self, position: float) -> int:
-        """Return the row of dots nearest to a position, at most one outside of the canvas.
-
-        Args:
-            position: In rows of cells: 0 is the middle of the top row, 1 that of the next.
-        """
+        """Return the row of dots nearest to a position in rows of cells, at most one outside of the canvas."""
         row = round(position * self._dots_down + (self._dots_down - 1) / 2)
         return min(max(row, -1), self.height_dots)
 

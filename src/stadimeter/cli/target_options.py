@@ -108,11 +108,7 @@ class _Companion:
 
 @dataclass(frozen=True, slots=True)
 class _Shorthand:
-    """A short option for a built-in kind of target, and its companions. Every kind can be named with ``--target``.
-
-    Attributes:
-        keys: The keys that its value fills, separated by commas.
-    """
+    """A short option for a built-in kind of target, and its companions. Every kind can be named with ``--target``."""
 
     kind: str
     metavar: str
@@ -176,13 +172,7 @@ GivenTarget = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedTargets:
-    """Targets to look for.
-
-    Attributes:
-        choices: The detector of each target with its checked options.
-        camera_model: The lens that the configuration names, if any.
-        unit: The unit that the person thinks in.
-    """
+    """Targets to look for, with their checked options, the configuration's lens if any, and the person's unit."""
 
     choices: tuple[DriverChoice, ...]
     camera_model: CameraModel | None = None
@@ -216,15 +206,7 @@ def _parameter(flag: str) -> str:
 
 
 def wanted_targets(given: GivenTarget, config: Path | None = None) -> WantedTargets:
-    """Return what the options describe.
-
-    Args:
-        given: The values by option; an option that was not given is missing, None or its default.
-        config: ``--config``, for the targets of a configuration.
-
-    Raises:
-        ConfigError: They contradict each other, or one of them is wrong.
-    """
+    """Return what the options describe, or the targets of ``--config``; `ConfigError` if they contradict each other."""
     said = {flag: value for flag, value in given.items() if value is not None and value != _OPTIONS[flag][1]}
     describing = [flag for flag in (*SHORTHANDS, "--target") if flag in said]
     names = [*describing, *(["--config"] if config is not None else [])]
@@ -336,14 +318,7 @@ def _problem(key: str, message: str, hint: str, keys: Mapping[str, str]) -> Prob
 
 
 def parse_known_length(text: str, option: str) -> float:
-    """Read a length above zero of the command line, in metres.
-
-    Args:
-        option: The option or argument, for the message.
-
-    Raises:
-        ConfigError: It is no length above zero with a unit.
-    """
+    """Read a length above zero, in metres; the `ConfigError` names the option."""
     try:
         return parse_length(text)
     except ValueError as error:

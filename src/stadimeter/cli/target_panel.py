@@ -43,11 +43,7 @@ WHY_FROM_ROWS, WHY_ROWS = 7, 4
 
 
 def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
-    """Show one target in the room that there is.
-
-    Returns:
-        At most `rows` lines.
-    """
+    """Show one target in the room that there is, in at most `rows` lines."""
     figures = _Figures(snapshot, track, glyphs)
     if rows < 2:
         return [glyphs.fit(figures.one_line(), width)][:rows]
@@ -143,11 +139,7 @@ def _wrapped(words: str, width: int) -> list[str]:
 
 
 def bearing_scale(bearing_rad: float | None, glyphs: Glyphs, width: int = 17) -> Text:
-    """Draw a bearing, positive to the right, on a scale such as ``├──●────┼───────┤``; empty if unknown.
-
-    Args:
-        width: Columns of the scale, an odd number.
-    """
+    """Draw a bearing, positive to the right, on a scale such as ``├──●────┼───────┤``; empty if unknown."""
     if bearing_rad is None or not math.isfinite(bearing_rad):
         return Text()
     inner = width - 2

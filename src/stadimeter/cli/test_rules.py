@@ -27,11 +27,7 @@ expect.RULE = { transitions_max = 2 }"""
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command.
-
-    Args:
-        app: The command line.
-    """
+    """Add the command."""
     app.command("test")(run_tests)
 
 

@@ -15,13 +15,123 @@ import typer
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.health import Health, percentile
 from stadimeter.app.loop import Loop
-from stadimeter.cli.plain_view import PlainView
+from stadimeter.cli.formatting import (
+    format_best,
+    format_distance,
+    format_level,
+    format_speed,
+    format_time,
+    format_turn,
+    length_unit,
+)
+from stadimeter.cli.glyphs import ASCII, UNICODE
+from stadimeter.cli.snapshot import LookedAt
+from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.decision import Event, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.track import Track
 
 if TYPE_CHECKING:
     from stadimeter.cli.live_view import LiveView
+
+
+SILENT = frozenset({RuleStatus.IDLE, RuleStatus.UNKNOWN})
+"""Rules that do nothing are not named in each line."""
+
+
+class PlainView:
+    """Writes a line about the run every second, and each event at once.
+
+    Args:
+        write: Takes one line without its line break, such as `print`.
+        trouble: Says what is wrong outside the loop; said again only when it changes.
+        ascii_only: Whether `write` takes nothing but ASCII.
+
+    Raises:
+        ConfigError: Distances are not shown in that unit.
+    """
+
+    def __init__(
+        self,
+        write: Callable[[str], None],
+        every_s: float = 1.0,
+        *,
+        unit: str = "m",
+        trouble: Callable[[], str] = str,
+        ascii_only: bool = False,
+    ) -> None:
+        self._write = write
+        self._every_s = every_s
+        self._unit = length_unit(unit)
+        self._trouble = trouble
+        self._glyphs = ASCII if ascii_only else UNICODE
+        self._started_s: float | None = None
+        self._due_s = 0.0
+        self._said = ""
+        self._looked_at = LookedAt()
+
+    def update(self, record: CycleRecord) -> None:
+        """Write what there is to say about a cycle."""
+        now_s = record.observation.now_s
+        self._looked_at.add(record)
+        if self._started_s is None:
+            self._started_s = self._due_s = now_s
+        for event in record.decision.events:
+            self._line(event.at_s, _event_words(event))
+        self._say_trouble(now_s)
+        if now_s < self._due_s - 1e-9:
+            return
+        self._line(now_s, "  ".join(self._words(record)))
+        missed = int((now_s - self._due_s) / self._every_s + 1e-9) if self._every_s > 0 else 0
+        self._due_s += (missed + 1) * self._every_s
+
+    def _say_trouble(self, now_s: float) -> None:
+        trouble = self._trouble()
+        if trouble != self._said:
+            self._line(now_s, trouble or "that trouble is over")
+        self._said = trouble
+
+    def _line(self, at_s: float, words: str) -> None:
+        self._write(self._glyphs.words(f"{format_time(at_s - (self._started_s or 0.0)):>8}  {words}"))
+
+    def _words(self, record: CycleRecord) -> Iterator[str]:
+        decision, observation = record.decision, record.observation
+        if decision.safety is not SafetyMode.ACTIVE:
+            yield f"{decision.safety.value.upper()}: {decision.safety_reason}"
+            if observation.camera_fault:
+                yield f"camera: {observation.camera_fault}"
+        yield from (self._target(track) for track in decision.tracks)
+        yield from (self._output(command) for command in record.applied)
+        yield from (f"{fault.output} OUT OF ORDER: {fault.reason}" for fault in observation.output_faults)
+        shown = (trace for trace in decision.rules if trace.status not in SILENT)
+        yield from (_rule(trace, decision.reasons.get(trace.rule, "")) for trace in shown)
+
+    def _target(self, track: Track) -> str:
+        if track.is_valid:
+            distance = format_distance(track.distance_m, track.sigma_m, self._unit)
+            return f"{track.target} {distance} {track.status.value}"
+        best = format_best(track.reason, self._looked_at.by_target.get(track.target, ()))
+        why = "; ".join(words for words in (track.reason, best) if words)
+        return f"{track.target} {track.status.value}" + (f" ({why})" if why else "")
+
+    def _output(self, command: Command) -> str:
+        if isinstance(command, LevelCommand):
+            return f"{command.output} {format_level(command.level)}"
+        speed = format_speed(command.linear_mps, None, self._unit)
+        return f"{command.output} {speed} {format_turn(command.angular_radps)}"
+
+
+def _rule(trace: RuleTrace, reason: str) -> str:
+    marks = ", ".join([*([] if trace.acknowledged else ["unacknowledged"]), *trace.gates])
+    return f"{trace.status.value.upper()} {trace.rule}{f' ({marks})' if marks else ''}: {reason}"
+
+
+def _event_words(event: Event) -> str:
+    what = f"* {event.severity.value}: {event.source} {event.kind.value.replace('_', ' ')}"
+    return f"{what}: {event.reason}" if event.reason else what
+
 
 View = Literal["live", "plain", "json"]
 _NO_SCREEN = nullcontext()
@@ -102,11 +212,7 @@ class _TroubleLines:
 
 
 def chart_limits_m(plan: Plan) -> dict[str, list[float]]:
-    """Return the distances at which rules begin, for marking them in a chart.
-
-    Returns:
-        For each target the distances in metres, nearest first.
-    """
+    """Return, by target, the distances at which rules begin, nearest first, to mark them in a chart."""
     limits_m: dict[str, set[float]] = {target: set() for target in plan.targets}
     for rule in plan.rules:
         limits_m[rule.target].update(_limits_m(rule))
@@ -153,11 +259,7 @@ class ViewThread:
         self._thread.start()
 
     def submit(self, record: CycleRecord) -> None:
-        """Hand a cycle over, and return at once.
-
-        Raises:
-            Exception: What ended the view.
-        """
+        """Hand a cycle over, and return at once. Raises what ended the view."""
         if self.failure is not None:
             raise self.failure
         try:
@@ -166,11 +268,7 @@ class ViewThread:
             self.dropped += 1
 
     def stop(self, wait_s: float = STOP_WAIT_S) -> None:
-        """Show what waits, and end. A view that blocks is left behind: its thread is a daemon.
-
-        Args:
-            wait_s: How long to wait for it.
-        """
+        """Show what waits, and end. A view that blocks is left behind: its thread is a daemon."""
         until_s = time.monotonic() + wait_s
         try:
             self._waiting.put(None, timeout=wait_s)
@@ -188,11 +286,7 @@ class ViewThread:
 
 
 def summarise(health: Health, ending: str) -> dict[str, Any]:
-    """Return the figures of a run.
-
-    Returns:
-        What ``run --json`` prints: counts, and times in milliseconds.
-    """
+    """Return the figures of a run, as ``run --json`` prints them: counts, and times in milliseconds."""
     return {
         "ended": ending,
         "cycles": health.cycles,
@@ -205,11 +299,7 @@ def summarise(health: Health, ending: str) -> dict[str, Any]:
 
 
 def in_words(summary: dict[str, Any]) -> str:
-    """Return the figures of a run as a few lines.
-
-    Args:
-        summary: What `summarise` returned.
-    """
+    """Return the figures of a run as a few lines."""
     lines = [f"Ended: {summary['ended'] or 'unknown'}. {summary['frames']} frames in {summary['cycles']} cycles."]
     for target, counts in summary["tracks"].items():
         lines.append(f"{target}: {_listed(counts)}.")

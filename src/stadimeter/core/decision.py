@@ -103,7 +103,7 @@ class RuleStatus(StrEnum):
     CLEARING = "clearing"
     """Its condition no longer holds, but not yet for long enough."""
     LATCHED = "latched"
-    """Its condition is over, but it stands until somebody resets it."""
+    """Its condition is over, but it stands until it is reset."""
     RETURNED = "returned"
     """Its condition is over, but nobody has acknowledged it."""
     UNKNOWN = "unknown"

@@ -91,12 +91,7 @@ class AppriseNotifier:
         return delivery.undelivered() if delivery is not None else self._left
 
     def open(self) -> None:
-        """Load apprise and understand the URL. Nothing is sent yet.
-
-        Raises:
-            DriverUnavailableError: apprise is not installed.
-            DeviceOpenError: The URL cannot be read, or apprise does not know such a service.
-        """
+        """Load apprise and understand the URL. Nothing is sent yet."""
         if self._delivery is not None:
             return
         url = self._url()
@@ -240,8 +235,6 @@ class Delivery:
     Args:
         deliver: Hands one notification to the service; returns why it could not, or an empty string. It may take its
             time, and is always called in the delivery's own thread.
-        retry_s: For how long one notification is tried.
-        patience: The pauses between two attempts, and how long to wait at the end.
 
     Attributes:
         delivered: How many notifications the service has taken.

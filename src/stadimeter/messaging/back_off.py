@@ -46,11 +46,7 @@ class BackOff:
         return pause_s
 
     def spread_s(self, pause_s: float) -> float:
-        """Return a pause with the spread.
-
-        Args:
-            pause_s: The pause in seconds.
-        """
+        """Return a pause with the spread."""
         return pause_s * random.uniform(1 - self.SPREAD, 1)  # noqa: S311 - nothing secret depends on it
 
     def reset(self) -> None:

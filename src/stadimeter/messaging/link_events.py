@@ -12,7 +12,7 @@ from typing import Any
 from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags
 from paho.mqtt.reasoncodes import ReasonCode
 
-from stadimeter.messaging.mqtt_options import MqttOptions
+from stadimeter.messaging.mqtt_client import MqttOptions
 
 STABLE_S = 10.0
 """A connection that ends sooner is not taken for a sign that all is well."""
@@ -131,11 +131,7 @@ TAKEN_OVER = 0x8E
 
 
 def unreachable(options: MqttOptions, error: OSError) -> str:
-    """Say why there is no connection at all.
-
-    Returns:
-        One line, without what happens next.
-    """
+    """Say why there is no connection at all, in one line."""
     place = options.place
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"the certificate of {place} is not trusted: {error.verify_message}; name its authority in ca_file"
@@ -157,11 +153,7 @@ def _trouble(error: OSError) -> str:
 
 
 def refused(options: MqttOptions, reason: ReasonCode) -> str:
-    """Say why the broker would not have us.
-
-    Returns:
-        One line, without what happens next.
-    """
+    """Say why the broker would not have us."""
     if reason.value in {NOT_AUTHORISED, BAD_LOGIN}:
         who = f"the login of '{options.username}'" if options.username else "a connection without a login"
         return f"{options.place} refused {who} ({reason}); check username and password_file"
@@ -171,22 +163,14 @@ def refused(options: MqttOptions, reason: ReasonCode) -> str:
 
 
 def sent_away(options: MqttOptions, reason: ReasonCode) -> str:
-    """Say why the broker ended the connection.
-
-    Returns:
-        One line, without what happens next.
-    """
+    """Say why the broker ended the connection."""
     if reason.value == TAKEN_OVER:
         return f"another program uses the client id '{options.client_id}' at {options.place}; give each its own node"
     return f"{options.place} ended the connection ({reason})"
 
 
 def broke_off(options: MqttOptions, reason: ReasonCode, *, had_answered: bool) -> str:
-    """Say how a connection ended without a word from the broker.
-
-    Returns:
-        One line, without what happens next.
-    """
+    """Say how a connection ended without a word from the broker."""
     if reason.value == KEEPALIVE:
         return silent(options, had_answered=had_answered)
     if reason.value == NO_MQTT:
@@ -215,11 +199,7 @@ def shared_name(options: MqttOptions) -> str:
 
 
 def silent(options: MqttOptions, *, had_answered: bool) -> str:
-    """Say that the broker says nothing.
-
-    Returns:
-        One line, without what happens next.
-    """
+    """Say that the broker says nothing."""
     return f"{options.place} has stopped answering" if had_answered else f"{options.place} does not answer"
 
 

@@ -7,8 +7,7 @@ from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError, DeviceClosedError
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.broker_link import BrokerLink
-from stadimeter.messaging.mqtt_client import read_secrets
-from stadimeter.messaging.mqtt_options import MqttOptions
+from stadimeter.messaging.mqtt_client import MqttOptions, read_secrets
 
 
 class PahoMessenger:
@@ -42,11 +41,7 @@ class PahoMessenger:
         return link.undelivered() if link is not None else self._left
 
     def open(self) -> None:
-        """Begin to connect and return at once. A broker that is away is not an error.
-
-        Raises:
-            DeviceOpenError: The password or certificate file cannot be used.
-        """
+        """Begin to connect and return at once. A broker that is away is not an error."""
         if self._link is not None:
             return
         self._link = BrokerLink(self._options, read_secrets(self._options), self._patience)

@@ -31,17 +31,12 @@ class Messenger(Protocol):
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first.
 
-        After `close`, those that were left over; they are sent if it is opened again. It may be called from any thread,
-        and a run keeps them in its state file: publishing them in the next run sends them again.
+        May be called from any thread, also after `close`. The next run publishes them again.
         """
         ...
 
     def trouble(self) -> str:
-        """Return in words what is wrong with the connection, or an empty string if it stands.
-
-        Returns:
-            Such as ``127.0.0.1:1883 refused the connection; trying again in 4 s``.
-        """
+        """Return what is wrong with the connection, such as ``127.0.0.1:1883 refused the connection``; else ``""``."""
         ...
 
     def close(self) -> None:
@@ -76,17 +71,12 @@ class Notifier(Protocol):
     def undelivered(self) -> tuple[Notification, ...]:
         """Return the notifications that were neither taken nor given up, oldest first.
 
-        After `close`, those that were left over; they are sent if it is opened again. It may be called from any thread,
-        and a run keeps them in its state file: `notify` in the next run sends them again.
+        May be called from any thread, also after `close`. The next run sends them again.
         """
         ...
 
     def trouble(self) -> str:
-        """Return in words what is wrong, or an empty string if everything was delivered so far.
-
-        Returns:
-            One line, without the service's address: that is a secret more often than not.
-        """
+        """Return what is wrong in one line, without the service's address, which is mostly a secret; else ``""``."""
         ...
 
     def close(self) -> None:

@@ -10,14 +10,7 @@ ResultT = TypeVar("ResultT")
 
 
 def eventually(condition: Callable[[], ResultT], within_s: float = 20.0) -> ResultT:
-    """Wait until something holds.
-
-    Args:
-        condition: Returns something true when it holds. It is asked again and again.
-
-    Raises:
-        AssertionError: It did not hold in time.
-    """
+    """Wait until a condition returns something true, else raise `AssertionError` after a while."""
     until_s = time.monotonic() + within_s
     while not (result := condition()):
         assert time.monotonic() < until_s, f"this did not become true within {within_s:g} s: {result!r}"

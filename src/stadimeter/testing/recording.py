@@ -17,12 +17,7 @@ Action = Literal["open", "apply", "tick", "stop", "close"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Call:
-    """One call that a double received.
-
-    Attributes:
-        at_s: When, on the double's clock.
-        command: What `apply` was given; None for every other action.
-    """
+    """One call that a double received; `command` is what `apply` was given, None for every other action."""
 
     at_s: float
     device: str
@@ -142,7 +137,6 @@ class RecordingMessenger:
     """A messenger that keeps its messages.
 
     Attributes:
-        messages: What was published, in order.
         given_up: How many messages it says that it gave up.
         left: What it says that it has not delivered.
         fail_with: If set, `publish` raises this.

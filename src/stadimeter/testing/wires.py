@@ -55,11 +55,7 @@ class _OtherProgram:
 
 
 class WatchedPins:
-    """One run's pins in memory, for drivers made with gpiozero.
-
-    Args:
-        context: The run; its drivers then use these pins.
-    """
+    """One run's pins in memory, for the drivers of a context that use gpiozero."""
 
     def __init__(self, context: DriverContext) -> None:
         self._factory = context.share(SHARED_KEY, lambda: MockFactory(pin_class=WatchedPin))

@@ -35,13 +35,9 @@ class Instance:
 
 
 def ask(path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: float = ANSWER_WAIT_S) -> Any:
-    """Ask a running instance.
+    """Ask a running instance for an operation such as ``ack``.
 
-    Args:
-        op: What is wanted, such as ``ack``.
-
-    Raises:
-        ControlError: It does not run, may be another user's, does not answer, or refuses; the message says which.
+    Raises `ControlError` if it does not run, may be another user's, does not answer, or refuses.
     """
     request = json.dumps({"transaction": op, "op": op, "args": args or {}}).encode() + b"\n"
     try:
@@ -57,16 +53,14 @@ def ask(path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: f
     except PermissionError as error:
         raise ControlError(f"{path}: we may not ask there; try it with sudo, or as the user that runs it") from error
     except OSError as error:
-        raise ControlError(f"{path}: nobody listens there: {error.strerror or error}") from error
+        raise ControlError(f"{path}: no instance listens there: {error.strerror or error}") from error
     return _data(path, line)
 
 
 def find(configuration: Path | None = None, sockets: Iterable[Path] | None = None) -> Path:
     """Find the running instance that is meant.
 
-    Args:
-        configuration: Its configuration; None if there is but one instance.
-        sockets: Where instances may listen; None to look for them.
+    Without a configuration, the only one. ``sockets`` names where instances may listen; None to look for them.
 
     Raises:
         ControlError: None runs, or several do; the message lists them.
@@ -88,14 +82,7 @@ def find(configuration: Path | None = None, sockets: Iterable[Path] | None = Non
 
 
 def in_words(taken: Mapping[str, Any]) -> str:
-    """Return what became of the rules when a configuration was reloaded.
-
-    Args:
-        taken: The data of the answer to ``reload``.
-
-    Returns:
-        Such as ``2 rules kept; changed: near; removed: far``.
-    """
+    """Say what became of the rules in a reload, such as ``2 rules kept; changed: near; removed: far``."""
     kept = len(taken["kept"])
     parts = [f"{kept} rule{'' if kept == 1 else 's'} kept"]
     parts += [f"{what}: {', '.join(taken[what])}" for what in ("changed", "added", "removed") if taken[what]]

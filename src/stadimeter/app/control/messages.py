@@ -117,33 +117,20 @@ _ACTIONS: Mapping[str, OperatorAction] = {
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """An answer.
-
-    Attributes:
-        data: What was asked for; None if there is an error.
-        error: Why it is not done; empty if it is.
-    """
+    """An answer: what was asked for, or why it is not done."""
 
     data: Any = None
     error: str = ""
 
     def line(self, transaction: Transaction) -> bytes:
-        """Return it as it goes over the wire.
-
-        Returns:
-            One line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair.
-        """
+        """Return one line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair."""
         answer: dict[str, Any] = {"transaction": transaction, "status": "error" if self.error else "ok"}
         answer |= {"error": self.error} if self.error else {"data": self.data}
         return json.dumps(answer, separators=(",", ":")).encode("ascii") + b"\n"
 
 
 def parse_request(line: bytes) -> Request:
-    """Read a request.
-
-    Raises:
-        ControlError: It is none; the message says what is wrong with it.
-    """
+    """Read a request; `ControlError` says what is wrong with it."""
     try:
         return _REQUEST.validate_json(line)
     except ValidationError as error:
@@ -151,11 +138,7 @@ def parse_request(line: bytes) -> Request:
 
 
 def transaction_of(line: bytes) -> Transaction:
-    """Return the transaction of a request that may be wrong otherwise.
-
-    Returns:
-        The transaction; None if there is none to be found.
-    """
+    """Return the transaction of a request that may be wrong otherwise, if there is one."""
     try:
         found = json.loads(line)
     except (ValueError, RecursionError):
@@ -195,11 +178,7 @@ def _what_is_wrong(error: ValidationError) -> str:
 
 
 def as_data(explanation: Explanation) -> dict[str, Any]:
-    """Return an explanation as JSON has it.
-
-    Returns:
-        Objects, lists, texts, finite numbers and null only.
-    """
+    """Return an explanation as JSON has it: objects, lists, texts, finite numbers and null only."""
     from pydantic import TypeAdapter  # noqa: PLC0415 - only needed here
 
     adapter = TypeAdapter(Explanation)

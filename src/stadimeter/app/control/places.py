@@ -41,11 +41,7 @@ def runtime_folder(environ: Mapping[str, str] = os.environ) -> Path:
 
 
 def usable_folder(folder: Path) -> Path:
-    """Make a folder if it is not there, and see that it is safe to listen there.
-
-    Raises:
-        ControlError: It cannot be made, or another user could put a socket of their own there.
-    """
+    """Make a folder if it is not there; `ControlError` if that fails, or another user could put a socket there."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
@@ -54,11 +50,7 @@ def usable_folder(folder: Path) -> Path:
 
 
 def checked_folder(folder: Path) -> Path:
-    """See that no other user can replace a socket in a folder.
-
-    Raises:
-        ControlError: It belongs to another user, or others may write there; the message says which.
-    """
+    """See that no other user can replace a socket in a folder; else `ControlError` says who could."""
     try:
         found = folder.lstat()
     except OSError as error:
@@ -83,13 +75,9 @@ def trusted_users(folder: Path) -> frozenset[int]:
 
 
 def socket_path(configuration: Path, folder: Path) -> Path:
-    """Return where an instance listens.
+    """Return where an instance listens, after the configuration; with the process id if another listens there.
 
-    Returns:
-        A path named after the configuration, and after the process too if another instance listens there already.
-
-    Raises:
-        ControlError: The path would be too long.
+    Raises `ControlError` if the path would be too long.
     """
     path = folder / f"{configuration.stem}{ENDING}"
     if is_alive(path):
@@ -106,11 +94,7 @@ def running(environ: Mapping[str, str] = os.environ) -> list[Path]:
 
 
 def is_alive(path: Path) -> bool:
-    """Return whether somebody listens at a socket.
-
-    Returns:
-        True also if they listen, and we may not ask them.
-    """
+    """Return whether a process listens at a socket, also one that we may not ask."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as trial:
         trial.settimeout(1.0)
         try:

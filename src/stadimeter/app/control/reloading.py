@@ -50,11 +50,7 @@ class Reloader:
         self._ready: Change | None = None
 
     def ask(self, answer: Answer) -> None:
-        """Have the file read and checked. Returns at once.
-
-        Args:
-            answer: Answers whoever asks what came of it; called from another thread if the file is refused.
-        """
+        """Have the file read and checked. Returns at once; ``answer`` may be called from another thread."""
         with self._lock:
             is_busy, self._is_busy = self._is_busy, True
         if is_busy:
@@ -63,22 +59,14 @@ class Reloader:
         threading.Thread(target=self._check, args=(answer,), name="reload", daemon=True).start()
 
     def take(self) -> Change | None:
-        """Return the configuration that is ready to be applied. Never waits.
-
-        Returns:
-            The change, once; None if there is none.
-        """
+        """Return the configuration that is ready to be applied, once; None if there is none. Never waits."""
         if self._ready is None:
             return None
         change, self._ready = self._ready, None
         return change
 
     def done(self, configuration: Configuration | None = None) -> None:
-        """Note that a change was applied, or refused.
-
-        Args:
-            configuration: What was reloaded; None if it was refused.
-        """
+        """Note that a change was applied, or refused (None)."""
         self.running = configuration or self.running
         self._is_busy = False
 
@@ -112,11 +100,7 @@ class Reloader:
 
 
 def needs_restart(running: Configuration, new: Configuration) -> tuple[str, ...]:
-    """Return what a configuration changes that a reload cannot apply.
-
-    Returns:
-        The sections, such as ``[camera]``; empty if all can be applied.
-    """
+    """Return the sections, such as ``[camera]``, in which a change cannot be applied by a reload; empty if all can."""
     names = [field.name for field in fields(Configuration) if field.compare and field.name not in _LIVE]
     found = [name for name in names if _parts(getattr(running, name)) != _parts(getattr(new, name))]
     if running.plan.targets != new.plan.targets:

@@ -39,11 +39,7 @@ class Requests(Protocol):
 
 
 class Control:
-    """Attends to what is asked of a running loop.
-
-    Args:
-        deliveries: Reports how much waits for other programs and people, and how much was given up.
-    """
+    """Attends to what is asked of a running loop."""
 
     def __init__(
         self,
@@ -63,19 +59,11 @@ class Control:
         self._reload_for: Answer | None = None
 
     def reload(self, tell: Callable[[str], None]) -> None:
-        """Have the configuration read again before the next cycle. May be called from a signal handler.
-
-        Args:
-            tell: Takes the words that say what came of it.
-        """
+        """Have the configuration read again before the next cycle. May be called from a signal handler."""
         self._reload_for = lambda reply: tell(_reload_words(reply))
 
     def operator_commands(self) -> tuple[OperatorCommand, ...]:
-        """Attend to what was asked since the last cycle.
-
-        Returns:
-            What operators want of rules, for the next cycle.
-        """
+        """Attend to what was asked since the last cycle; return what operators want of rules, for the next cycle."""
         if self._reload_for is not None:
             answer, self._reload_for = self._reload_for, None
             self._reloader.ask(answer)
@@ -170,4 +158,4 @@ def _status(decision: Decision) -> Mapping[str, Any]:
 
 def _reload_words(reply: Reply | Callable[[], Reply]) -> str:
     known = reply if isinstance(reply, Reply) else reply()
-    return known.error or "the configuration was taken over: " + in_words(known.data)
+    return known.error or "the configuration was reloaded: " + in_words(known.data)

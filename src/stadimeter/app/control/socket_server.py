@@ -55,11 +55,7 @@ into words is given as a function, which is called in the thread of the connecti
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """A request, and how to answer it.
-
-    Attributes:
-        request: What is asked for.
-    """
+    """A request, and how to answer it."""
 
     request: Request
     answer: Answer
@@ -83,11 +79,7 @@ class ControlSocket:
         self._server: _Server | None = None
 
     def open(self) -> None:
-        """Begin to listen.
-
-        Raises:
-            ControlError: It cannot be listened there, or somebody else could listen there in our place.
-        """
+        """Begin to listen; `ControlError` if that is impossible, or another user could listen there in our place."""
         checked_folder(self.path.parent.resolve())
         try:
             self._server = _Server(self)
@@ -106,11 +98,7 @@ class ControlSocket:
             self.path.unlink(missing_ok=True)
 
     def put(self, request: Request, answer: Answer) -> None:
-        """Let a request wait for the loop.
-
-        Raises:
-            ControlError: Too many wait already.
-        """
+        """Let a request wait for the loop; `ControlError` if too many wait already."""
         if len(self._asked) >= WAITING_MAX:
             raise ControlError(f"{WAITING_MAX} requests wait already; try again later")
         self._asked.append(Asked(request, answer))

@@ -84,10 +84,6 @@ class _LaterVersionError(Exception):
 class AlarmStore:
     """The file. It may be used from any thread, by one at a time.
 
-    Args:
-        path: The file; its folder is made if it is not there.
-        is_named: Whether a user has named the file. Then one that is not ours is neither moved nor written.
-
     Attributes:
         warning: What was wrong with the file that was found, and what became of it; empty for nothing.
     """
@@ -101,11 +97,7 @@ class AlarmStore:
         self._queued: dict[int, Queued] = {}
 
     def check(self) -> None:
-        """See that the file is ours, or not there yet, without changing anything.
-
-        Raises:
-            StateError: It can be no state file, or a user has named one that is not ours.
-        """
+        """See, without changing anything, that the file is ours or not there yet; else raise `StateError`."""
         if kind_of(self.path) is Kind.FOREIGN and self._is_named:
             raise StateError(f"{self.path} is no state file, and was left as it is; name another file with --state")
 
@@ -133,13 +125,9 @@ class AlarmStore:
             raise StateError(f"{self.path}: {error}") from error
 
     def write(self, memory: Memory) -> None:
-        """Write what alarms remember now, all of it or nothing.
+        """Write what alarms remember now, all of it or nothing; alarms in the file and not here are forgotten.
 
-        Args:
-            memory: What every alarm remembers; those that are in the file and not here are forgotten.
-
-        Raises:
-            StateError: It could not be written, for a full disk for example. The file is as it was before.
+        Raises `StateError` if it could not be written, for a full disk for example.
         """
         memories = {alarm.rule: _ROW.dump_json((alarm,)).decode() for alarm in memory.alarms}
         rest = _MOMENT.dump_json(memory.moment).decode(), _ABSENT.dump_json(memory.absent).decode()
@@ -158,11 +146,7 @@ class AlarmStore:
         self._written, self._queued = memories, rows
 
     def flush(self) -> None:
-        """Have the disk take what was written. In any thread, also while something is written.
-
-        Raises:
-            StateError: The disk does not take it.
-        """
+        """Have the disk take what was written, else raise `StateError`. In any thread, also during a write."""
         try:
             log = os.open(f"{self.path}-wal", os.O_RDONLY | os.O_CLOEXEC)
             try:

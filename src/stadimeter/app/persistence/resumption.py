@@ -33,7 +33,6 @@ class Moment:
     Attributes:
         clock: Which monotonic clock it is: that of one boot of the computer, or a stepped one.
         unix_s: On the wall clock, in seconds since 1970.
-        is_synchronised: Whether the wall clock was right.
     """
 
     clock: str
@@ -43,15 +42,7 @@ class Moment:
 
 
 def clock_name(*, is_live: bool, boot_id: Path = BOOT_ID) -> str:
-    """Return the name of a run's clock.
-
-    Args:
-        is_live: Whether the run is on the computer's clock.
-        boot_id: The file in which the kernel tells one boot from another.
-
-    Returns:
-        A name that no other boot has; if the kernel gives none, one that no other run has.
-    """
+    """Return a name for a run's clock that no other boot has; if the kernel gives none, that no other run has."""
     if not is_live:
         return STEPPED
     try:
@@ -67,22 +58,12 @@ def moment(
     unix_s: Callable[[], float] = time.time,
     is_right: Callable[[], bool] = is_synchronised,
 ) -> Moment:
-    """Return this moment.
-
-    Args:
-        clock: The name of the run's clock.
-        unix_s: Tells the time of the wall clock.
-        is_right: Tells whether that can be believed.
-    """
+    """Return this moment, by the name of the run's clock."""
     return Moment(clock=clock, at_s=at_s, unix_s=unix_s(), is_synchronised=is_right())
 
 
 def elapsed_s(before: Moment, now: Moment) -> float:
-    """Return how much time has passed between two moments.
-
-    Returns:
-        In seconds, never below 0; 0 if nobody can tell.
-    """
+    """Return the time between two moments, never below 0; 0 if it cannot be known."""
     if before.clock == now.clock:
         return max(0.0, now.at_s - before.at_s)
     if before.is_synchronised and now.is_synchronised:
@@ -92,12 +73,7 @@ def elapsed_s(before: Moment, now: Moment) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Memory:
-    """What alarms remembered, and when.
-
-    Attributes:
-        absent: Which targets were out of sight.
-        undelivered: What other programs and people had not got yet, oldest first.
-    """
+    """What alarms remembered, which targets were out of sight, what was not delivered (oldest first), and when."""
 
     moment: Moment
     alarms: tuple[AlarmSnapshot, ...]
@@ -129,14 +105,7 @@ class Resumption:
     absent: tuple[Absence, ...] = ()
 
     def of(self, state: State) -> State:
-        """Return the state with which to begin.
-
-        Args:
-            state: The state of a run that has not begun.
-
-        Returns:
-            The same, with alarms that remember.
-        """
+        """Return the state with which to begin: that of a run that has not begun, with alarms that remember."""
         return restored(state, self.alarms, self.absent, shift_s=self.shift_s, from_s=self.from_s, now_s=self.now_s)
 
     def text(self) -> str:
@@ -149,23 +118,15 @@ _ONE: TypeAdapter[tuple[Resumption]] = TypeAdapter(tuple[Resumption], config=Con
 
 
 def resumption_at(now: Moment, memory: Memory) -> Resumption:
-    """Return what a run takes over that begins now.
-
-    Returns:
-        It, as if the alarms had gone on in between.
-    """
+    """Return what a run restores that begins now, as if the alarms had gone on in between."""
     from_s = now.at_s - elapsed_s(memory.moment, now)
     shift_s = from_s - memory.moment.at_s
     return Resumption(alarms=memory.alarms, absent=memory.absent, shift_s=shift_s, from_s=from_s, now_s=now.at_s)
 
 
 def read_resumption(text: str) -> Resumption:
-    """Read what was taken over.
-
-    Raises:
-        StateError: The text is something else.
-    """
+    """Read what was restored; `StateError` if the text is something else."""
     try:
         return _ONE.validate_json(upgraded(text))[0]
     except ValidationError as error:
-        raise StateError(f"not what a run takes over from another: {error.errors()[0]['msg']}") from error
+        raise StateError(f"not what a run restores from another: {error.errors()[0]['msg']}") from error

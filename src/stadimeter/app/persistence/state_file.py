@@ -48,8 +48,7 @@ class Kind(Enum):
 def kind_of(path: Path) -> Kind:
     """Look at a file, without changing it or waiting for it.
 
-    Raises:
-        StateError: It is a folder, a pipe or a device, or cannot be looked at: its name is too long, a loop of links.
+    Raises `StateError` if it is a folder, a pipe or a device, or cannot be looked at: a name too long, a loop of links.
     """
     try:
         header = _header(path)
@@ -82,13 +81,9 @@ def too_large(path: Path) -> bool:
 
 
 def put_aside(path: Path, why: str) -> Path:
-    """Give a state file another name, and what SQLite keeps beside it too.
+    """Rename a state file, and what SQLite keeps beside it, such as to ``run.sqlite3.damaged-1``; return that name.
 
-    Returns:
-        The new name, such as ``run.sqlite3.damaged-1``.
-
-    Raises:
-        StateError: The folder is read-only, for example.
+    Raises `StateError` if the folder is read-only, for example.
     """
     number = 1
     try:

@@ -53,9 +53,6 @@ MomentOf = Callable[[float], Moment]
 class StateWriter:
     """Lets the alarms of a run remember what those of earlier runs did.
 
-    Args:
-        deliveries: Knows what other programs and people have not got yet; None if nobody tells them anything.
-
     Attributes:
         writes: How often the file was written.
         warning: What was wrong with the file at the beginning, and what became of it; empty for nothing.
@@ -86,8 +83,7 @@ class StateWriter:
 
         A file that cannot be used keeps no run from beginning.
 
-        Returns:
-            What the run takes over from an earlier one; None if there is nothing.
+        Returns what the run restores from an earlier one; None if there is nothing.
         """
         try:
             memory = self._store.open()
@@ -138,8 +134,7 @@ class StateWriter:
         Call it when messenger and notifiers are closed: then it is known what they could not deliver. Does nothing if
         it was called before, in whatever thread.
 
-        Returns:
-            What went wrong, in words; empty for nothing.
+        Returns what went wrong, in words.
         """
         thread = self._thread
         if thread is None or self._is_ending:

@@ -42,11 +42,7 @@ _RULES_KEY = b',"rules":'
 
 @dataclass(frozen=True, slots=True)
 class _Reload:
-    """A configuration that was reloaded while running.
-
-    Attributes:
-        at_s: When, on the run's monotonic clock.
-    """
+    """A configuration that was reloaded while running, and when on the run's monotonic clock."""
 
     at_s: float
     configuration: RecordedConfiguration
@@ -66,23 +62,12 @@ _RELOADED_BEGINS = b'{"reloaded":'
 
 
 def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
-    """Write that another configuration was reloaded while running.
-
-    Returns:
-        The JSON, on one line. It stands before the first cycle that the configuration decided.
-    """
+    """Write that another configuration was reloaded, on one line before the first cycle that it decided."""
     return _RELOADED.dump_json(_Reloaded(_Reload(at_s, configuration)))
 
 
 def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
-    """Return the configuration that a line says was taken over.
-
-    Returns:
-        The configuration; None if the line says no such thing.
-
-    Raises:
-        JournalError: The line is damaged.
-    """
+    """Return the configuration that a line says was reloaded; None if it says no such thing."""
     if not line.startswith(_RELOADED_BEGINS):
         return None
     try:
@@ -119,11 +104,7 @@ class CycleEncoder:
         return _RECORD.dump_json(record, exclude=_LEFT_OUT)[: -len(b"}}")] + _RULES_KEY + rules + b"}}"
 
     def decision_json(self, decision: Decision) -> bytes:
-        """Write a decision without its rules.
-
-        Returns:
-            The JSON, without the brace that closes it.
-        """
+        """Write a decision without its rules, and without the brace that closes it."""
         return _DECIDED.dump_json((decision,), exclude=_DECIDED_LEFT_OUT)[len(b"[") : -len(b"}]")]
 
     def rules_json(self, rules: tuple[RuleTrace, ...]) -> bytes:
@@ -142,10 +123,6 @@ class CycleEncoder:
 class RecordedCycle:
     """One cycle of a recording, read as far as it is asked for.
 
-    Args:
-        rules_before: The JSON of the rules of the cycle before.
-        reloaded: The configuration that was reloaded right before it, while running; None for none.
-
     Attributes:
         rules_json: The JSON of its rules.
         reloaded: The configuration that was reloaded right before it.
@@ -163,11 +140,7 @@ class RecordedCycle:
         self.rules_json = rules_before if rules == AS_BEFORE else rules
 
     def observation(self) -> Observation:
-        """Return what was observed.
-
-        Raises:
-            JournalError: The cycle is damaged.
-        """
+        """Return what was observed. Like every part, it raises `JournalError` if the cycle is damaged."""
         try:
             return _OBSERVATION.validate_json(self._line[len(_OPENING) : self._line.find(_APPLIED)])
         except ValidationError:
@@ -178,11 +151,7 @@ class RecordedCycle:
         return self._line.find(_NO_FRAME, 0, _FRAME_BEFORE) < 0
 
     def events(self) -> tuple[Event, ...]:
-        """Return the recorded events.
-
-        Raises:
-            JournalError: The cycle is damaged.
-        """
+        """Return the recorded events."""
         return () if _NO_EVENTS in self._line else self.record().decision.events
 
     def decision_json(self) -> bytes:
@@ -191,11 +160,7 @@ class RecordedCycle:
         return self._line[begin : self._line.rfind(_RULES_KEY)]
 
     def record(self) -> CycleRecord:
-        """Return the whole cycle.
-
-        Raises:
-            JournalError: It is damaged.
-        """
+        """Return the whole cycle."""
         head, key, _ = self._line.rpartition(_RULES_KEY)
         whole = head + key + self.rules_json + b"}}" if key else self._line
         try:
@@ -205,11 +170,7 @@ class RecordedCycle:
 
 
 def first_detail(error: ValidationError) -> str:
-    """Return what is wrong with a value that was read, in words.
-
-    Returns:
-        The first thing that is wrong, and where.
-    """
+    """Return the first thing that is wrong with a value that was read, in words, and where."""
     detail = error.errors()[0]
     place = ".".join(str(part) for part in detail["loc"])
     return f"{place}: {detail['msg']}" if place else detail["msg"]

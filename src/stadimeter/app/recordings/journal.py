@@ -45,10 +45,7 @@ class JournalHeader:
 
     Attributes:
         stadimeter_journal: The version of this format.
-        version: The version of stadimeter that wrote it.
         began_at: Wall-clock time of its beginning, ISO 8601.
-        configuration: The text of the configuration.
-        configuration_sha256: Its SHA-256, in hexadecimal.
         files: The texts of the files that the configuration names, by the path that stands in it.
         resumed: What the run restored from an earlier one, as text; empty for nothing.
     """
@@ -75,9 +72,6 @@ class JournalWriter:
 
     An older journal of that name is kept under another one, from the first cycle on: see `RecordFile`.
 
-    Args:
-        began_at: When it begins, ISO 8601; None for now.
-
     Raises:
         JournalError: The file cannot be written, or holds something else than a journal.
     """
@@ -100,12 +94,7 @@ class JournalWriter:
         self._file = RecordFile(path, self.kind, lambda head: head.startswith(_FIRST_BYTES))
 
     def write(self, record: CycleRecord, _frame: Frame | None = None) -> None:
-        """Add one cycle.
-
-        Raises:
-            JournalError: The line could not be written whole, for a full disk for example. What was written before
-                is intact.
-        """
+        """Add one cycle; `JournalError` if its line could not be written whole. Earlier ones are intact."""
         self._append(self._encoder.encode(record))
 
     def resumed(self, text: str) -> None:
@@ -113,11 +102,7 @@ class JournalWriter:
         self._header = replace(self._header, resumed=text)
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
-        """Add that another configuration was loaded, before the first cycle that it decides.
-
-        Raises:
-            JournalError: The line could not be written whole.
-        """
+        """Add that another configuration was loaded, before the first cycle that it decides."""
         if isinstance(configuration, str):
             configuration = RecordedConfiguration(text=configuration)
         self._append(reload_json(now_s, configuration))
@@ -177,11 +162,7 @@ class Journal:
 
 @contextmanager
 def readable(path: Path) -> Iterator[BinaryIO]:
-    """Open a journal or a recording for reading.
-
-    Raises:
-        JournalError: It cannot be read, now or later, or a line of it is too long.
-    """
+    """Open a journal or a recording for reading; `JournalError` if it cannot be read, or a line is too long."""
     try:
         with open_untrusted(path) as file:
             yield file
@@ -194,11 +175,7 @@ def readable(path: Path) -> Iterator[BinaryIO]:
 
 
 def read_journal(path: Path) -> Journal:
-    """Open a journal and read its first line.
-
-    Raises:
-        JournalError: It cannot be read, or is no journal, or one of a later format.
-    """
+    """Open a journal and read its first line; `JournalError` if that is none, or of a later format."""
     with readable(path) as file:
         line = next(lines_of(file), b"")
     try:

@@ -59,11 +59,7 @@ class RecordFile:
             raise JournalError(f"{path}: the older {kind} cannot be kept: its folder cannot be written")
 
     def write(self, data: bytes) -> int:
-        """Write some records; return how many bytes were written, which is all.
-
-        Raises:
-            JournalError: They could not be written whole, for a full disk for example. The earlier ones are intact.
-        """
+        """Write some records whole; return how many bytes that was. `JournalError` leaves the earlier ones intact."""
         if self._size == 0:
             self._begin()
         try:
@@ -181,11 +177,7 @@ _HEADER = 1
 
 
 def writer_of(head: bytes) -> str | None:
-    """Return what program an MCAP file says that it was written by.
-
-    Returns:
-        The program; None if this is no beginning of an MCAP file.
-    """
+    """Return what program an MCAP file says that it was written by; None if this is no beginning of one."""
     if not head.startswith(MAGIC):
         return None
     try:

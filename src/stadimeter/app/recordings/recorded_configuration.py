@@ -23,40 +23,24 @@ FILE_NAME = "configuration.toml"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedConfiguration:
-    """What a recording keeps of its configuration.
-
-    Attributes:
-        files: The texts of the files that it names, by the path that stands in it.
-    """
+    """What a recording keeps of its configuration; `files` has the texts of those it names, by path."""
 
     text: str
     files: Mapping[str, str] = field(default_factory=dict)
 
 
 def sha256_of(text: str) -> str:
-    """Return the SHA-256 of a text in hexadecimal.
-
-    Returns:
-        64 hexadecimal digits.
-    """
+    """Return the SHA-256 of a text in hexadecimal."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def to_be_recorded(configuration: Configuration) -> RecordedConfiguration:
-    """Return what a recording keeps of a configuration.
-
-    Returns:
-        Its text, and that of its camera file if it names one.
-    """
+    """Return what a recording keeps of a configuration: its text, and that of its camera file if it names one."""
     return RecordedConfiguration(text=configuration.text, files=_camera_files(configuration))
 
 
 def load_recorded(recorded: RecordedConfiguration, source: Path) -> Configuration:
-    """Load the configuration of a recording.
-
-    Raises:
-        ConfigError: This version of stadimeter cannot use it; the problems name the recording.
-    """
+    """Load the configuration of a recording; a `ConfigError` names the recording."""
     with tempfile.TemporaryDirectory(prefix="stadimeter-") as name:
         try:
             path = _laid_out(recorded, Path(name).resolve())

@@ -34,12 +34,7 @@ _STEP_S = 0.1
 
 
 class Writer(Protocol):
-    """Writes a journal or a recording, in the thread of the caller.
-
-    Attributes:
-        kind: ``journal`` or ``recording``.
-        takes_pictures: Whether it has a use for frames.
-    """
+    """Writes a journal or a recording, in the thread of the caller."""
 
     kind: str
     takes_pictures: bool
@@ -83,9 +78,6 @@ class Recorder:
 
     On a live camera the loop never waits: if the disk does not keep up, pictures are left out first, and in the end the
     recording stops. On a recording or a simulation the loop waits, so that every cycle and every picture is recorded.
-
-    Args:
-        deadline: Until when the run must have ended; a disk that hangs is waited for no longer.
 
     Attributes:
         kind: ``journal`` or ``recording``.

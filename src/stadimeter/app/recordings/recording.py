@@ -74,12 +74,7 @@ class ImageOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recorded:
-    """What a recording says about its run once and for all.
-
-    Attributes:
-        camera: The camera model, at any resolution of the pictures' aspect.
-        sizes: The size of each target, by its name.
-    """
+    """What a recording says about its run once and for all."""
 
     configuration: RecordedConfiguration
     camera: CameraModel | None = None
@@ -139,11 +134,7 @@ class RecordingWriter:
         self._resumed = text
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
-        """Add that another configuration was loaded, before the first cycle that it decides.
-
-        Raises:
-            JournalError: The file could not be written.
-        """
+        """Add that another configuration was loaded, before the first cycle that it decides."""
         if isinstance(configuration, str):
             configuration = RecordedConfiguration(text=configuration)
         writer = self._writer or self._begin(now_s)
@@ -154,11 +145,7 @@ class RecordingWriter:
         return self._file.kept()
 
     def close(self) -> None:
-        """Finish the file, so that it can be searched by time, and close it. May be called any number of times.
-
-        Raises:
-            JournalError: The end could not be written. What was written before is intact.
-        """
+        """Finish the file, so that it can be searched by time, and close it. May be called any number of times."""
         writer, self._writer = self._writer, None
         try:
             if writer is not None:
@@ -276,11 +263,7 @@ class _ImageChooser:
 
 
 def require_mcap(what: str) -> None:
-    """Make sure that the library ``mcap`` is installed.
-
-    Raises:
-        DriverUnavailableError: It is not.
-    """
+    """Raise `DriverUnavailableError` unless the library ``mcap`` is installed."""
     try:
         import mcap.writer  # noqa: F401, PLC0415 - it is an extra, and few runs need it
     except ImportError as error:

@@ -119,14 +119,7 @@ for _name, _schema in SCHEMAS.items():
 
 
 def plain(schema: Schema) -> Schema:
-    """Return a schema without references and alternatives.
-
-    Args:
-        schema: The schema of an object, with what it refers to under ``$defs``.
-
-    Returns:
-        A schema that allows more: of several kinds of objects it has the properties of all.
-    """
+    """Return a schema without references and alternatives; of several kinds of objects it has all properties."""
     return _plain(schema, schema.get("$defs", {}))
 
 
@@ -168,24 +161,13 @@ _FIRST_PIXEL = 0.5
 
 
 def stamp(time_ns: int) -> dict[str, int]:
-    """Return a time as Foxglove's messages have it.
-
-    Args:
-        time_ns: Nanoseconds since 1970.
-    """
+    """Return a time in nanoseconds since 1970 as Foxglove's messages have it."""
     sec, nsec = divmod(time_ns, 1_000_000_000)
     return {"sec": sec, "nsec": nsec}
 
 
 def compressed_image(image: Image, time_ns: int, quality_percent: int) -> bytes | None:
-    """Return a picture as a message.
-
-    Args:
-        quality_percent: The quality of the JPEG, 1 to 100.
-
-    Returns:
-        The message; None if there is no JPEG of that picture.
-    """
+    """Return a picture as a message; None if there is no JPEG of it. Quality is 1 to 100."""
     try:
         is_done, jpeg = cv2.imencode(".jpg", image, [*_WHOLE_COLOUR, cv2.IMWRITE_JPEG_QUALITY, quality_percent])
     except cv2.error:  # an empty picture, or one that is larger than a JPEG can be
@@ -217,14 +199,7 @@ def log(event: Event, time_ns: int) -> bytes:
 
 
 def target(track: Track, measured: Measurement | None) -> bytes:
-    """Return what is known of a target in one cycle, to plot it.
-
-    Args:
-        measured: Its measurement in this cycle, if there is one.
-
-    Returns:
-        The message; figures that are not known are null.
-    """
+    """Return what is known of a target in one cycle, to plot it; figures that are not known are null."""
     figures = {
         "measured_m": measured.distance_m if measured else None,
         "distance_m": track.distance_m,
@@ -238,11 +213,7 @@ def target(track: Track, measured: Measurement | None) -> bytes:
 
 
 def calibration(camera: CameraModel, time_ns: int) -> bytes:
-    """Return a camera model as a message.
-
-    Args:
-        camera: The model, at the resolution of the pictures.
-    """
+    """Return a camera model, at the resolution of the pictures, as a message."""
     matrix = [float(value) for value in camera.matrix().ravel()]
     return _json(
         {

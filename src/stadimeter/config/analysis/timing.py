@@ -151,8 +151,8 @@ def _cut_off_delay(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding
 def _hidden_realarm(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
     if alarm.realarm_s is not None and alarm.cooldown_s > alarm.realarm_s:
         message = (
-            f"cooldown {alarm.cooldown_s:g} s is longer than realarm {alarm.realarm_s:g} s: no event says that the "
-            "alarm still stands"
+            f"cooldown {alarm.cooldown_s:g} s is longer than realarm {alarm.realarm_s:g} s: people are notified of it "
+            f"only every {alarm.cooldown_s:g} s"
         )
         key = "cooldown" if "cooldown" in declared.table else "realarm"
         yield Finding(declared.at(key), message, "make the cooldown shorter", "cooldown-hides-realarm")

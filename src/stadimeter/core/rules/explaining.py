@@ -192,7 +192,7 @@ def _consequence(
 def _untold(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
     if state.owes_notice and state.notified_at_s is not None:
         left_s = state.notified_at_s + rule.cooldown_s - now_s
-        yield f"nobody is told for another {rounded_duration(max(0.0, left_s))} (cooldown)"
+        yield f"no notification for another {rounded_duration(max(0.0, left_s))} (cooldown)"
 
 
 def _commanded(rule: AnyRule, decision: Decision, output: OutputTrace) -> Iterator[str]:

@@ -1,0 +1,259 @@
+"""What a run has beside its cycles, and what it leaves behind: the options for both, and how they are made."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from stadimeter.app.loop import Loop
+from stadimeter.app.persistence.state_file import state_file
+from stadimeter.app.wall_time import TimeOfDay, is_synchronised
+from stadimeter.errors import ControlError, JournalError
+
+if TYPE_CHECKING:
+    from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.app.recordings.recorder import Recorder, Writer
+
+
+JournalFile = Annotated[
+    Path | None, typer.Option("--journal", metavar="FILE", help="Record every cycle, for `stadimeter replay`.")
+]
+RecordFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--record", metavar="FILE.mcap", help="Record every cycle with its picture, for `replay` and for Foxglove."
+    ),
+]
+RecordImages = Annotated[
+    Literal["all", "events", "none"],
+    typer.Option("--record-images", help="Which pictures --record takes: those of `events` show what changed."),
+]
+ImageRate = Annotated[
+    float | None,
+    typer.Option("--image-rate", min=0.01, metavar="HZ", help="Upper limit of recorded pictures a second."),
+]
+ImageQuality = Annotated[
+    int, typer.Option("--image-quality", min=1, max=100, metavar="PERCENT", help="Of their JPEGs; 95 measures best.")
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Keeping:
+    """What is kept of a run. With `is_quiet`, trouble is printed at the end only: the view has shown it."""
+
+    journal: Path | None = None
+    record: Path | None = None
+    images: Literal["all", "events", "none"] = "all"
+    image_rate_hz: float | None = None
+    image_quality_percent: int = 90
+    is_quiet: bool = False
+
+
+@contextmanager
+def kept(loop: Loop, keeping: Keeping) -> Iterator[None]:
+    """Record a run while in the context."""
+    if keeping.journal is not None and keeping.record is not None and keeping.journal == keeping.record:
+        raise JournalError(f"--journal and --record both name {keeping.journal}; they need a file each")
+    with ExitStack() as closing:
+        recorders: list[Recorder] = []
+        teller = _RecordingTroubles(recorders, loop.services.tell, is_quiet=keeping.is_quiet)
+        closing.callback(teller.at_end)
+        for writer in _writers(loop, keeping):
+            recorders.append(_recorder(writer, loop))
+            closing.callback(recorders[-1].close)
+        loop.listeners += [*recorders, teller]
+        yield
+        for recorder in recorders:  # both at once
+            recorder.end()
+
+
+def _recorder(writer: Writer, loop: Loop) -> Recorder:
+    from stadimeter.app.recordings.recorder import Recorder  # noqa: PLC0415 - it takes long, and few runs have one
+
+    return Recorder(writer, is_live=loop.parts.is_live, deadline=loop.deadline)
+
+
+def _writers(loop: Loop, keeping: Keeping) -> Iterator[Writer]:
+    if keeping.journal is None and keeping.record is None:
+        return
+    from stadimeter.app.recordings.recorded_configuration import to_be_recorded  # noqa: PLC0415 - likewise
+
+    configuration = to_be_recorded(loop.parts.configuration)
+    if keeping.journal is not None:
+        from stadimeter.app.recordings.journal import JournalWriter  # noqa: PLC0415 - likewise
+
+        yield JournalWriter(keeping.journal, configuration)
+    if keeping.record is not None:
+        yield _recording_writer(loop, keeping, keeping.record, configuration)
+
+
+def _recording_writer(loop: Loop, keeping: Keeping, path: Path, configuration: RecordedConfiguration) -> Writer:
+    from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter  # noqa: PLC0415 - likewise
+
+    recorded = Recorded(
+        configuration=configuration,
+        camera=loop.parts.configuration.camera_model,
+        sizes={name: detector.target_shape for name, detector in loop.parts.cycle.detectors.items()},
+    )
+    options = ImageOptions(
+        images=keeping.images, rate_hz=keeping.image_rate_hz, quality_percent=keeping.image_quality_percent
+    )
+    return RecordingWriter(path, recorded, options)
+
+
+class _RecordingTroubles:
+    """Reports what becomes of the files: each thing once, and what is missing in a file again at the end."""
+
+    def __init__(self, recorders: Sequence[Recorder], tell: Callable[[str], None], *, is_quiet: bool) -> None:
+        self._recorders = recorders
+        self._tell = tell
+        self._is_quiet = is_quiet
+        self._said: set[str] = set()
+
+    def __call__(self, *_: object) -> None:
+        for recorder in self._recorders:
+            self._say_kept(recorder)
+            if recorder.failure and not self._is_quiet:
+                self._say(f"warning: {recorder.failure}; the run goes on without it")
+
+    def at_end(self) -> None:
+        """Tell which files are not whole, after the files were closed."""
+        for recorder in self._recorders:
+            self._say_kept(recorder)
+            if recorder.failure:
+                self._say(f"warning: the {recorder.kind} is not whole: {recorder.failure}")
+            elif recorder.images_left_out:
+                count = recorder.images_left_out
+                self._say(f"warning: recording: {count} pictures were left out, since the disk did not keep up")
+
+    def _say_kept(self, recorder: Recorder) -> None:
+        if recorder.kept():
+            self._say(recorder.kept())
+
+    def _say(self, words: str) -> None:
+        if words not in self._said:
+            self._said.add(words)
+            self._tell(words)
+
+
+StateFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--state",
+        metavar="FILE",
+        help="Where alarms are remembered beyond the end of the run. A live camera has one by itself.",
+    ),
+]
+NoState = Annotated[bool, typer.Option("--no-state", help="Remember nothing beyond the end of the run.")]
+SocketFile = Annotated[
+    Path | None,
+    typer.Option("--socket", metavar="PATH", help="Where to listen for `stadimeter ack`, `reload` and the like."),
+]
+TrustClock = Annotated[
+    bool,
+    typer.Option("--trust-clock", help="Take the computer's clock for right, though no time server vouches for it."),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Serving:
+    """What a run has beside its cycles.
+
+    Attributes:
+        state: The state file; None for the usual one.
+        no_state: Whether there shall be none.
+        socket: Where to listen; None for the usual place.
+        trust_clock: Whether the computer's clock counts as right.
+        is_unhurried: Whether the run takes time, so that somebody can ask for something meanwhile.
+        is_quiet: Whether nothing is printed about it while it runs: the screen is in use.
+    """
+
+    state: Path | None = None
+    no_state: bool = False
+    socket: Path | None = None
+    trust_clock: bool = False
+    is_unhurried: bool = True
+    is_quiet: bool = False
+
+
+@contextmanager
+def served(loop: Loop, serving: Serving) -> Iterator[None]:
+    """Give a run its services."""
+    is_right = (lambda: True) if serving.trust_clock else is_synchronised
+    with ExitStack() as closing:
+        services = loop.services
+        late = _ErrorLines(is_quiet=serving.is_quiet)
+        closing.callback(late.tell_all)
+        services.tell = late
+        services.time_of_day = TimeOfDay(is_live=loop.parts.is_live, is_right=is_right)
+        _remember(loop, serving, is_right)
+        _listen(loop, serving, closing)
+        yield
+
+
+def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> None:
+    configuration = loop.parts.configuration
+    usual = state_file(configuration.path) if loop.parts.is_live else None
+    path = None if serving.no_state else serving.state or usual
+    if path is None:
+        return
+    from stadimeter.app.persistence.alarm_store import AlarmStore  # noqa: PLC0415 - likewise
+    from stadimeter.app.persistence.resumption import clock_name, moment  # noqa: PLC0415 - likewise
+    from stadimeter.app.persistence.state_writer import StateWriter  # noqa: PLC0415 - it takes long, and simulations have none
+
+    clock = clock_name(is_live=loop.parts.is_live)
+    store = AlarmStore(path, is_named=serving.state is not None)
+    if serving.state is not None:
+        store.check()  # whoever names a wrong file wants to know, and before anything moves
+    loop.services.memory = StateWriter(store, partial(moment, clock, is_right=is_right), loop.deliveries)
+
+
+def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
+    """Listen for people; a run without a socket runs all the same, unless that was asked for."""
+    if serving.socket is None and not serving.is_unhurried:
+        return
+    from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder  # noqa: PLC0415 - likewise
+    from stadimeter.app.control.reloading import Reloader  # noqa: PLC0415 - likewise
+    from stadimeter.app.control.requests import Control  # noqa: PLC0415 - it takes long, and short runs have none
+    from stadimeter.app.control.socket_server import ControlSocket  # noqa: PLC0415 - likewise
+
+    configuration = loop.parts.configuration
+    hello = {"configuration": str(configuration.path.resolve()), "pid": os.getpid()}
+    try:
+        path = serving.socket or socket_path(configuration.path, usable_folder(runtime_folder()))
+        listener = ControlSocket(path, lambda: hello)
+        closing.callback(listener.close)
+        listener.open()
+    except ControlError as error:
+        if serving.socket is not None:
+            raise
+        loop.services.tell(f"warning: {error}; this run takes no operator commands")
+    else:
+        loop.services.control = Control(listener, Reloader(configuration), deliveries=loop.deliveries.figures)
+
+
+class _ErrorLines:
+    """Writes on standard error; at the end, if the screen is in use until then."""
+
+    def __init__(self, *, is_quiet: bool) -> None:
+        self._is_quiet = is_quiet
+        self._waiting: list[str] = []
+
+    def __call__(self, words: str) -> None:
+        if self._is_quiet:
+            self._waiting.append(words)
+        else:
+            typer.echo(words, err=True)
+
+    def tell_all(self) -> None:
+        """Tell what has waited."""
+        self._is_quiet = False
+        while self._waiting:
+            self(self._waiting.pop(0))
