@@ -73,16 +73,8 @@ class Trigger(StrEnum):
 
 _P, _T = Phase, Trigger
 TRANSITIONS: Mapping[Phase, Mapping[Trigger, Phase]] = {
-    _P.NORMAL: {
-        _T.HOLDS: _P.PENDING,
-        _T.RAISE: _P.UNACKNOWLEDGED,
-        _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED,
-    },
-    _P.PENDING: {
-        _T.ENDS: _P.NORMAL,
-        _T.RAISE: _P.UNACKNOWLEDGED,
-        _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED,
-    },
+    _P.NORMAL: {_T.HOLDS: _P.PENDING, _T.RAISE: _P.UNACKNOWLEDGED, _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED},
+    _P.PENDING: {_T.ENDS: _P.NORMAL, _T.RAISE: _P.UNACKNOWLEDGED, _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED},
     _P.UNACKNOWLEDGED: {
         _T.ENDS: _P.CLEARING_UNACKNOWLEDGED,
         _T.CLEAR: _P.RTN_UNACKNOWLEDGED,
@@ -369,6 +361,8 @@ def _assert(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
         return _raise(rule, replace(state, timers=timers, held_from_start=False), now_s)
     if state.is_announced_only or state.is_given_up:
         state = replace(state, is_announced_only=False, is_given_up=False)
+    if state.phase in LATCHED:  # what its parts did while it was latched counts no more than while it was not active
+        state = replace(state, timers=replace(state.timers, leaves=()))
     return fire(state, Trigger.HOLDS)
 
 
