@@ -12,6 +12,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 from stadimeter.core.alarms.actions import Evaluation
 from stadimeter.core.alarms.alarm import AlarmStep, Stepped, judged_by, new_alarm, operated, step_alarm, with_state
@@ -30,6 +31,8 @@ from stadimeter.core.rules.quiescence import Quiescence, all_active
 from stadimeter.core.rules.ramp import RampStep, new_ramp, rest_of_ramp, step_ramp
 
 RuleStep = AlarmStep | RampStep | FollowStep
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +198,7 @@ class _Evaluation:
         steps = _with(before.steps, changed)
         return EvaluatedRules(
             steps=steps,
-            traces=_traces(before, changed, steps),
+            traces=_traces(before, changed),
             wanted=_wanted(before, changed, steps),
             active=self.active,
             first_out=self.first_out,
@@ -301,22 +304,19 @@ def _is_unsettled(step: RuleStep) -> bool:
     return isinstance(step, AlarmStep) and (step.state.is_active or not step.state.is_acknowledged)
 
 
-def _with(steps: tuple[RuleStep, ...], changed: Mapping[int, RuleStep]) -> tuple[RuleStep, ...]:
+def _with(items: tuple[_T, ...], changed: Mapping[int, _T]) -> tuple[_T, ...]:
     if not changed:
-        return steps
-    after = list(steps)
-    for index, step in changed.items():
-        after[index] = step
+        return items
+    after = list(items)
+    for index, item in changed.items():
+        after[index] = item
     return tuple(after)
 
 
-def _traces(
-    before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]
-) -> tuple[RuleTrace, ...]:
+def _traces(before: EvaluatedRules, changed: Mapping[int, RuleStep]) -> tuple[RuleTrace, ...]:
     """Return the traces. The same object tells those who listen, at no cost, that nothing changed."""
-    if all(step.trace is before.steps[index].trace for index, step in changed.items()):
-        return before.traces
-    return tuple([step.trace for step in steps])
+    renewed = {index: step.trace for index, step in changed.items() if step.trace is not before.steps[index].trace}
+    return _with(before.traces, renewed)
 
 
 def _wanted(before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]) -> Wanted:
