@@ -45,7 +45,6 @@ class EvaluatedRules:
         wanted: What they want of each output, the winner first.
         active: Whether each rule that others ask for is active; None for unknown.
         first_out: For each group with an alarm that was raised, the name of the first one.
-        quiescence: For how long each of them needs no evaluation.
     """
 
     steps: tuple[RuleStep, ...] = ()
@@ -81,11 +80,6 @@ def new_rules(plan: Plan) -> EvaluatedRules:
 def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, str] | None = None) -> EvaluatedRules:
     """Return the rules of a plan as they were remembered. All of them are judged in the next cycle.
 
-    Args:
-        plan: The plan.
-        steps: What each of its rules did, in the order of the plan.
-        first_out: For each group with an alarm that was raised, the name of the first one.
-
     Raises:
         ValueError: Rules ask for each other in a circle.
     """
@@ -112,12 +106,9 @@ def judge(
     """Judge the rules for one cycle.
 
     Args:
-        rules: The rules.
         before: The rules after the cycle before; returned if nothing is to be evaluated.
-        known: What they can be judged by.
         sample: The frame that is new in this cycle; None without one.
         cycle: The cycle itself. Whether a target is in sight is judged by it: that no frame comes at all is news too.
-        commands: What operators want.
     """
     # After a gap timers begin anew, and so does the time for which a target has been in sight.
     quiescence = before.quiescence.with_all_active() if inputs.is_after_gap else before.quiescence
@@ -164,10 +155,10 @@ class _Evaluation:
             for index, rule in enumerate(self.rules)
             if isinstance(rule, AlarmRule) and isinstance(step := self._step(index), AlarmStep)
         }
-        answer, turns = operated(alarms, self.inputs, command)
-        for index, turn in turns:
-            self._remember(index, turn)
-            self.events += turn.events
+        answer, evaluations = operated(alarms, self.inputs, command)
+        for index, evaluation in evaluations:
+            self._remember(index, evaluation)
+            self.events += evaluation.events
             active.add(index)
         return answer
 
