@@ -29,6 +29,11 @@ def test_alarms_that_gave_up_and_rules_that_ask_for_them_are_never_quiescent_on_
     assert differing(range(40), is_aimed=True) == {}
 
 
+@pytest.mark.parametrize(("seed", "is_aimed"), [(1560, False), (341, True)])
+def test_a_latched_alarm_that_counts_as_holding_forgets_what_its_parts_did(seed, is_aimed):
+    assert differing([seed], is_aimed=is_aimed) == {}
+
+
 @pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_2000_random_runs_are_decided_as_if_every_rule_was_judged_in_every_cycle():

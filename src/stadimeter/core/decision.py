@@ -58,11 +58,9 @@ class Event:
     Attributes:
         source: The rule, target or output it happened to, or ``camera``.
         at_s: When, on the run's monotonic clock.
-        distance_m: The distance at that moment, if known.
         sequence: Counts the events of the run, from 0.
         notify: Whether people are to be told: not while the rule is shelved, suppressed, out of service or only
             observed, nor within its cooldown.
-        first_out: Whether it is the first alarm of its group.
         by: Who caused it; empty where nobody did.
     """
 
@@ -115,10 +113,8 @@ class RuleTrace:
     """What one rule did in one cycle. Why is in `Decision.reasons`, and whether it won its output in `OutputTrace`.
 
     Attributes:
-        output: The output it drives, if any.
         acknowledged: Whether nobody needs to acknowledge it, or somebody has.
         gates: What keeps it from acting: ``shelved``, ``suppressed``, ``out of service``, ``observed``.
-        first_out: Whether it is the first alarm of its group.
         active: Whether the rule is active: of an alarm, whether it is raised, clearing or latched. None if it is not
             and there is nothing to judge by. This is the one answer: for other rules, messages, tests and figures.
         chattering: Whether it came too often within a minute, and stays active until it has calmed down.
@@ -168,7 +164,6 @@ class Decision:
         commands: Exactly one for each output, in the order of the configuration.
         safety_reason: Why they may not; empty if they may.
         rules: What each rule did, in the order of the configuration.
-        answers: What became of the operators' commands.
         reasons: Why each rule did so, by its name, in words with figures. They follow from the plan and the other
             fields, so they are put into words only when somebody reads them, are in no journal, and do not count when
             decisions are compared.

@@ -13,7 +13,6 @@ class FrameStamp:
     """What the core knows of a frame: not its pixels.
 
     Attributes:
-        sequence: The camera's count of the frame.
         captured_at_s: When it was taken, on the run's monotonic clock.
     """
 

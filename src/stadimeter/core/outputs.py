@@ -49,12 +49,9 @@ def command_all(
     """Return one command for each output, and why.
 
     Args:
-        outputs: The outputs.
         before: Their steps in the cycle before.
         requests: What the rules want, for each output the winner first.
-        safety: Whether outputs may act.
         faults: The outputs that are out of order.
-        step_s: Time since the cycle before.
     """
     out_of_order = {fault.output: fault.reason for fault in faults}
     no_output_may = safety.reason if safety.mode is not SafetyMode.ACTIVE else ""

@@ -13,7 +13,6 @@ class LevelOutput:
     """An actuator, as the core sees it.
 
     Attributes:
-        name: Its name in the configuration.
         safe_level: The level when nothing asks for another, or nothing may.
         rise_per_s: Largest change of the level upwards in a second; infinite for none.
         fall_per_s: Largest change downwards.
@@ -33,7 +32,6 @@ class BaseOutput:
     """A base, as the core sees it. Its safe value is to stand still.
 
     Attributes:
-        name: Its name in the configuration.
         linear_max_mps: Largest speed, either way.
         angular_max_radps: Largest rate of turn.
         linear_accel_mps2: Largest change of speed. Slowing down for safety is not limited.
@@ -89,15 +87,7 @@ class Safety:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """Everything that is fixed for a run.
-
-    Attributes:
-        targets: The names of the targets.
-        rules: The rules, in the order of the configuration.
-        outputs: The outputs, in the order of the configuration.
-        tracking: How targets are tracked.
-        safety: When outputs may act.
-    """
+    """Everything that is fixed for a run."""
 
     targets: tuple[str, ...]
     rules: tuple[AnyRule, ...] = ()

@@ -39,9 +39,7 @@ class SafetyState:
     """What safety remembers.
 
     Attributes:
-        mode: Whether outputs may act.
         good_frames: How many fresh frames came in a row.
-        frame: The newest frame.
         reason: Why outputs may not act; empty if they may.
     """
 
@@ -61,7 +59,6 @@ def is_gap(step_s: float, usual_s: float, settings: Safety) -> bool:
     Args:
         step_s: From the cycle before to this one.
         usual_s: What `usual_step_s` returned for the cycle before; 0 before the second.
-        settings: The limits.
     """
     is_long = step_s > settings.max_frame_age_s + ROUNDING_S
     return is_long and 0 < SLOW_CYCLES * usual_s < step_s
@@ -81,9 +78,6 @@ def step_safety(
     """Judge one cycle.
 
     Args:
-        state: What safety remembers.
-        observation: What is known in this cycle.
-        settings: The limits.
         gap_s: For how long the program stood still before this cycle; None for not at all.
     """
     frame = _newest(state.frame, observation.frame, observation.now_s)

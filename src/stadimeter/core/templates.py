@@ -91,10 +91,8 @@ def fields(rule: Rule, event: Event, track: Track | None, time: str, group: str 
     """Return what a template may tell of an event.
 
     Args:
-        rule: The rule that it happened to.
         track: The rule's target now; only figures that may be acted on are told.
         time: The local time, as RFC 3339 has it.
-        group: The group of alarms that the rule belongs to.
 
     Returns:
         A value for each of `FIELDS`.

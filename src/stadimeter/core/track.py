@@ -24,7 +24,6 @@ class Track:
     """The filtered distance to one target. Figures are None until the target was seen.
 
     Attributes:
-        target: The name of the target.
         status: Where it is in its life.
         distance_m: Filtered distance, at `as_of_s`.
         depth_m: The part of it along the optical axis.

@@ -32,10 +32,7 @@ _NO_TRACK = Track(target="")
 class Evaluation:
     """One evaluation of an alarm, in one cycle: its state so far, and what has happened.
 
-    Attributes:
-        is_first: Whether no other alarm of its group has been raised.
-        events: What happened, in order. All of it at the time of the cycle.
-        notices: What is to be sent.
+    `is_first` says that no other alarm of its group has been raised.
     """
 
     __slots__ = ("events", "inputs", "is_first", "notices", "rule", "state")
@@ -154,15 +151,11 @@ def stand(evaluation: Evaluation) -> None:
 
 
 def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: frozenset[str]) -> tuple[Request, ...]:
-    """Return what an alarm wants of outputs.
+    """Return what an alarm wants of outputs: at most one request for each.
 
     Args:
-        turn: The alarm.
         before: What it wanted in the cycle before; returned if that is the same.
         bases: The names of the outputs that are bases.
-
-    Returns:
-        At most one request for each output.
     """
     if evaluation.is_quiet or evaluation.state.has_let_go or evaluation.state.is_announced_only:
         return ()
@@ -210,11 +203,7 @@ def _suppress(evaluation: Evaluation) -> None:
 
 
 def unshelve(evaluation: Evaluation, reason: str, by: str = "") -> None:
-    """End the shelving of an alarm.
-
-    Args:
-        by: Who ended it; empty if it ended by itself.
-    """
+    """End the shelving of an alarm; `by` is empty if it ended by itself."""
     inhibits = replace(evaluation.state.inhibits, shelved_until_s=None, is_one_shot=False, shelved_by="")
     evaluation.change(inhibits=inhibits)
     evaluation.add_event(EventKind.UNSHELVED, reason, notify=False, by=by)

@@ -11,15 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.actions import (
-    Evaluation,
-    due_s,
-    in_words,
-    missing_in_words,
-    requests_of,
-    stand,
-    unshelve,
-)
+from stadimeter.core.alarms.actions import Evaluation, due_s, in_words, missing_in_words, requests_of, stand, unshelve
 from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, AlarmState, Phase, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample
 from stadimeter.core.condition import Condition, CountCondition, PresenceCondition, leaves
@@ -132,7 +124,10 @@ def _without_verdict(evaluation: Evaluation, *, is_awaited: bool) -> None:
     if is_awaited:
         return
     state = machine.take_nothing(rule, evaluation.state, inputs.now_s)
-    evaluation.go(state, f"{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}")
+    if state.is_active is not evaluation.state.is_active:
+        evaluation.go(state, f"{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}")
+    else:
+        evaluation.go(state)
     if state.is_given_up and not before.is_given_up:
         then = "it stays latched until it is reset" if rule.latch else "the output goes to its safe value"
         reason = f"active, but {missing_in_words(rule, state, inputs)}; {then}"
@@ -176,17 +171,20 @@ def _stays(
 def _stepped(
     before: AlarmStep, evaluation: Evaluation, bases: frozenset[str], holds: bool | None, *, is_awaited: bool
 ) -> Stepped:
-    rule, state = evaluation.rule, evaluation.state
+    rule, state, was = evaluation.rule, evaluation.state, before.trace
     rests = not is_awaited and _rests(evaluation, holds)
     if holds is None:
         holds = machine.decided_by_policy(rule, state, evaluation.inputs.now_s)
     status, active = _status(state, holds), state.is_active or (None if holds is None else False)
     requests = requests_of(evaluation, before.requests, bases)
     due = due_s(evaluation) if rests else math.inf
-    is_same = state is before.state and status is before.trace.status and active is before.trace.active
-    if is_same and requests is before.requests and rests is before.rests and due == before.due_s:
+    is_same = status is was.status and active is was.active
+    goes_on = rests is before.rests and due == before.due_s
+    if is_same and goes_on and state is before.state and requests is before.requests:
         return Stepped(before, evaluation.events, evaluation.notices)
-    trace = _trace(rule, state, status, active, before.trace)
+    is_same = is_same and state.is_acknowledged is was.acknowledged and state.is_chattering is was.chattering
+    is_same = is_same and state.inhibits is before.state.inhibits
+    trace = was if is_same else _trace(rule, state, status, active, was)
     step = AlarmStep(trace=trace, requests=requests, state=state, rests=rests, due_s=due)
     return Stepped(step, evaluation.events, evaluation.notices)
 

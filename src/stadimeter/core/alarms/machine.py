@@ -73,16 +73,8 @@ class Trigger(StrEnum):
 
 _P, _T = Phase, Trigger
 TRANSITIONS: Mapping[Phase, Mapping[Trigger, Phase]] = {
-    _P.NORMAL: {
-        _T.HOLDS: _P.PENDING,
-        _T.RAISE: _P.UNACKNOWLEDGED,
-        _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED,
-    },
-    _P.PENDING: {
-        _T.ENDS: _P.NORMAL,
-        _T.RAISE: _P.UNACKNOWLEDGED,
-        _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED,
-    },
+    _P.NORMAL: {_T.HOLDS: _P.PENDING, _T.RAISE: _P.UNACKNOWLEDGED, _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED},
+    _P.PENDING: {_T.ENDS: _P.NORMAL, _T.RAISE: _P.UNACKNOWLEDGED, _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED},
     _P.UNACKNOWLEDGED: {
         _T.ENDS: _P.CLEARING_UNACKNOWLEDGED,
         _T.CLEAR: _P.RTN_UNACKNOWLEDGED,
@@ -107,15 +99,8 @@ TRANSITIONS: Mapping[Phase, Mapping[Trigger, Phase]] = {
         _T.LATCH: _P.LATCHED,
         _T.REALARM: _P.CLEARING_UNACKNOWLEDGED,
     },
-    _P.LATCHED_UNACKNOWLEDGED: {
-        _T.HOLDS: _P.UNACKNOWLEDGED,
-        _T.ACKNOWLEDGE: _P.LATCHED,
-    },
-    _P.LATCHED: {
-        _T.HOLDS: _P.ACKNOWLEDGED,
-        _T.RESET: _P.NORMAL,
-        _T.REALARM: _P.LATCHED_UNACKNOWLEDGED,
-    },
+    _P.LATCHED_UNACKNOWLEDGED: {_T.HOLDS: _P.UNACKNOWLEDGED, _T.ACKNOWLEDGE: _P.LATCHED},
+    _P.LATCHED: {_T.HOLDS: _P.ACKNOWLEDGED, _T.RESET: _P.NORMAL, _T.REALARM: _P.LATCHED_UNACKNOWLEDGED},
     _P.RTN_UNACKNOWLEDGED: {
         _T.RAISE: _P.UNACKNOWLEDGED,
         _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED,
@@ -228,34 +213,42 @@ def take_sample(
         state = replace(state, resumed=None)
     if state.held_from_start and not holds:
         state = replace(state, held_from_start=False)
-    timers = Timers(held_last=holds, was_judged=True, leaves=leaves)
     if state.phase in LATCHED:
-        state = replace(state, timers=timers)
-        return fire(state, Trigger.HOLDS) if holds else state
+        return _sampled(state, Timers(held_last=holds, was_judged=True, leaves=leaves))
     if state.is_active:
-        return _while_active(rule, state, timers, since_s, now_s)
-    return _while_normal(rule, state, timers, since_s, now_s)
+        return _while_active(rule, state, since_s, holds, leaves, now_s)
+    return _while_normal(rule, state, since_s, holds, leaves, now_s)
 
 
-def _while_normal(rule: AlarmRule, state: AlarmState, timers: Timers, since_s: float, now_s: float) -> AlarmState:
+def _sampled(state: AlarmState, timers: Timers) -> AlarmState:
+    """Return an alarm with timers after a sample, and triggered by it, in one step: it is made anew on each sample."""
+    phase = after(state.phase, Trigger.HOLDS if timers.held_last else Trigger.ENDS)
+    return replace(state, timers=timers, phase=phase)
+
+
+def _while_normal(
+    rule: AlarmRule, state: AlarmState, since_s: float, holds: bool, leaves: tuple[bool, ...], now_s: float
+) -> AlarmState:
     """Count towards the on-delay: in seconds, or in frames of the newest ones."""
-    before, delay, holds = state.timers, rule.on_delay, timers.held_last
+    before, delay = state.timers, rule.on_delay
     held_s = before.held_s + since_s * before.held_last if holds else max(0.0, before.held_s - since_s)
     recent = (*before.recent, holds)[-delay.of_frames :] if delay.of_frames else ()
-    state = replace(state, timers=replace(timers, held_s=held_s, recent=recent))
+    timers = Timers(held_last=holds, was_judged=True, leaves=leaves, held_s=held_s, recent=recent)
     if holds and held_s >= delay.hold_s and sum(recent) >= delay.frames:
-        return _raise(rule, state, now_s)
-    return fire(state, Trigger.HOLDS if holds else Trigger.ENDS)
+        return _raise(rule, replace(state, timers=timers), now_s)
+    return _sampled(state, timers)
 
 
-def _while_active(rule: AlarmRule, state: AlarmState, timers: Timers, since_s: float, now_s: float) -> AlarmState:
+def _while_active(
+    rule: AlarmRule, state: AlarmState, since_s: float, holds: bool, leaves: tuple[bool, ...], now_s: float
+) -> AlarmState:
     """Count towards the off-delay."""
-    ended_s, holds = state.timers.ended_s, timers.held_last
+    ended_s = state.timers.ended_s
     if holds and state.is_chattering and ended_s >= rule.off_delay_s and state.phase not in _HOLDING:
         # Without the governor it would have cleared, and would be raised anew: that counts towards the next minute.
         state, ended_s = replace(state, raises_at_s=_with_raise(rule, state, now_s)), 0.0
     ended_s = max(0.0, ended_s - since_s) if holds else ended_s + since_s
-    state = fire(replace(state, timers=replace(timers, ended_s=ended_s)), Trigger.HOLDS if holds else Trigger.ENDS)
+    state = _sampled(state, Timers(held_last=holds, was_judged=True, leaves=leaves, ended_s=ended_s))
     return state if holds else _clear_when_due(rule, state, ended_s, now_s)
 
 
@@ -369,6 +362,8 @@ def _assert(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
         return _raise(rule, replace(state, timers=timers, held_from_start=False), now_s)
     if state.is_announced_only or state.is_given_up:
         state = replace(state, is_announced_only=False, is_given_up=False)
+    if state.phase in LATCHED:  # what its parts did while it was latched counts no more than while it was not active
+        state = replace(state, timers=replace(state.timers, leaves=()))
     return fire(state, Trigger.HOLDS)
 
 

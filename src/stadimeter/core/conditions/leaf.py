@@ -55,7 +55,7 @@ class Evidence:
         sigma: The standard deviation of `value`, where that is known.
         low: The lower threshold that it is judged by now, deadband included.
         high: The upper threshold.
-        probability: How likely the figure is within them.
+        probability: That the figure is within them.
         begin_points: The figures at which it would begin to speak for the alarm.
         end_points: The figures at which it would cease to.
     """
@@ -137,7 +137,6 @@ class Leaf:
         """Return whether it holds; None if that cannot be known.
 
         Args:
-            known: All that it may look at.
             is_on: Whether it is judged by what ends it, where that differs from what begins it.
         """
         raise NotImplementedError
@@ -154,7 +153,6 @@ class Leaf:
         """Return the figures behind `holds`.
 
         Args:
-            known: All that it may look at.
             is_on: As for `holds`.
             names_target: Whether to name its target, where that is not said anyway.
         """
@@ -187,10 +185,5 @@ class Leaf:
         return self
 
     def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:
-        """Yield the boxes of situations in which it is true, false or unknown.
-
-        Args:
-            truth: Which of these.
-            targets: Every target that there is.
-        """
+        """Yield the boxes of situations in which it is true, false or unknown, as `truth` says."""
         raise NotImplementedError

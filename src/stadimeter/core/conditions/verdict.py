@@ -53,8 +53,6 @@ def judge(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, i
     """Judge a condition.
 
     Args:
-        condition: The condition.
-        known: What is known in this cycle.
         held: From the verdict on the sample before; empty for none.
         is_active: Whether the alarm is active: then the parts that held are judged by what ends them.
     """

@@ -28,9 +28,7 @@ class Explanation:
     """What there is to say of a rule at a moment.
 
     Attributes:
-        rule: The rule.
         at_s: The moment, on the run's clock.
-        status: What the rule is doing.
         sentence: All that matters, in words.
         evidence: The figures behind its condition, for each part of it; none for ramps and follow rules.
         timers: What it counts, in words.
@@ -55,7 +53,6 @@ def explain(decision: Decision, name: str) -> Explanation:
 
     Args:
         decision: What was decided at that moment, as `stadimeter.core.decide.decide` returned it.
-        name: The rule.
 
     Raises:
         KeyError: There is no such rule.

@@ -24,7 +24,6 @@ def ramp_level(rule: RampRule, value_m: float, sigma_m: float, noise_m: float, *
     below the dead zone is 0.
 
     Args:
-        rule: The ramp.
         value_m: Distance or depth.
         sigma_m: Its standard deviation; the bias is within that.
         noise_m: The part of that which differs from frame to frame.

@@ -12,6 +12,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 from stadimeter.core.alarms.actions import Evaluation
 from stadimeter.core.alarms.alarm import AlarmStep, Stepped, judged_by, new_alarm, operated, step_alarm, with_state
@@ -31,6 +32,8 @@ from stadimeter.core.rules.ramp import RampStep, new_ramp, rest_of_ramp, step_ra
 
 RuleStep = AlarmStep | RampStep | FollowStep
 
+_T = TypeVar("_T")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvaluatedRules:
@@ -42,7 +45,6 @@ class EvaluatedRules:
         wanted: What they want of each output, the winner first.
         active: Whether each rule that others ask for is active; None for unknown.
         first_out: For each group with an alarm that was raised, the name of the first one.
-        quiescence: For how long each of them needs no evaluation.
     """
 
     steps: tuple[RuleStep, ...] = ()
@@ -78,11 +80,6 @@ def new_rules(plan: Plan) -> EvaluatedRules:
 def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, str] | None = None) -> EvaluatedRules:
     """Return the rules of a plan as they were remembered. All of them are judged in the next cycle.
 
-    Args:
-        plan: The plan.
-        steps: What each of its rules did, in the order of the plan.
-        first_out: For each group with an alarm that was raised, the name of the first one.
-
     Raises:
         ValueError: Rules ask for each other in a circle.
     """
@@ -109,12 +106,9 @@ def judge(
     """Judge the rules for one cycle.
 
     Args:
-        rules: The rules.
         before: The rules after the cycle before; returned if nothing is to be evaluated.
-        known: What they can be judged by.
         sample: The frame that is new in this cycle; None without one.
         cycle: The cycle itself. Whether a target is in sight is judged by it: that no frame comes at all is news too.
-        commands: What operators want.
     """
     # After a gap timers begin anew, and so does the time for which a target has been in sight.
     quiescence = before.quiescence.with_all_active() if inputs.is_after_gap else before.quiescence
@@ -161,10 +155,10 @@ class _Evaluation:
             for index, rule in enumerate(self.rules)
             if isinstance(rule, AlarmRule) and isinstance(step := self._step(index), AlarmStep)
         }
-        answer, turns = operated(alarms, self.inputs, command)
-        for index, turn in turns:
-            self._remember(index, turn)
-            self.events += turn.events
+        answer, evaluations = operated(alarms, self.inputs, command)
+        for index, evaluation in evaluations:
+            self._remember(index, evaluation)
+            self.events += evaluation.events
             active.add(index)
         return answer
 
@@ -195,7 +189,7 @@ class _Evaluation:
         steps = _with(before.steps, changed)
         return EvaluatedRules(
             steps=steps,
-            traces=_traces(before, changed, steps),
+            traces=_traces(before, changed),
             wanted=_wanted(before, changed, steps),
             active=self.active,
             first_out=self.first_out,
@@ -301,22 +295,19 @@ def _is_unsettled(step: RuleStep) -> bool:
     return isinstance(step, AlarmStep) and (step.state.is_active or not step.state.is_acknowledged)
 
 
-def _with(steps: tuple[RuleStep, ...], changed: Mapping[int, RuleStep]) -> tuple[RuleStep, ...]:
+def _with(items: tuple[_T, ...], changed: Mapping[int, _T]) -> tuple[_T, ...]:
     if not changed:
-        return steps
-    after = list(steps)
-    for index, step in changed.items():
-        after[index] = step
+        return items
+    after = list(items)
+    for index, item in changed.items():
+        after[index] = item
     return tuple(after)
 
 
-def _traces(
-    before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]
-) -> tuple[RuleTrace, ...]:
+def _traces(before: EvaluatedRules, changed: Mapping[int, RuleStep]) -> tuple[RuleTrace, ...]:
     """Return the traces. The same object tells those who listen, at no cost, that nothing changed."""
-    if all(step.trace is before.steps[index].trace for index, step in changed.items()):
-        return before.traces
-    return tuple([step.trace for step in steps])
+    renewed = {index: step.trace for index, step in changed.items() if step.trace is not before.steps[index].trace}
+    return _with(before.traces, renewed)
 
 
 def _wanted(before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]) -> Wanted:
