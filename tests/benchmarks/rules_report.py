@@ -16,7 +16,7 @@ import replay_speed
 import rule_policies
 import rule_scale
 from goals import Facts, Goal
-from part import Part, table
+from part import Part, commit, table
 
 from support.scenes import draw
 
@@ -129,8 +129,8 @@ def report(parts: Sequence[Part]) -> str:
     head = (
         "# Benchmarks of rules\n\nMade by `make bench-rules`; do not edit. Random numbers are apart from those that "
         "limits and defaults were chosen by.\n\n"
-        f"This run: {os.cpu_count()} cores of {platform.machine()}, Python {platform.python_version()}, numpy "
-        f"{np.__version__}. Machines differ: compare times within one run only.\n"
+        f"This run: commit {commit()}, {os.cpu_count()} cores of {platform.machine()}, Python "
+        f"{platform.python_version()}, numpy {np.__version__}. Machines differ: compare times within one run only.\n"
     )
     return "\n".join([head, "## Goals\n", goals, *(f"## {part.title}\n\n{part.text}" for part in parts)])
 

@@ -25,7 +25,7 @@ import speed
 import start_up
 import tag_accuracy
 from goals import goals_table
-from part import Part
+from part import Part, commit
 
 from support.scenes import draw
 
@@ -122,7 +122,7 @@ def _head(took_s: float) -> str:
         f"them: thresholds and constants were chosen on seeds below {draw.TUNING_SEEDS.stop}.\n\n"
         "Bias is the median of the signed error in pixels of apparent size: above zero the target was measured too "
         "large, so too near. The 95 % interval is ± 1.96 of the standard deviation that came with the measurement.\n\n"
-        f"This run: {took_s / 60:.0f} min on {os.cpu_count()} cores of {platform.machine()}, "
+        f"This run: commit {commit()}, {took_s / 60:.0f} min on {os.cpu_count()} cores of {platform.machine()}, "
         f"Python {platform.python_version()}, OpenCV {cv2.__version__}, numpy {np.__version__}.\n"
     )
 
