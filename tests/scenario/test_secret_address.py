@@ -49,6 +49,7 @@ driver = "mqtt"
 port = {port}
 
 [rules.gone]
+severity = "safety"  # it does not wait for a target that was never seen
 actuator = "motor"
 when = {{ lost = true }}
 
