@@ -24,7 +24,8 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction, Re
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.ball.blobs import Blob, HsvRangeText, find_blobs, search_step
 from stadimeter.detectors.ball.circles import Circle, edge_circle
-from stadimeter.detectors.ball.limb import Ball, BallGates, find_limb, within
+from stadimeter.detectors.ball.gates import Ball, BallGates
+from stadimeter.detectors.ball.limb import find_limb, within
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
 from stadimeter.ranging.ball import BallShape
@@ -210,7 +211,7 @@ class BallDetector:
             centre_px=(circle.x_px, circle.y_px),
             width_px=diameter_px,
             height_px=diameter_px,
-            size_sigma_px=2 * ball.radius_sigma_px,
+            size_sigma_px=2 * ball.limb.radius_sigma_px,
             quality=ball.quality,
             rejected=tuple(scene.rejected[:MOST_REJECTED]),
             measured_with=scene.lens if scene.is_lens_known else None,

@@ -1,8 +1,8 @@
 """The limb of a ball: the cone of rays that touches it, fitted to the steps around an expected circle.
 
 Some of the steps are not the ball's: a finger hides part of it, what lies behind it is as bright. The cone is fitted
-robustly, and where too many steps miss it, started anew from the best of many circles through three steps each. Then it
-is judged whether the limb is that of the ball, and how well it is measured.
+robustly, and where too many steps miss it, started anew from the best of many circles through three steps each.
+`stadimeter.detectors.ball.gates` judges whether the limb is that of a ball.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points, RejectedCandidate
+from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.blobs import HsvRange, colour_share
 from stadimeter.detectors.ball.circles import Circle, most_common_circle
 from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
 from stadimeter.detectors.sampling import light_table
@@ -71,36 +70,8 @@ OUTLINE_POINTS = 16
 SQUARENESS = 1.11
 """Spokes cross the limb at up to 45 degrees, so steps are wider along them; this is the mean."""
 
-LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.5
-"""Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
-the sum of both for the allowance below. Clutter has many circles with few steps near them, and some that are round by
-half, but hardly any with most of its steps close by."""
-
-SCATTER_SHARE, SCATTER_OF_BLUR, UNKNOWN_LENS_SHARE = 0.05, 0.3, 0.02
-"""The allowance for scatter: a share of the radius for felt and fingers, a share of what blur adds to the width
-of a step; and without a camera model, another share of the radius, since how oblong the outline is away from the
-middle of the picture is then not known."""
-
-LEAST_CUT_OFF = 0.25
-"""Of a ball that the border cuts off, so much must be seen of the whole limb, and as much as of others of the rest."""
-
-MARGIN_PX = 1.0
-"""A limb this near to the outermost pixels is cut off."""
-
-EXPECTED_SHARE = 0.7
-"""Share of that which is enough where a ball is expected."""
-
 SHARP_PX = 2.6
 """Width of a sharp step."""
-
-LEAST_FILL = 0.3
-"""Least share of the ball that has its colour."""
-
-BEST_MARGIN = 0.6
-"""With so much more of the limb seen than is asked for, a ball has the best quality."""
-
-SURE_QUALITY = 0.4
-"""With this quality, smaller blobs need not be looked at."""
 
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.015
@@ -128,6 +99,17 @@ class Limb:
     width_px: float  # how many pixels the steps take from inside to outside, the median, across the limb
     # Standard deviation of `straight_radius_px` if each step erred by itself, by as much as they scatter.
     sigma_px: float
+
+    @property
+    def radius_sigma_px(self) -> float:
+        """Standard deviation of the radius."""
+        return math.hypot(
+            SIGMA_FACTOR * self.sigma_px,
+            SIGMA_FLOOR_PX,
+            SIGMA_SMALL_PX2 / self.circle.radius_px,
+            SIGMA_OF_BLUR * max(0.0, self.width_px - SHARP_PX),
+            SIGMA_OF_SCATTER * max(0.0, self.scatter_px - USUAL_SCATTER_PX),
+        )
 
 
 def find_limb(image: Image, start: Circle, within_px: float, lens: CameraModel) -> Limb | None:
@@ -286,107 +268,3 @@ def _outline_circle(cone: SphereCone, lens: CameraModel) -> Circle:
     points = lens.project(cone.outline(OUTLINE_POINTS))
     radius_px = float(np.hypot(points[:, 0] - x_px, points[:, 1] - y_px).min())
     return Circle(x_px=x_px, y_px=y_px, radius_px=radius_px)
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Ball:
-    """A limb that passed every test."""
-
-    limb: Limb
-    fill: float  # how much of the ball has its colour; 1 where that is known from before
-    margin: float  # by how much more of the limb is seen than is asked for
-    is_cut_off: bool  # whether the border of the picture cuts it off
-
-    @property
-    def quality(self) -> float:
-        """From 0 for a limb that is barely enough to 1 for one that is seen all around."""
-        return min(1.0, self.margin / BEST_MARGIN) * math.sqrt(min(1.0, self.fill / 0.8))
-
-    @property
-    def score(self) -> float:
-        """The rounder the better; of equally round ones the larger, since noise makes small ones."""
-        return self.quality * math.sqrt(math.sqrt(self.limb.circle.radius_px))
-
-    @property
-    def is_sure(self) -> bool:
-        """Whether nothing smaller can be more like a ball."""
-        return self.quality >= SURE_QUALITY
-
-    @property
-    def radius_sigma_px(self) -> float:
-        """Standard deviation of the radius."""
-        limb = self.limb
-        return math.hypot(
-            SIGMA_FACTOR * limb.sigma_px,
-            SIGMA_FLOOR_PX,
-            SIGMA_SMALL_PX2 / limb.circle.radius_px,
-            SIGMA_OF_BLUR * max(0.0, limb.width_px - SHARP_PX),
-            SIGMA_OF_SCATTER * max(0.0, limb.scatter_px - USUAL_SCATTER_PX),
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BallGates:
-    """The tests that a limb has to pass."""
-
-    colour: HsvRange
-    min_radius_px: float
-    max_radius_px: float  # the largest radius, perhaps infinite
-
-    def judge(
-        self, image: Image, limb: Limb | None, start: Circle, *, is_lens_known: bool, is_expected: bool = False
-    ) -> Ball | RejectedCandidate:
-        """Return the ball, or the test that its limb failed, the cheapest first.
-
-        Args:
-            start: Where it was looked for.
-            is_lens_known: Whether the limb was fitted with the camera's own model.
-            is_expected: Whether a ball is expected just there: then less of it need be seen, and if nearly all of it is
-                seen, its colour is not judged again.
-        """
-        if limb is None:
-            return _rejected(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle")
-        radius_px = limb.circle.radius_px
-        if not self.min_radius_px <= radius_px <= self.max_radius_px:
-            return _rejected(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}")
-        needed = _needed_support(limb, is_lens_known=is_lens_known) * (EXPECTED_SHARE if is_expected else 1.0)
-        cut_off = is_cut_off(limb.circle, image)
-        support = limb.support_inside if cut_off and limb.support >= LEAST_CUT_OFF else limb.support
-        if support < needed:
-            return _rejected(
-                limb.circle,
-                f"is not round: {support:.0%} of a circle to {limb.scatter_px:.1f} px, limit {needed:.0%}",
-            )
-        margin = support - needed
-        # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
-        # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
-        is_known = is_expected and margin >= BEST_MARGIN
-        fill = 1.0 if is_known else colour_share(image, limb.circle, self.colour)
-        if fill < LEAST_FILL:
-            return _rejected(limb.circle, f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}")
-        return Ball(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
-
-    def limits_text(self) -> str:
-        """Return the limits of the diameter in words."""
-        most = "" if math.isinf(self.max_radius_px) else f" to {2 * self.max_radius_px:.0f}"
-        return f"{2 * self.min_radius_px:.0f}{most} px"
-
-
-def is_cut_off(circle: Circle, image: Image) -> bool:
-    """Return whether a circle reaches the border of a picture."""
-    height, width = image.shape[:2]
-    reach_px = circle.radius_px + MARGIN_PX
-    middle_px = min(circle.x_px, circle.y_px, width - 1 - circle.x_px, height - 1 - circle.y_px)
-    return bool(middle_px < reach_px)
-
-
-def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
-    """Return how much of a limb must be seen for it to be a ball's, given how much its steps scatter."""
-    share = SCATTER_SHARE + (0.0 if is_lens_known else UNKNOWN_LENS_SHARE)
-    blur_px = max(0.0, limb.width_px - SHARP_PX)
-    allowance_px = share * limb.circle.radius_px + SCATTER_OF_BLUR * blur_px
-    return LEAST_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
-
-
-def _rejected(circle: Circle, reason: str) -> RejectedCandidate:
-    return RejectedCandidate(centre_px=(circle.x_px, circle.y_px), size_px=2 * circle.radius_px, reason=reason)
