@@ -42,6 +42,9 @@ TAPE_BGRS: tuple[Colour, ...] = ((250, 255, 252), (225, 232, 230), (120, 240, 13
 STRAIGHT_M = 0.0003
 """The most by which the long sides of tape deviate: they are made by a machine."""
 
+LEAST_SIDE_PX = 8.0
+"""No side of a sheet or a strip is shorter in the picture: less is not asked of the detector."""
+
 LEAST_CONTRAST = 90.0
 """The mean colour of a texture is at least so many code values from the target's."""
 
@@ -243,28 +246,33 @@ def _placed(
     camera: CameraModel = draw.CAMERA,
 ) -> T:
     """Return a target of a size evenly spread over its logarithm, anywhere in the picture where it is whole."""
-    size_px = float(np.exp(rng.uniform(*np.log(sizes_px))))
-    depth, tilt = camera.fx_px * longest_m / size_px, math.radians(float(rng.uniform(*tilts_deg)))
     for _ in range(draw.MOST_ATTEMPTS):
+        size_px, tilt_deg = float(np.exp(rng.uniform(*np.log(sizes_px)))), float(rng.uniform(*tilts_deg))
+        depth = camera.fx_px * longest_m / size_px
         x, y = camera.direction(*(float(rng.uniform(0, side)) for side in (camera.width_px, camera.height_px)))
         pose = Pose(
             position_m=(x * depth, y * depth, depth),
-            tilt_rad=tilt,
+            tilt_rad=math.radians(tilt_deg),
             tilt_towards_rad=float(rng.uniform(0, 2 * math.pi)),
             roll_rad=float(rng.uniform(-draw.GREATEST_ROLL_RAD, draw.GREATEST_ROLL_RAD)),
         )
         target = made(pose)
-        if _is_whole(target.extent_m(), camera):
+        if _is_whole(target, camera):
             return target
-    raise ValueError(f"nothing of {size_px} px tilted by {tilt} rad fits the picture")
+    raise ValueError(f"nothing of {sizes_px} px tilted by {tilts_deg} degrees fits the picture")
 
 
-def _is_whole(points_m: np.ndarray, camera: CameraModel) -> bool:
+def _is_whole(target: Target, camera: CameraModel) -> bool:
+    """Return whether a target is inside the picture, and no corner of it nearer than the least side to another."""
+    points_m = target.extent_m()
     if (points_m[:, 2] <= 0).any():
         return False
-    places = Lens(camera=camera).project(points_m)
+    lens = Lens(camera=camera)
+    places, corners = lens.project(points_m), lens.project(target.outline_m())
     last = np.array((camera.width_px, camera.height_px)) - 1 - draw.MARGIN_PX
-    return bool(((places >= draw.MARGIN_PX) & (places <= last)).all())
+    sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    is_large = len(corners) > 4 or float(sides.min()) >= LEAST_SIDE_PX
+    return is_large and bool(((places >= draw.MARGIN_PX) & (places <= last)).all())
 
 
 def _troubled(

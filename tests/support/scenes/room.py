@@ -233,13 +233,13 @@ def _poster(view: _View) -> None:
 
 
 def _chair(view: _View) -> None:
-    """Draw legs, a seat and a back of bars."""
+    """Draw legs, a seat and a back of bars, with nothing but narrow gaps between them."""
     at, rng, colour = view.frame(1.0, 0.8), view.rng, view.colour()
     surface = int(rng.choice([SMOOTH, GRAIN]))
     for x in (-0.22, 0.2):
         view.draw(at.box(x, 0.0, x + 0.035, 0.45), colour, surface)
         view.draw(at.box(x, -0.5, x + 0.03, 0.0), colour, surface)
-    for y in np.linspace(-0.48, -0.15, int(rng.integers(2, 5))):
+    for y in np.linspace(-0.48, -0.15, int(rng.integers(3, 6))):
         view.draw(at.box(-0.22, y, 0.23, y + 0.05), colour, surface)
     seat = np.array(((-0.25, 0, -0.2), (0.25, 0, -0.2), (0.22, 0, 0.2), (-0.22, 0, 0.2)))
     view.draw(at.seen(seat), view.colour(), surface)
