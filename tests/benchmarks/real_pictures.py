@@ -6,6 +6,7 @@ import csv
 import math
 from pathlib import Path
 
+import ball_video
 import numpy as np
 import ours
 import real_boards
@@ -43,6 +44,7 @@ def run(folder: Path = PICTURES) -> Part:
     parts = [
         _sheet(folder / "seed_sheet"),
         _tennis(folder / "tennis_ball"),
+        ball_video.ball_video(folder / "ball_video"),
         real_boards.chessboards(folder / "chessboard"),
         real_tags.visp(folder / "tags" / "visp"),
         real_tags.duckietown(folder / "tags" / "duckietown"),

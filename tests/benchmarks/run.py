@@ -18,6 +18,7 @@ import ball_accuracy
 import cv2
 import false_alarms
 import flat_accuracy
+import hard_balls
 import machinery
 import numpy as np
 import real_pictures
@@ -39,6 +40,7 @@ def _accuracy(run: Callable[[int, int, int], Part], frames: int) -> Job:
 
 JOBS: dict[str, Job] = {
     "ball": _accuracy(ball_accuracy.run, 150),
+    "hard balls": _accuracy(hard_balls.run, 1600),
     "sheet": _accuracy(flat_accuracy.run_sheet, 60),
     "disc": _accuracy(flat_accuracy.run_disc, 60),
     "tag": _accuracy(tag_accuracy.run, 48),

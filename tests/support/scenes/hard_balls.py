@@ -87,7 +87,7 @@ def hard_ball(
     )
     return HardBall(
         scene=scene,
-        hsv=picked_range(BALLS[colour]),
+        hsv=picked_range(BALLS[colour], floor_bgr),
         colour=colour,
         surface=surface_name,
         backdrop=kind,
@@ -110,11 +110,26 @@ def hard_sensor(rng: np.random.Generator) -> Sensor:
     )
 
 
-def picked_range(bgr: Colour) -> str:
-    """Return the range of colours that a user picks: around the ball's hue, without its pale and its darkest parts."""
-    hue, saturation, value = (int(v) for v in cv2.cvtColor(np.array([[bgr]], np.uint8), cv2.COLOR_BGR2HSV)[0, 0])
-    low, high = (hue - HUE_MARGIN) % 180, (hue + HUE_MARGIN) % 180
-    return f"{low},{int(SATURATION_SHARE * saturation)},{int(VALUE_SHARE * value)}:{high},255,255"
+def picked_range(bgr: Colour, floor_bgr: Colour | None = None) -> str:
+    """Return the range of colours that a user picks: around the ball's hue, without its pale and its darkest parts.
+
+    Where the floor's own colour lies in it, the user has seen that, and has drawn the limits half way between both.
+    """
+    hue, saturation, value = _hsv(bgr)
+    below, above, least = HUE_MARGIN, HUE_MARGIN, int(SATURATION_SHARE * saturation)
+    if floor_bgr is not None:
+        floor_hue, floor_saturation, _ = _hsv(floor_bgr)
+        apart = (floor_hue - hue + 90) % 180 - 90
+        if abs(apart) <= HUE_MARGIN and floor_saturation >= least:
+            least = max(least, (saturation + floor_saturation) // 2 - 10)
+            below = max(5, -apart // 2) if apart < 0 else below
+            above = max(5, apart // 2) if apart > 0 else above
+    return f"{(hue - below) % 180},{least},{int(VALUE_SHARE * value)}:{(hue + above) % 180},255,255"
+
+
+def _hsv(bgr: Colour) -> tuple[int, int, int]:
+    hue, saturation, value = cv2.cvtColor(np.array([[bgr]], np.uint8), cv2.COLOR_BGR2HSV)[0, 0].tolist()
+    return hue, saturation, value
 
 
 def _surface(rng: np.random.Generator, seed: int, colour: str) -> tuple[BallSurface, str]:
