@@ -22,7 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import CalibrationError
+from stadimeter.ranging.fit_covariance import enlargement, jackknife_covariance, lens_covariance
 
 VIEWS_MIN = 3
 """Fewer views do not fix focal length, centre and distortion."""
@@ -81,10 +83,15 @@ class BoardCalibration:
 class _Fit:
     matrix: NDArray[np.float64]
     distortion: NDArray[np.float64]
-    focal_sigma_px: NDArray[np.float64]
+    poses: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]  # turn and place of each board
     view_rms_px: NDArray[np.float64]
     rms_px: float
     flags: int
+
+    @property
+    def lens(self) -> NDArray[np.float64]:
+        """The parameters in the order of `stadimeter.core.lens_uncertainty.PARAMETERS`."""
+        return np.concatenate((self.matrix[(0, 1, 0, 1), (0, 1, 2, 2)], self.distortion.ravel()[:5]))
 
 
 def calibrate_board(views: Sequence[BoardView], width_px: int, height_px: int, *, date: str) -> BoardCalibration:
@@ -198,7 +205,7 @@ def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int, 
     distortion: NDArray[Any] = start.distortion.copy() if start else np.zeros((1, 5))
     flags |= cv2.CALIB_USE_INTRINSIC_GUESS if start else 0
     try:
-        rms, new_matrix, new_distortion, _, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
+        rms, new_matrix, new_distortion, turns, shifts, _, _, per_view = cv2.calibrateCameraExtended(
             board, corners, shape, matrix, distortion, flags=flags
         )
     except cv2.error as error:
@@ -209,7 +216,7 @@ def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int, 
     return _Fit(
         matrix=np.asarray(new_matrix, dtype=np.float64),
         distortion=np.asarray(new_distortion, dtype=np.float64),
-        focal_sigma_px=np.asarray(sigmas, dtype=np.float64).ravel()[:2],
+        poses=tuple(zip(map(np.asarray, turns), map(np.asarray, shifts), strict=True)),
         view_rms_px=np.asarray(per_view, dtype=np.float64).ravel(),
         rms_px=float(rms),
         flags=flags,
@@ -247,9 +254,8 @@ def _lens_or_error(fit: _Fit, shape: tuple[int, int]) -> CameraModel:
 
 def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
     lens = _lens_or_error(fit, shape)
-    focal_px = np.array([lens.fx_px, lens.fy_px])
-    shares = np.maximum(fit.focal_sigma_px, _jackknife_sigma_px(fit, views, shape)) / focal_px
-    share = float(shares.max())
+    covariance = _covariance(fit, views, shape)
+    share = math.sqrt(max(covariance[0, 0] / lens.fx_px**2, covariance[1, 1] / lens.fy_px**2))
     if not (math.isfinite(share) and share < FOCAL_SIGMA_MAX):
         raise CalibrationError(
             f"the pictures do not tell the focal length: {lens.fx_px:.0f} px ± {share:.0%}; tilt the board by 30 to 45 "
@@ -260,22 +266,35 @@ def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: 
         *(f"{view.picture}: {rms_px:.3f} px" for view, rms_px in zip(views, fit.view_rms_px, strict=True)),
     )
     method = f"{len(views)} pictures of a board"
-    return replace(lens, focal_relative_sigma=share, provenance=Provenance(method=method, date=date, notes=notes))
+    return replace(
+        lens,
+        focal_relative_sigma=share,
+        uncertainty=LensUncertainty.of(covariance),
+        provenance=Provenance(method=method, date=date, notes=notes),
+    )
 
 
-def _jackknife_sigma_px(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the standard deviations of fx and fy from how they change when a group of views is left out."""
+def _covariance(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the covariance of all parameters: that of the fit, enlarged to what leaving views out shows."""
+    boards_m = [np.column_stack((each.board_m, np.zeros(len(each.board_m)))) for each in views]
+    covariance = lens_covariance(boards_m, [each.corners_px for each in views], fit.poses, fit.lens)
+    observed = _jackknife(fit, views, shape)
+    # The focal length by itself too, since every distance rests on it.
+    of_focal = [observed[axis, axis] / max(covariance[axis, axis], 1e-300) for axis in (0, 1)]
+    factor = max(enlargement(covariance, observed), *of_focal)
+    return np.asarray(covariance * factor)
+
+
+def _jackknife(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the covariance of the parameters from how they change when a group of views is left out; 0 if too few."""
     groups = min(len(views), _JACKKNIFE_GROUPS)
     if len(views) - math.ceil(len(views) / groups) < VIEWS_MIN:
-        return np.zeros(2)
-    focal_px = []
+        return np.zeros((9, 9))
+    lenses = []
     for group in range(groups):
         kept = [view for index, view in enumerate(views) if index % groups != group]
-        without = _opencv_fit(kept, shape, fit.flags & cv2.CALIB_FIX_K3, fit)
-        focal_px.append((without.matrix[0, 0], without.matrix[1, 1]))
-    spread = np.array(focal_px) - np.mean(focal_px, axis=0)
-    sigma: NDArray[np.float64] = np.sqrt((groups - 1) / groups * np.sum(spread**2, axis=0))
-    return sigma
+        lenses.append(_opencv_fit(kept, shape, fit.flags & cv2.CALIB_FIX_K3, fit).lens)
+    return jackknife_covariance(np.array(lenses))
 
 
 def _covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[int, int]) -> NDArray[np.bool_]:
