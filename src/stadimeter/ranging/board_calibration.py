@@ -1,11 +1,8 @@
 """A whole camera model, distortion included, from pictures of a board whose corners are known.
 
 A low reprojection error says that the model explains these corners, not that its focal length is right: boards that
-all face the camera are explained as well by a longer lens further away. So the standard deviation of the focal length
-counts, and it is taken from two sources, whichever is more: the covariance of the fit, which trusts every corner to
-err by itself, and how much the focal length changes when views are left out (the jackknife: B. Efron, C. Stein, The
-jackknife estimate of variance, Annals of Statistics 9, 1981), which also notices what the corners of one view have in
-common, such as a board that is not flat.
+all face the camera are explained as well by a longer lens further away. So its standard deviation counts, which
+`stadimeter.ranging.fit_covariance` gives with those of the other parameters.
 
 The fit itself is OpenCV's, after Z. Zhang, A flexible new technique for camera calibration, 2000.
 """
@@ -24,7 +21,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.fit_covariance import enlargement, jackknife_covariance, lens_covariance
+from stadimeter.ranging.fit_covariance import PlacedBoard, lens_covariance
 
 VIEWS_MIN = 3
 """Fewer views do not fix focal length, centre and distortion."""
@@ -35,7 +32,6 @@ FOCAL_SIGMA_MAX = 0.2
 SAME_VIEW_SHARE = 0.005
 """Two views are the same if their corners are on average no further apart than this share of the picture's width."""
 
-_JACKKNIFE_GROUPS = 15
 _OUTLIER_MADS = 5.0
 _OUTLIER_MEDIANS = 2.5
 _COVERAGE_CELLS = (8, 6)
@@ -86,7 +82,6 @@ class _Fit:
     poses: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]  # turn and place of each board
     view_rms_px: NDArray[np.float64]
     rms_px: float
-    flags: int
 
     @property
     def lens(self) -> NDArray[np.float64]:
@@ -199,11 +194,10 @@ def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _Fit:
     return fit
 
 
-def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int, start: _Fit | None = None) -> _Fit:
+def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) -> _Fit:
     board, corners = _as_opencv(views)
-    matrix: NDArray[Any] = start.matrix.copy() if start else np.eye(3)
-    distortion: NDArray[Any] = start.distortion.copy() if start else np.zeros((1, 5))
-    flags |= cv2.CALIB_USE_INTRINSIC_GUESS if start else 0
+    matrix: NDArray[Any] = np.eye(3)
+    distortion: NDArray[Any] = np.zeros((1, 5))
     try:
         rms, new_matrix, new_distortion, turns, shifts, _, _, per_view = cv2.calibrateCameraExtended(
             board, corners, shape, matrix, distortion, flags=flags
@@ -219,7 +213,6 @@ def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int, 
         poses=tuple(zip(map(np.asarray, turns), map(np.asarray, shifts), strict=True)),
         view_rms_px=np.asarray(per_view, dtype=np.float64).ravel(),
         rms_px=float(rms),
-        flags=flags,
     )
 
 
@@ -254,7 +247,7 @@ def _lens_or_error(fit: _Fit, shape: tuple[int, int]) -> CameraModel:
 
 def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
     lens = _lens_or_error(fit, shape)
-    covariance = _covariance(fit, views, shape)
+    covariance = lens_covariance(_placed(fit, views), fit.lens)
     share = math.sqrt(max(covariance[0, 0] / lens.fx_px**2, covariance[1, 1] / lens.fy_px**2))
     if not (math.isfinite(share) and share < FOCAL_SIGMA_MAX):
         raise CalibrationError(
@@ -274,27 +267,16 @@ def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: 
     )
 
 
-def _covariance(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the covariance of all parameters: that of the fit, enlarged to what leaving views out shows."""
-    boards_m = [np.column_stack((each.board_m, np.zeros(len(each.board_m)))) for each in views]
-    covariance = lens_covariance(boards_m, [each.corners_px for each in views], fit.poses, fit.lens)
-    observed = _jackknife(fit, views, shape)
-    # The focal length by itself too, since every distance rests on it.
-    of_focal = [observed[axis, axis] / max(covariance[axis, axis], 1e-300) for axis in (0, 1)]
-    factor = max(enlargement(covariance, observed), *of_focal)
-    return np.asarray(covariance * factor)
-
-
-def _jackknife(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the covariance of the parameters from how they change when a group of views is left out; 0 if too few."""
-    groups = min(len(views), _JACKKNIFE_GROUPS)
-    if len(views) - math.ceil(len(views) / groups) < VIEWS_MIN:
-        return np.zeros((9, 9))
-    lenses = []
-    for group in range(groups):
-        kept = [view for index, view in enumerate(views) if index % groups != group]
-        lenses.append(_opencv_fit(kept, shape, fit.flags & cv2.CALIB_FIX_K3, fit).lens)
-    return jackknife_covariance(np.array(lenses))
+def _placed(fit: _Fit, views: Sequence[BoardView]) -> list[PlacedBoard]:
+    return [
+        PlacedBoard(
+            board_m=np.column_stack((view.board_m, np.zeros(len(view.board_m)))),
+            corners_px=view.corners_px,
+            turn=turn,
+            shift=shift,
+        )
+        for view, (turn, shift) in zip(views, fit.poses, strict=True)
+    ]
 
 
 def _covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[int, int]) -> NDArray[np.bool_]:

@@ -5,14 +5,16 @@ and A. Zisserman, "Multiple View Geometry", section 5.2). Of each board only its
 eliminated by the Schur complement, which leaves nine unknowns. OpenCV has the diagonal of this matrix only, and the
 parameters are highly correlated: k1, k2 and k3 can all change much while no corner moves.
 
-The corners of one board err together, by its warp or the blur of its picture. So the covariance is enlarged by what the
-parameters change more than it allows for when groups of boards are left out.
+But the corners of one board err together, by its warp or the blur of its picture. What that does shows in how the pull
+of each board on the parameters scatters: the covariance that is robust against such clusters, with the correction that
+makes it exact where corners err by themselves (R. Bell and D. McCaffrey, "Bias reduction in standard errors for linear
+regression with multi-stage samples", Survey Methodology 28, 2002). The larger of both counts.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -21,58 +23,74 @@ from numpy.typing import NDArray
 Matrix = NDArray[np.float64]
 
 _OF_POSE = 6
+_OF_LENS = slice(_OF_POSE, _OF_POSE + 9)
 _LEAST_EIGENVALUE = 1e-13
 """As a share of the largest: smaller ones are rounding errors."""
 
+_MOST_LEVERAGE = 0.9999
 
-def lens_covariance(
-    boards_m: Sequence[Matrix], seen_px: Sequence[Matrix], poses: Sequence[tuple[Matrix, Matrix]], lens: Matrix
-) -> Matrix:
-    """Return the covariance of fx, fy, cx, cy, k1, k2, p1, p2 and k3; zero for k3 if that is zero.
 
-    Args:
-        boards_m: The corners on each board, shape (n, 3).
-        seen_px: Where they were seen, shape (n, 2).
-        poses: Rotation vector and position of each board.
-        lens: The nine parameters.
-    """
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PlacedBoard:
+    """A board as a fit has it."""
+
+    board_m: Matrix  # its corners, shape (n, 3)
+    corners_px: Matrix  # where they were seen, shape (n, 2)
+    turn: Matrix  # its rotation vector, shape (3, 1)
+    shift: Matrix  # its position, shape (3, 1)
+
+
+def lens_covariance(boards: Sequence[PlacedBoard], lens: Matrix) -> Matrix:
+    """Return the covariance of fx, fy, cx, cy, k1, k2, p1, p2 and k3; zero for k3 if that is zero."""
     fitted = slice(0, 9 if lens[8] else 8)
-    normal = np.zeros((9, 9))
-    squares, freedom = 0.0, -float(len(lens[fitted]))
-    for board_m, corners_px, (turn, shift) in zip(boards_m, seen_px, poses, strict=True):
-        there_px, jacobian = cv2.projectPoints(board_m, turn, shift, _matrix(lens), lens[4:])
-        of_pose, of_lens = jacobian[:, :_OF_POSE], jacobian[:, _OF_POSE : _OF_POSE + 9]
-        shared = of_pose.T @ of_lens
-        normal += of_lens.T @ of_lens - shared.T @ np.linalg.pinv(of_pose.T @ of_pose) @ shared
-        squares += float(np.sum((there_px.reshape(-1, 2) - corners_px) ** 2))
-        freedom += corners_px.size - _OF_POSE
+    seen = [_without_pose(board, lens) for board in boards]
+    jacobians, residuals_px = [each[:, fitted] for each, _ in seen], [each for _, each in seen]
+    root = _inverse_root(np.sum([each.T @ each for each in jacobians], axis=0))
+    freedom = sum(map(len, residuals_px)) - _OF_POSE * len(boards) - len(root)
+    variance_px2 = float(sum(each @ each for each in residuals_px)) / max(freedom, 1)
+    observed = np.sum([_pull(one @ root, two) for one, two in zip(jacobians, residuals_px, strict=True)], axis=0)
     covariance = np.zeros((9, 9))
-    # In units in which the diagonal is 1: coefficients of high powers differ by orders of magnitude.
-    scale = 1 / np.sqrt(np.diag(normal)[fitted].clip(1e-300))
-    scaled = normal[fitted, fitted] * np.outer(scale, scale)
-    covariance[fitted, fitted] = np.linalg.pinv(scaled, _LEAST_EIGENVALUE, hermitian=True) * np.outer(scale, scale)
-    return covariance * squares / max(freedom, 1.0)
+    covariance[fitted, fitted] = root @ root.T * max(variance_px2, _largest(root, observed))
+    return covariance
 
 
-def jackknife_covariance(left_out: Matrix) -> Matrix:
-    """Return the covariance of parameters from what they were without each group of views, shape (groups, 9)."""
-    groups = len(left_out)
-    spread = left_out - left_out.mean(axis=0)
-    return np.asarray((groups - 1) / groups * spread.T @ spread)
+def _without_pose(board: PlacedBoard, lens: Matrix) -> tuple[Matrix, Matrix]:
+    """Return how corners move with the lens while the board's pose makes up for what it can, and how far they are off.
 
-
-def enlargement(covariance: Matrix, observed: Matrix) -> float:
-    """Return by which factor variances are larger than a covariance says, on average over all directions; 1 at least.
-
-    The average over all directions is far surer than any single one: few groups of views say little about each.
+    Shapes are (2n, 9) and (2n,).
     """
-    known = np.ix_(*[np.flatnonzero(np.diag(covariance) > 0)] * 2)
-    sigmas = np.sqrt(np.diag(covariance[known]))
-    scale = np.outer(sigmas, sigmas)
-    ratio = np.linalg.pinv(covariance[known] / scale, _LEAST_EIGENVALUE, hermitian=True) @ (observed[known] / scale)
-    mean = float(np.trace(ratio)) / len(sigmas)
-    return max(1.0, mean) if math.isfinite(mean) else 1.0
+    camera = np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
+    there_px, jacobian = cv2.projectPoints(board.board_m, board.turn, board.shift, camera, lens[4:])
+    of_pose, _ = np.linalg.qr(jacobian[:, :_OF_POSE])
+    off_px = board.corners_px.ravel() - np.asarray(there_px, np.float64).ravel()
+    both = np.column_stack((np.asarray(jacobian, np.float64)[:, _OF_LENS], off_px))
+    both = np.asarray(both - of_pose @ (of_pose.T @ both), np.float64)
+    return both[:, :-1], both[:, -1]
 
 
-def _matrix(lens: Matrix) -> Matrix:
-    return np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
+def _inverse_root(normal: Matrix) -> Matrix:
+    """Return a matrix R with ``R R^T`` the inverse of the normal matrix.
+
+    It is found in units in which the diagonal is 1, since coefficients of high powers differ by orders of magnitude.
+    """
+    scale = 1 / np.sqrt(np.diag(normal).clip(1e-300))
+    values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vectors / np.sqrt(values.clip(_LEAST_EIGENVALUE * values[-1])))
+
+
+def _pull(jacobian: Matrix, residuals_px: Matrix) -> Matrix:
+    """Return the square of a board's pull on parameters in which the normal matrix is 1."""
+    left, leverage, right = np.linalg.svd(jacobian, full_matrices=False)
+    factor = leverage / np.sqrt(1 - np.minimum(leverage**2, _MOST_LEVERAGE))
+    pull = (left.T @ residuals_px * factor) @ right
+    return np.outer(pull, pull)
+
+
+def _largest(root: Matrix, observed: Matrix) -> float:
+    """Return the variance of a corner that explains the pulls of boards: on the mean, and on each focal length.
+
+    The mean over all parameters is far surer than a single one, of which few boards say little. But every distance
+    rests on the focal length.
+    """
+    of_focal = [float(row @ observed @ row / (row @ row)) for row in root[:2]]
+    return max(float(np.trace(observed)) / len(root), *of_focal)
