@@ -141,13 +141,18 @@ def distance_off(model: CameraModel, place: tuple[float, float], rng: np.random.
 
 def inside_95(trials: int, area_px: Area, noise_px: float) -> dict[tuple[float, float], float]:
     """Return the share of stated 95 % intervals that hold, at places in the picture."""
-    inside = dict.fromkeys(PLACES, 0)
+    made, inside = 0, dict.fromkeys(PLACES, 0)
     for seed in range(trials):
-        model = calibrated(views(8, noise_px=noise_px, seed=seed, area_px=area_px)).camera_model
+        try:
+            model = calibrated(views(8, noise_px=noise_px, seed=seed, area_px=area_px)).camera_model
+        except CalibrationError:  # boards near the axis alone may give a lens that folds the corners; it is refused
+            continue
+        made += 1
         rng = np.random.default_rng(seed)
         for place in PLACES:
             inside[place] += abs(distance_off(model, place, rng)) < 1.96 * model.distance_share(*place)
-    return {place: count / trials for place, count in inside.items()}
+    assert made > 0.8 * trials
+    return {place: count / made for place, count in inside.items()}
 
 
 def test_where_no_board_was_a_distance_is_less_sure() -> None:
