@@ -166,6 +166,7 @@ def test_intervals_hold_away_from_the_boards() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("noise_px", [0.1, 0.4])
 @pytest.mark.parametrize("area_px", [LEFT_HALF, (100.0, 75.0, 540.0, 405.0), (3.0, 3.0, 636.0, 476.0)])
 def test_intervals_hold_everywhere(area_px: Area, noise_px: float) -> None:

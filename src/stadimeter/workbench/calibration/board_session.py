@@ -10,10 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.app.capture import Capture, capture_for
-from stadimeter.app.clock import MonotonicClock, SteppedClock
-from stadimeter.cameras.protocol import Camera
-from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import (
@@ -167,33 +163,6 @@ NEW_PLACE_SHARE = 0.1
 NEW_SHAPE_SHARE = 0.08
 """A view is new if the board is elsewhere than in every other, by this share of the picture's width, or looks other,
 by this share of its size: its corners have moved about their middle, since it was tilted, turned or brought nearer."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
-    """Where the frames come from.
-
-    Attributes:
-        is_live: Whether a person holds a board in front of it; of a recording every frame counts for itself.
-    """
-
-    capture: Capture
-    is_live: bool
-
-
-def open_source(choice: DriverChoice) -> Source:
-    """Build a camera without a lens and without anything else. Touches no hardware.
-
-    Raises:
-        DriverError: It cannot be built.
-    """
-    clock = SteppedClock()
-    camera: Camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=clock))
-    if not camera.is_live:
-        return Source(capture=capture_for(camera, clock), is_live=False)
-    live_clock = MonotonicClock()
-    camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=live_clock))
-    return Source(capture=capture_for(camera, live_clock), is_live=True)
 
 
 class BoardSession:
