@@ -219,6 +219,7 @@ class TagDetector:
             target=self._name,
             status=DetectionStatus.FOUND,
             reason=self._choice(tag, tags),
+            number=tag.number,
             outline_px=corners,
             centre_px=diagonals_meet(corners),
             width_px=width_px,
