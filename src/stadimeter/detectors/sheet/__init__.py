@@ -17,6 +17,7 @@ from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
 from stadimeter.detectors.sheet.candidates import Candidate, Findings
 from stadimeter.detectors.sheet.search import SheetSearch
+from stadimeter.detectors.sheet.tracked import follow
 from stadimeter.detectors.sides import diagonals_meet, grown, width_and_height
 from stadimeter.ranging.flat import KnownSide, SheetShape
 
@@ -70,8 +71,12 @@ class SheetDetector:
     ) -> Detection:
         """Look for the outline most like the sheet, the larger the better; whole ones before those that are cut off."""
         check_image(frame)
-        search = SheetSearch(frame.image, self._size, self._min_side_px, lens)
         bias_px = 0.0 if lens is None else lens.edge_bias_px
+        if prediction is not None and lens is not None:
+            followed = follow(frame.image, prediction, self._size, self._min_side_px, lens)
+            if followed is not None:
+                return self._found(followed, Findings(), bias_px)
+        search = SheetSearch(frame.image, self._size, self._min_side_px, lens)
         near = None if prediction is None else _around(prediction, frame.image)
         if near is not None and prediction is not None:
             findings = search.look(near, prediction)

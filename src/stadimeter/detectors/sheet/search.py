@@ -27,6 +27,7 @@ from stadimeter.detectors.sheet.edges import (
     measure_edges_closer,
     settle_edges,
 )
+from stadimeter.detectors.sheet.one_outline import OutlineSides
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
@@ -348,11 +349,11 @@ class SheetSearch:
             )
 
 
-def corner_sigmas_px(edges: QuadEdges) -> Values:
-    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``."""
+def corner_sigmas_px(edges: QuadEdges | OutlineSides) -> Values:
+    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``; of one, ``()``."""
     of_steps = SIGMA_FACTOR**2 * edges.scatter_px**2 / np.maximum(edges.steps, 1)
     of_blur = (SIGMA_BLUR * np.maximum(edges.edge_px - SHARP_EDGE_PX, 0.0)) ** 2
-    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=1) + SIGMA_FLOOR_PX**2)
+    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=-1) + SIGMA_FLOOR_PX**2)
     return sigmas
 
 
