@@ -328,6 +328,15 @@ def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
     return RectangleFit(misfit=np.sqrt(square), chance_per_square=area)
 
 
+def seen_sides(directions: Points) -> tuple[float, float]:
+    """Return the cosine between the sides of a rectangle in space, and their ratio, from its four corners ``(4, 2)``.
+
+    The cosine is not 0 for what is no rectangle; NaN for no quadrilateral.
+    """
+    cosine, ratio = _conditions(directions[None])
+    return float(cosine[0]), math.exp(float(ratio[0]))
+
+
 def _conditions(corners: Points) -> tuple[Values, Values]:
     """Return the cosine between both sides in space, and the logarithm of their ratio; 0 for a square."""
     x, y = np.moveaxis(corners[..., 0], -1, 0), np.moveaxis(corners[..., 1], -1, 0)

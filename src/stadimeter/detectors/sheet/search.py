@@ -28,6 +28,7 @@ from stadimeter.detectors.sheet.edges import (
     settle_edges,
 )
 from stadimeter.detectors.sheet.one_outline import OutlineSides
+from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
@@ -142,7 +143,7 @@ class SheetSearch:
 
     def __init__(self, image: Image, size: SheetShape, min_side_px: float, lens: CameraModel | None) -> None:
         self._image = image
-        self._lens = lens
+        self._lens, self._size = lens, size
         self._bent = lens if lens is not None and lens.distortion else None
         self._light = light_table("srgb" if lens is None else lens.tone_curve)
         self._min_side_px = min_side_px if lens is not None else max(min_side_px, LEAST_SHARE * max(image.shape[:2]))
@@ -230,7 +231,10 @@ class SheetSearch:
             1,
             outlines,
             ~good,
-            lambda i: f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px",
+            lambda i: (
+                f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px"
+                + self._other_text(outlines[i])
+            ),
         )
         return outlines[good]
 
@@ -240,7 +244,12 @@ class SheetSearch:
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
         findings.refuse(2, edges.corners_px, ~straight, lambda i: _straight_text(edges, i, FIRST_SUPPORT))
         near = self._shape.fit(edges.corners_px).misfit_px < self._misfit_limits(edges, off_px)
-        findings.refuse(3, edges.corners_px, straight & ~near, lambda i: self._misfit_text(edges[[i]], off_px))
+        findings.refuse(
+            3,
+            edges.corners_px,
+            straight & ~near,
+            lambda i: self._misfit_text(edges[[i]], off_px) + self._other_text(edges.corners_px[i]),
+        )
         return edges[straight & near]
 
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
@@ -250,6 +259,10 @@ class SheetSearch:
     def _misfit_text(self, edges: QuadEdges, off_px: float = 0.0) -> str:
         misfit_px, limit = self._shape.fit(edges.corners_px).misfit_px[0], self._misfit_limits(edges, off_px)[0]
         return f"corners {misfit_px:.2f} px from those of the sheet, limit {limit:.2f} px"
+
+    def _other_text(self, corners: Points) -> str:
+        other = other_paper(corners, self._size, self._lens)
+        return f"; {other}" if other else ""
 
     def _choose(self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None) -> None:
         """Put the candidates through the last tests, and take the one that looks most like the sheet."""
@@ -269,7 +282,7 @@ class SheetSearch:
         tests = (
             *_size_test(edges, expected),
             *self._side_tests(edges),
-            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]])),
+            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]]) + self._other_text(edges.corners_px[i])),
             (
                 quality >= least_quality,
                 lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {least_quality:.2f}",
