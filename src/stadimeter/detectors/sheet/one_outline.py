@@ -41,6 +41,9 @@ LEAST_STEPS = 12
 LEAST_LIGHT = 1e-3
 """Two sides whose light differs by less, times the levels of their codes, are one."""
 
+SHORTEST_PX = 4.0
+"""Along a shorter side steps would be in the same pixels."""
+
 LEAST_REACH_PX = 3
 """Less than this across leaves no room for both levels beside an edge."""
 
@@ -148,6 +151,21 @@ def measure_outline(
     return sides
 
 
+def measure_few(
+    image: Image, outlines_px: Points, sigma_px: float, light: Light, lens: CameraModel | None = None
+) -> QuadEdges | None:
+    """Measure the sides of a few outlines, ``(c, 4, 2)``; None where one of them is not seen whole at once."""
+    every = []
+    for corners_px in outlines_px:
+        sides = measure_outline(image, corners_px, sigma_px, light, lens)
+        if sides is None or sides.support.min() < SUPPORTED:
+            return None
+        every.append(sides.as_edges())
+    if len(every) == 1:
+        return every[0]
+    return QuadEdges(**{name: np.concatenate([getattr(each, name) for each in every]) for name in QuadEdges.__slots__})
+
+
 def _look(
     image: Image, corners_px: Points, reach_px: float, light: Light, lens: CameraModel | None
 ) -> OutlineSides | None:
@@ -164,7 +182,7 @@ def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel 
         right, down = next_x - x, next_y - y
         flat = abs(right) >= abs(down)
         start, level, forward, sideways = (x, y, right, down) if flat else (y, x, down, right)
-        if not abs(forward) > 1:
+        if not abs(forward) > SHORTEST_PX:
             return None
         slope, length_px = sideways / forward, math.hypot(right, down)
         sides.append(_Side(flat, slope, level - slope * start, abs(forward) / length_px, length_px))

@@ -27,7 +27,7 @@ from stadimeter.detectors.sheet.edges import (
     measure_edges_closer,
     settle_edges,
 )
-from stadimeter.detectors.sheet.one_outline import OutlineSides
+from stadimeter.detectors.sheet.one_outline import OutlineSides, measure_few
 from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
@@ -68,6 +68,9 @@ pixels, and as measured at the first two looks."""
 
 SERIOUS_STAGE = 4
 """Candidates that passed this many tests had their sides measured to the end."""
+
+FEW = 3
+"""So few candidates are measured one by one, which is quicker."""
 
 MOST_LOOKED_AT = 64
 MOST_SETTLED = 6
@@ -181,14 +184,21 @@ class SheetSearch:
         fitting = self._fitting(findings, shaped, START_OFF_PX / scale)[:MOST_LOOKED_AT]
         if not len(fitting):
             return
-        edges = measure_edges(self._image, fitting, 2.0 + 1.0 / scale, self._light, self._bent)
+        edges = None
+        if len(fitting) <= FEW:
+            edges = measure_few(self._image, fitting, START_OFF_PX / scale, self._light, self._bent)
+        edges = self._settled(findings, fitting, scale) if edges is None else distinct_edges(edges)
+        if len(edges):
+            self._choose(findings, edges, scale, expected)
+
+    def _settled(self, findings: Findings, outlines: Points, scale: float) -> QuadEdges:
+        """Measure the sides of many candidates, ever more closely, and ever fewer of them."""
+        edges = measure_edges(self._image, outlines, 2.0 + 1.0 / scale, self._light, self._bent)
         edges = self._still_fitting(findings, edges, FIRST_LOOK_OFF_PX)
         if len(edges):
             edges = measure_edges_closer(self._image, edges, self._light, self._bent)
             edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MOST_SETTLED]
-        if len(edges):
-            edges = distinct_edges(settle_edges(self._image, edges, self._light, self._bent))
-            self._choose(findings, edges, scale, expected)
+        return distinct_edges(settle_edges(self._image, edges, self._light, self._bent)) if len(edges) else edges
 
     def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
         """Return the outlines that the sheet may have, whatever their sides look like."""
