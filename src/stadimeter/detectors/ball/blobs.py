@@ -8,6 +8,7 @@ comes later, from all pixels along its limb.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -21,6 +22,8 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import Circle
 from stadimeter.detectors.region import Region
 
+Mask = NDArray[np.uint8]
+
 SMALLEST_SEARCHED_RADIUS_PX = 1.25
 """Pixels are left out only as long as the smallest accepted ball still has this radius in what remains."""
 
@@ -32,18 +35,22 @@ MOST_BLOBS = 16
 MOST_POINTS = 60
 """Number of points of an outline, evenly spaced, used where fewer will do."""
 
+PATCH_GAP, LEAST_PATCH = 0.5, 0.25
+"""Greatest gap between two patches of one ball, and least size of the smaller one, as shares of the larger's size."""
+
 GRID = 16
 """Pixels each way from which the share of a circle with the ball's colour is estimated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Blob:
-    """Pixels of the ball's colour that hang together."""
+    """Pixels of the ball's colour that hang together, or several such patches of one ball."""
 
     circle: Circle  # the circle around which its limb may be: as wide or as high as the blob, whichever is more
-    contour: cv2.typing.MatLike  # its outline as OpenCV has it, in pixels of the thinned part of the picture
-    step: int  # every step-th pixel of that was looked at
-    origin_px: tuple[int, int]  # where that part begins in the picture, x and y
+    contours: tuple[cv2.typing.MatLike, ...]  # its outlines as OpenCV has them, in pixels of the thinned picture
+    coloured_px2: float  # area of the pixels in its box that have the ball's colour
+    step: int  # every step-th pixel of the picture was looked at
+    origin_px: tuple[int, int]  # where the thinned part begins in the picture, x and y
 
     @property
     def size_px(self) -> float:
@@ -52,17 +59,30 @@ class Blob:
 
     @property
     def area_px2(self) -> float:
-        """Its area."""
-        return float(cv2.contourArea(self.contour)) * self.step**2
+        """The area within its outlines."""
+        return sum(map(cv2.contourArea, self.contours)) * self.step**2
+
+    @property
+    def inscribed(self) -> Circle:
+        """The largest circle within it, if it is one patch: the ball, where other things of its colour touch it."""
+        x, y, width, height = cv2.boundingRect(self.contours[0])
+        filled = np.zeros((height + 2, width + 2), np.uint8)
+        cv2.drawContours(filled, self.contours[:1], 0, 255, cv2.FILLED, offset=(1 - x, 1 - y))
+        _, radius, _, (column, row) = cv2.minMaxLoc(cv2.distanceTransform(filled, cv2.DIST_L2, cv2.DIST_MASK_5))
+        (left, top), step = self.origin_px, self.step
+        return Circle(
+            x_px=left + (x + column - 1) * step, y_px=top + (y + row - 1) * step, radius_px=float(radius) * step
+        )
 
     @property
     def outline_px(self) -> Points:
-        """Points along its outline, shape ``(n, 2)``."""
-        return np.asarray(self.contour, np.float64).reshape(-1, 2) * self.step + self.origin_px
+        """Points along its outlines, shape ``(n, 2)``."""
+        points = np.concatenate(self.contours) if len(self.contours) > 1 else self.contours[0]
+        return np.asarray(points, np.float64).reshape(-1, 2) * self.step + self.origin_px
 
     @property
     def thinned_px(self) -> Points:
-        """No more than `MOST_POINTS` points of its outline, evenly spaced."""
+        """No more than `MOST_POINTS` points of its outlines, evenly spaced."""
         outline_px = self.outline_px
         return outline_px[:: max(1, math.ceil(len(outline_px) / MOST_POINTS))]
 
@@ -75,12 +95,41 @@ def search_step(min_radius_px: float) -> int:
 def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None = None) -> list[Blob]:
     """Find the largest blobs of a colour, `MOST_BLOBS` at most, the largest first; looks at every step-th pixel."""
     region = region or Region.whole(image)
-    contours, _ = cv2.findContours(
-        colour.mask(thinned(region.of(image), step)), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
-    )
+    mask = colour.mask(thinned(region.of(image), step))
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     boxed = [(contour, cv2.boundingRect(contour)) for contour in contours]
     boxed.sort(key=lambda pair: (-max(pair[1][2:]), pair[1]))
-    return [_blob(contour, box, step, region.left, region.top) for contour, box in boxed[:MOST_BLOBS]]
+    return [_blob(contour, box, mask, step, (region.left, region.top)) for contour, box in boxed[:MOST_BLOBS]]
+
+
+def together(blobs: Sequence[Blob], most: int) -> list[Blob]:
+    """Return each of the largest blobs with those near it as one: stripes part a ball into patches."""
+    found: list[Blob] = []
+    for blob in blobs[:most]:
+        patches = [each for each in blobs if _may_be_one(blob, each)]
+        if len(patches) > 1 and not any(blob.contours[0] is known for one in found for known in one.contours):
+            found.append(_joined(patches))
+    return found
+
+
+def _may_be_one(blob: Blob, other: Blob) -> bool:
+    """Return whether a blob and one that is no larger may be patches of the same ball."""
+    one, two = blob.circle, other.circle
+    gap_px = math.hypot(one.x_px - two.x_px, one.y_px - two.y_px) - one.radius_px - two.radius_px
+    return gap_px < PATCH_GAP * one.radius_px and LEAST_PATCH * one.radius_px <= two.radius_px <= one.radius_px
+
+
+def _joined(patches: Sequence[Blob]) -> Blob:
+    circles = [patch.circle for patch in patches]
+    left, right = (min(c.x_px - c.radius_px for c in circles), max(c.x_px + c.radius_px for c in circles))
+    top, bottom = (min(c.y_px - c.radius_px for c in circles), max(c.y_px + c.radius_px for c in circles))
+    return Blob(
+        circle=Circle(x_px=(left + right) / 2, y_px=(top + bottom) / 2, radius_px=max(right - left, bottom - top) / 2),
+        contours=tuple(contour for patch in patches for contour in patch.contours),
+        coloured_px2=sum(patch.coloured_px2 for patch in patches),
+        step=patches[0].step,
+        origin_px=patches[0].origin_px,
+    )
 
 
 def thinned(image: Image, step: int) -> Image:
@@ -106,18 +155,30 @@ def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
     return cv2.countNonZero(colour.mask(grid)) / (GRID * GRID)
 
 
-def _blob(contour: cv2.typing.MatLike, box: cv2.typing.Rect, step: int, left: int, top: int) -> Blob:
-    x, y, width, height = box
+def colour_overrun(image: Image, outline_px: Points, off_px: float, colour: HsvRange) -> float:
+    """Return the share of an outline, shape ``(n, 2)``, outside of which the colour is found, this far from it."""
+    middle = outline_px.mean(axis=0)
+    out = outline_px - middle
+    out *= 1 + off_px / np.maximum(np.hypot(out[:, :1], out[:, 1:]), 1.0)
+    places = np.rint(np.nan_to_num(middle + out))
+    seen = ((places >= 0) & (places < (image.shape[1], image.shape[0]))).all(axis=1)
+    x, y = places[seen].astype(np.intp).T
+    if not len(x):
+        return 0.0
+    return cv2.countNonZero(colour.mask(image[None, y, x])) / len(x)
+
+
+def _blob(contour: cv2.typing.MatLike, box: cv2.typing.Rect, mask: Mask, step: int, origin_px: tuple[int, int]) -> Blob:
+    (x, y, width, height), (left, top) = box, origin_px
     # The pixel that was looked at is the first of its cell; the blob reaches half a cell beyond it on average.
     circle = Circle(
         x_px=left + (x + (width - 1) / 2) * step,
         y_px=top + (y + (height - 1) / 2) * step,
         radius_px=max(width, height) * step / 2,
     )
-    return Blob(circle=circle, contour=contour, step=step, origin_px=(left, top))
+    coloured = cv2.countNonZero(mask[y : y + height, x : x + width])
+    return Blob(circle=circle, contours=(contour,), coloured_px2=coloured * step**2, step=step, origin_px=origin_px)
 
-
-Mask = NDArray[np.uint8]
 
 CHANNELS = (("hue", 179), ("saturation", 255), ("value", 255))
 LEAST_CHROMA = 8
