@@ -48,7 +48,8 @@ class Blob:
 
     circle: Circle  # the circle around which its limb may be: as wide or as high as the blob, whichever is more
     contours: tuple[cv2.typing.MatLike, ...]  # its outlines as OpenCV has them, in pixels of the thinned picture
-    coloured_px2: float  # area of the pixels in its box that have the ball's colour
+    mask: Mask  # which pixels in the box of the first of them have the ball's colour
+    coloured_px2: float  # area of these
     step: int  # every step-th pixel of the picture was looked at
     origin_px: tuple[int, int]  # where the thinned part begins in the picture, x and y
 
@@ -64,11 +65,11 @@ class Blob:
 
     @property
     def inscribed(self) -> Circle:
-        """The largest circle within it, if it is one patch: the ball, where other things of its colour touch it."""
-        x, y, width, height = cv2.boundingRect(self.contours[0])
-        filled = np.zeros((height + 2, width + 2), np.uint8)
-        cv2.drawContours(filled, self.contours[:1], 0, 255, cv2.FILLED, offset=(1 - x, 1 - y))
-        _, radius, _, (column, row) = cv2.minMaxLoc(cv2.distanceTransform(filled, cv2.DIST_L2, cv2.DIST_MASK_5))
+        """The largest circle of its pixels: the ball, where other things of its colour touch it."""
+        x, y, _, _ = cv2.boundingRect(self.contours[0])
+        # The median leaves out single pixels, and what is beyond the box counts as another colour.
+        solid = cv2.copyMakeBorder(cv2.medianBlur(self.mask, 3), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+        _, radius, _, (column, row) = cv2.minMaxLoc(cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_5))
         (left, top), step = self.origin_px, self.step
         return Circle(
             x_px=left + (x + column - 1) * step, y_px=top + (y + row - 1) * step, radius_px=float(radius) * step
@@ -97,9 +98,12 @@ def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None 
     region = region or Region.whole(image)
     mask = colour.mask(thinned(region.of(image), step))
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if len(contours) > MOST_BLOBS:
+        # Of texture, blobs are wide but thin; that of a ball is solid.
+        contours = sorted(contours, key=cv2.contourArea, reverse=True)[:MOST_BLOBS]
     boxed = [(contour, cv2.boundingRect(contour)) for contour in contours]
     boxed.sort(key=lambda pair: (-max(pair[1][2:]), pair[1]))
-    return [_blob(contour, box, mask, step, (region.left, region.top)) for contour, box in boxed[:MOST_BLOBS]]
+    return [_blob(contour, box, mask, step, (region.left, region.top)) for contour, box in boxed]
 
 
 def together(blobs: Sequence[Blob], most: int) -> list[Blob]:
@@ -126,6 +130,7 @@ def _joined(patches: Sequence[Blob]) -> Blob:
     return Blob(
         circle=Circle(x_px=(left + right) / 2, y_px=(top + bottom) / 2, radius_px=max(right - left, bottom - top) / 2),
         contours=tuple(contour for patch in patches for contour in patch.contours),
+        mask=patches[0].mask,
         coloured_px2=sum(patch.coloured_px2 for patch in patches),
         step=patches[0].step,
         origin_px=patches[0].origin_px,
@@ -155,17 +160,14 @@ def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
     return cv2.countNonZero(colour.mask(grid)) / (GRID * GRID)
 
 
-def colour_overrun(image: Image, outline_px: Points, off_px: float, colour: HsvRange) -> float:
-    """Return the share of an outline, shape ``(n, 2)``, outside of which the colour is found, this far from it."""
-    middle = outline_px.mean(axis=0)
-    out = outline_px - middle
+def colour_share_beside(image: Image, points_px: Points, centre_px: Points, off_px: float, colour: HsvRange) -> float:
+    """Return at how many of the points, this much further from a centre, a colour is seen: 0 to 1."""
+    out = points_px - centre_px
     out *= 1 + off_px / np.maximum(np.hypot(out[:, :1], out[:, 1:]), 1.0)
-    places = np.rint(np.nan_to_num(middle + out))
-    seen = ((places >= 0) & (places < (image.shape[1], image.shape[0]))).all(axis=1)
-    x, y = places[seen].astype(np.intp).T
-    if not len(x):
-        return 0.0
-    return cv2.countNonZero(colour.mask(image[None, y, x])) / len(x)
+    places = np.rint(np.nan_to_num(centre_px + out))
+    inside = ((places >= 0) & (places < (image.shape[1], image.shape[0]))).all(axis=1)
+    x, y = places[inside].astype(np.intp).T
+    return cv2.countNonZero(colour.mask(image[None, y, x])) / len(points_px) if len(x) else 0.0
 
 
 def _blob(contour: cv2.typing.MatLike, box: cv2.typing.Rect, mask: Mask, step: int, origin_px: tuple[int, int]) -> Blob:
@@ -176,8 +178,15 @@ def _blob(contour: cv2.typing.MatLike, box: cv2.typing.Rect, mask: Mask, step: i
         y_px=top + (y + (height - 1) / 2) * step,
         radius_px=max(width, height) * step / 2,
     )
-    coloured = cv2.countNonZero(mask[y : y + height, x : x + width])
-    return Blob(circle=circle, contours=(contour,), coloured_px2=coloured * step**2, step=step, origin_px=origin_px)
+    part = mask[y : y + height, x : x + width]
+    return Blob(
+        circle=circle,
+        contours=(contour,),
+        mask=part,
+        coloured_px2=cv2.countNonZero(part) * step**2,
+        step=step,
+        origin_px=origin_px,
+    )
 
 
 CHANNELS = (("hue", 179), ("saturation", 255), ("value", 255))

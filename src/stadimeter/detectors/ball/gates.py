@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import RejectedCandidate
+from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.blobs import HsvRange, colour_overrun, colour_share
+from stadimeter.detectors.ball.blobs import HsvRange, colour_share, colour_share_beside
 from stadimeter.detectors.ball.circles import Circle
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
 
@@ -33,6 +36,9 @@ LEAST_FILL = 0.3
 
 LEAST_QUALITY = 0.05
 """Circles that chance puts together from the edges of other things have less."""
+
+MOST_SCATTER_PX = 3.0
+"""Greatest allowance without blur: steps of texture scatter more, and lie near to any large circle."""
 
 CLEAR_MARGIN, OVERRUN_WEIGHT = 0.25, 2.0
 """With less of the limb seen than is asked for and this, twice the share outside of which the ball's colour goes on
@@ -130,11 +136,17 @@ class BallGates:
         return ball
 
     def _overrun(self, image: Image, limb: Limb, lens: CameraModel) -> float:
-        """Return the share of the limb outside of which the ball's colour goes on: what hides a ball lies inside."""
-        off_px = max(BESIDE_PX, BESIDE_SHARE * limb.circle.radius_px) + BESIDE_OF_BLUR * max(
-            0.0, limb.width_px - SHARP_PX
+        """Return the share of the limb that shows no step, and outside of which the ball's colour goes on.
+
+        Of what hides a ball there is none outside.
+        """
+        outline_px = lens.project(limb.cone.outline(OUTLINE_POINTS))
+        radius_px, blur_px = limb.circle.radius_px, max(0.0, limb.width_px - SHARP_PX)
+        off_px = max(BESIDE_PX, BESIDE_SHARE * radius_px) + BESIDE_OF_BLUR * blur_px
+        unseen_px = outline_px[_nearest_px(outline_px, limb.points_px) > 4 * radius_px / OUTLINE_POINTS]
+        return colour_share_beside(image, unseen_px, outline_px.mean(0), off_px, self.colour) * (
+            len(unseen_px) / OUTLINE_POINTS
         )
-        return colour_overrun(image, lens.project(limb.cone.outline(OUTLINE_POINTS)), off_px, self.colour)
 
     def _fill(self, image: Image, circle: Circle, coloured_px2: float | None) -> float:
         """Return how much of a ball has its colour."""
@@ -166,11 +178,17 @@ def is_cut_off(circle: Circle, image: Image) -> bool:
     return bool(middle_px < reach_px)
 
 
+def _nearest_px(points_px: Points, others_px: Points) -> NDArray[np.float64]:
+    """Return how far each point is from the nearest of the others."""
+    apart = points_px[:, None] - others_px
+    return np.asarray(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1))
+
+
 def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
     """Return how much of a limb must be seen for it to be a ball's, given how much its steps scatter."""
     share = SCATTER_SHARE + (0.0 if is_lens_known else UNKNOWN_LENS_SHARE)
     blur_px = max(0.0, limb.width_px - SHARP_PX)
-    allowance_px = SCATTER_PX + share * limb.circle.radius_px + SCATTER_OF_BLUR * blur_px
+    allowance_px = min(SCATTER_PX + share * limb.circle.radius_px, MOST_SCATTER_PX) + SCATTER_OF_BLUR * blur_px
     return LEAST_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
 
 
