@@ -22,9 +22,10 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.ball.blobs import Blob, HsvRangeText, find_blobs, search_step, together
+from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thinned, together
 from stadimeter.detectors.ball.circles import Circle, edge_circle
 from stadimeter.detectors.ball.gates import Ball, BallGates, most_score, without_limb
+from stadimeter.detectors.ball.hsv import HsvRangeText, other_ranges
 from stadimeter.detectors.ball.limb import find_limb, within
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
@@ -52,6 +53,9 @@ AGREE_SIGMAS, AGREE_PX = 3.0, 1.0
 
 WITHIN_REACH, AROUND_REACH = 1.2, 2.0
 """Greatest radius of a ball that the search within and around a blob finds, in half sizes of the blob."""
+
+MOST_OF_OTHERS, QUALITY_OF_OTHERS = 4, 0.15
+"""Number of blobs tried of another range than the ball's own, and least quality there: chance has had its turn."""
 
 LEAST_OF_BLOB = 0.7
 """A ball is no narrower than this share of the blob that shows it, unless that shows more than the ball."""
@@ -90,6 +94,7 @@ class _Scene:
     image: Image
     lens: CameraModel  # the camera at its resolution; a likely one if it is not known
     is_lens_known: bool  # whether it is
+    gates: BallGates  # what a ball must pass
     rejected: list[RejectedCandidate]  # what was looked at and is no ball, filled while searching
     is_expected: bool = False  # whether what is searched is where the ball is expected
 
@@ -132,6 +137,7 @@ class BallDetector:
             image=frame.image,
             lens=lens or _likely_lens(frame.width_px, frame.height_px),
             is_lens_known=lens is not None,
+            gates=self._gates,
             rejected=[],
             is_expected=prediction is not None,
         )
@@ -144,7 +150,7 @@ class BallDetector:
         if large is not None:
             return self._found(scene, large)
         blobs = find_blobs(frame.image, self._colour, self._step)
-        ball = self._best(scene, blobs)
+        ball = self._best(scene, blobs) or self._of_other_ranges(scene)
         return self._not_found(scene, blobs) if ball is None else self._found(scene, ball)
 
     def _large(self, scene: _Scene) -> Ball | None:
@@ -200,6 +206,15 @@ class BallDetector:
                 best = _better(best, search(scene, blob))
         return best
 
+    def _of_other_ranges(self, scene: _Scene) -> Ball | None:
+        """Return the ball by more or less of its range of colours; what was refused there is not told."""
+        for colour in other_ranges(thinned(scene.image, self._step), self._colour):
+            narrowed = replace(scene, gates=replace(scene.gates, colour=colour), rejected=[])
+            ball = self._best(narrowed, find_blobs(scene.image, colour, self._step)[:MOST_OF_OTHERS])
+            if ball is not None and ball.quality >= QUALITY_OF_OTHERS:
+                return ball
+        return None
+
     def _other_ways(self, large: Sequence[Blob], sure: Sequence[Blob]) -> Iterator[tuple[_Search, Blob]]:
         """Yield slower searches around the largest blobs that are no ball beyond doubt."""
         doubtful = [blob for blob in large[:MOST_SEARCHED_AROUND] if blob not in sure]
@@ -229,7 +244,7 @@ class BallDetector:
         if limb is None:
             scene.rejected.append(without_limb(start))
             return None
-        judged = self._gates.judge(
+        judged = scene.gates.judge(
             scene.image,
             limb,
             lens=scene.lens,

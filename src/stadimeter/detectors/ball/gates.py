@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.blobs import HsvRange, colour_share, colour_share_beside
 from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.hsv import HsvRange, colour_share, colour_share_beside
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
 
 LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.7
@@ -34,7 +34,7 @@ MARGIN_PX = 1.0
 LEAST_FILL = 0.3
 """Least share of the ball that has its colour."""
 
-LEAST_QUALITY = 0.05
+LEAST_QUALITY = 0.06
 """Circles that chance puts together from the edges of other things have less."""
 
 MOST_SCATTER_PX = 3.0
