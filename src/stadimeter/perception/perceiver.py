@@ -189,10 +189,11 @@ def predict(
     focal_px = math.sqrt(camera.fx_px * camera.fy_px)
     size_px = shape.longest_m / nearer_m * focal_px
     across_px = focal_px * sigma_rad * (1 + x * x + y * y)
-    larger_px = size_px * _size_share(known, shape, camera)
+    centre_px = camera.pixel(x * outwards, y * outwards)
+    larger_px = size_px * _size_share(known, shape, camera.distance_share(*centre_px))
     return _useful(
         Prediction(
-            centre_px=camera.pixel(x * outwards, y * outwards),
+            centre_px=centre_px,
             size_px=size_px,
             sigma_px=math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, larger_px),
         ),
@@ -247,14 +248,14 @@ def _direction(known: _Known, motion: Motion | None) -> tuple[float, float, floa
     )
 
 
-def _size_share(known: _Known, shape: TargetShape, camera: CameraModel) -> float:
+def _size_share(known: _Known, shape: TargetShape, lens_share: float) -> float:
     """Return the standard deviation of the apparent size as a share of it.
 
-    An error of the focal length or of the target's size is in the track's distance as it is in this prediction, and
-    cancels out.
+    An error of the lens or of the target's size is in the track's distance as it is in this prediction, and cancels
+    out.
     """
     share = known.sigma_m / max(known.distance_m, 1e-6)
-    rest = share * share - camera.focal_relative_sigma**2 - shape.relative_sigma**2
+    rest = share * share - lens_share**2 - shape.relative_sigma**2
     return math.sqrt(rest) if rest > 0 else 0.0
 
 
