@@ -83,8 +83,11 @@ class Prediction:
     Attributes:
         size_px: Its apparent size: of a ball the diameter, of a flat target its longer side.
         sigma_px: Standard deviation of the centre and of the size.
+        outline_px: Of a target with corners, where these are expected if it is turned as it was when it was last seen,
+            shape ``(n, 2)``; None where that is not known.
     """
 
     centre_px: tuple[float, float]
     size_px: float
     sigma_px: float
+    outline_px: Points | None = field(default=None, compare=False)

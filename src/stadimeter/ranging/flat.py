@@ -21,6 +21,9 @@ NO_IDEA = 1.0
 CLOSER = 1e-9
 """Poses are ordered by misfit; of two that fit to rounding, the one as the sheet hangs comes first."""
 
+CONTENDER = 10.0
+"""How a sheet hangs is decided before its pose is refined, where the other way is this many times as far off."""
+
 _SIGMA_FLOOR_PX = 0.015
 _SIGMA_OF_SMALL_TAG_PX2 = 1.35
 """The detectors' standard deviation on rendered pictures: a floor, and for tags a part inverse to the apparent side."""
@@ -163,10 +166,12 @@ def sheet_poses(directions: Points, size: SheetShape) -> tuple[tuple[PlanePose, 
     rectangle in front of the camera. ``directions`` are where its corners appear, x and y per unit of depth with the
     lens's distortion undone, clockwise in the picture, shape ``(4, 2)``.
     """
-    found = []
+    found: list[tuple[PlanePose, Points]] = []
+    contender = math.inf
     for width_m, height_m in dict.fromkeys(((size.width_m, size.height_m), (size.height_m, size.width_m))):
         corners_m = rectangle(width_m, height_m)
-        found += [(pose, corners_m) for pose in plane_poses(corners_m, directions)]
+        found += [(pose, corners_m) for pose in plane_poses(corners_m, directions, contender=contender)]
+        contender = CONTENDER * max(found[0][0].misfit, CLOSER) if found else math.inf
     found.sort(key=lambda each: round(each[0].misfit / CLOSER))
     return tuple(found)
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field, model_validator
 
+from stadimeter.config.paper import Paper, paper_sides
 from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
@@ -16,7 +18,9 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
 from stadimeter.detectors.sheet.candidates import Candidate, Findings
+from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.search import SheetSearch
+from stadimeter.detectors.sheet.tracked import follow
 from stadimeter.detectors.sides import diagonals_meet, grown, width_and_height
 from stadimeter.ranging.flat import KnownSide, SheetShape
 
@@ -26,9 +30,17 @@ REGION_MARGIN_PX = 12.0
 """Reach of the search around a prediction, to each side: in longer sides, standard deviations and pixels."""
 
 
+def _or_by_name(schema: dict[str, Any]) -> None:
+    """Say in the JSON Schema that a size by name stands for both sides."""
+    schema.pop("required", None)
+    schema["anyOf"] = [{"required": ["size"]}, {"required": ["width", "height"]}]
+
+
 class SheetOptions(Options):
     """What a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
 
+    size: Paper | None = None
+    """A paper or card by name, such as ``"A4"`` or ``"letter"``, in place of both sides."""
     width: Length
     """The sheet's horizontal side as it hangs, such as ``"11 in"``."""
     height: Length
@@ -40,9 +52,24 @@ class SheetOptions(Options):
     tolerance: Length | None = None
     """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
 
+    model_config = ConfigDict(json_schema_extra=_or_by_name)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sides_by_name(cls, table: Any) -> Any:
+        if not isinstance(table, Mapping) or table.get("size") is None:
+            return table
+        if "width" in table or "height" in table:
+            raise ValueError(f"size = {table['size']!r} gives both sides; leave out width and height")
+        try:
+            width, height = paper_sides(table["size"])
+        except ValueError:  # the key itself says what is wrong with it
+            width = height = "1 m"
+        return {**table, "width": width, "height": height}
+
     @property
-    def size(self) -> SheetShape:
-        """The sheet's size."""
+    def shape(self) -> SheetShape:
+        """The sheet's shape."""
         tolerance_m = 0.0 if self.tolerance is None else self.tolerance
         return SheetShape(
             width_m=self.width,
@@ -57,7 +84,7 @@ class SheetDetector:
 
     def __init__(self, name: str, options: SheetOptions) -> None:
         self._name = name
-        self._size = options.size
+        self._size = options.shape
         self._min_side_px = options.min_side_px
 
     @property
@@ -70,20 +97,23 @@ class SheetDetector:
     ) -> Detection:
         """Look for the outline most like the sheet, the larger the better; whole ones before those that are cut off."""
         check_image(frame)
+        if prediction is not None and lens is not None:
+            followed = follow(frame.image, prediction, self._size, self._min_side_px, lens)
+            if followed is not None:
+                return self._found(followed, Findings(), lens)
         search = SheetSearch(frame.image, self._size, self._min_side_px, lens)
-        bias_px = 0.0 if lens is None else lens.edge_bias_px
         near = None if prediction is None else _around(prediction, frame.image)
         if near is not None and prediction is not None:
             findings = search.look(near, prediction)
             if findings.best is not None:
-                return self._found(findings.best, findings, bias_px)
+                return self._found(findings.best, findings, lens)
         findings = search.look(Region.whole(frame.image))
         if findings.best is not None:
-            return self._found(findings.best, findings, bias_px)
+            return self._found(findings.best, findings, lens)
         return self._not_measured(findings)
 
-    def _found(self, best: Candidate, findings: Findings, bias_px: float) -> Detection:
-        corners = _without_bias(best, bias_px)
+    def _found(self, best: Candidate, findings: Findings, lens: CameraModel | None) -> Detection:
+        corners = _without_bias(best, 0.0 if lens is None else lens.edge_bias_px)
         width_px, height_px = width_and_height(corners)
         return Detection(
             target=self._name,
@@ -93,6 +123,7 @@ class SheetDetector:
             width_px=width_px,
             height_px=height_px,
             size_sigma_px=math.sqrt(2) * best.corner_sigma_px,
+            reason="" if lens is not None else other_paper(corners, self._size, None),
             quality=best.quality,
             rejected=findings.rejected(),
         )

@@ -27,6 +27,8 @@ from stadimeter.detectors.sheet.edges import (
     measure_edges_closer,
     settle_edges,
 )
+from stadimeter.detectors.sheet.one_outline import OutlineSides, measure_few
+from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
@@ -66,6 +68,9 @@ pixels, and as measured at the first two looks."""
 
 SERIOUS_STAGE = 4
 """Candidates that passed this many tests had their sides measured to the end."""
+
+FEW = 3
+"""So few candidates are measured one by one, which is quicker."""
 
 MOST_LOOKED_AT = 64
 MOST_SETTLED = 6
@@ -141,7 +146,7 @@ class SheetSearch:
 
     def __init__(self, image: Image, size: SheetShape, min_side_px: float, lens: CameraModel | None) -> None:
         self._image = image
-        self._lens = lens
+        self._lens, self._size = lens, size
         self._bent = lens if lens is not None and lens.distortion else None
         self._light = light_table("srgb" if lens is None else lens.tone_curve)
         self._min_side_px = min_side_px if lens is not None else max(min_side_px, LEAST_SHARE * max(image.shape[:2]))
@@ -179,14 +184,21 @@ class SheetSearch:
         fitting = self._fitting(findings, shaped, START_OFF_PX / scale)[:MOST_LOOKED_AT]
         if not len(fitting):
             return
-        edges = measure_edges(self._image, fitting, 2.0 + 1.0 / scale, self._light, self._bent)
+        edges = None
+        if len(fitting) <= FEW:
+            edges = measure_few(self._image, fitting, START_OFF_PX / scale, self._light, self._bent)
+        edges = self._settled(findings, fitting, scale) if edges is None else distinct_edges(edges)
+        if len(edges):
+            self._choose(findings, edges, scale, expected)
+
+    def _settled(self, findings: Findings, outlines: Points, scale: float) -> QuadEdges:
+        """Measure the sides of many candidates, ever more closely, and ever fewer of them."""
+        edges = measure_edges(self._image, outlines, 2.0 + 1.0 / scale, self._light, self._bent)
         edges = self._still_fitting(findings, edges, FIRST_LOOK_OFF_PX)
         if len(edges):
             edges = measure_edges_closer(self._image, edges, self._light, self._bent)
             edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MOST_SETTLED]
-        if len(edges):
-            edges = distinct_edges(settle_edges(self._image, edges, self._light, self._bent))
-            self._choose(findings, edges, scale, expected)
+        return distinct_edges(settle_edges(self._image, edges, self._light, self._bent)) if len(edges) else edges
 
     def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
         """Return the outlines that the sheet may have, whatever their sides look like."""
@@ -229,7 +241,10 @@ class SheetSearch:
             1,
             outlines,
             ~good,
-            lambda i: f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px",
+            lambda i: (
+                f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px"
+                + self._other_text(outlines[i])
+            ),
         )
         return outlines[good]
 
@@ -239,7 +254,12 @@ class SheetSearch:
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
         findings.refuse(2, edges.corners_px, ~straight, lambda i: _straight_text(edges, i, FIRST_SUPPORT))
         near = self._shape.fit(edges.corners_px).misfit_px < self._misfit_limits(edges, off_px)
-        findings.refuse(3, edges.corners_px, straight & ~near, lambda i: self._misfit_text(edges[[i]], off_px))
+        findings.refuse(
+            3,
+            edges.corners_px,
+            straight & ~near,
+            lambda i: self._misfit_text(edges[[i]], off_px) + self._other_text(edges.corners_px[i]),
+        )
         return edges[straight & near]
 
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
@@ -249,6 +269,10 @@ class SheetSearch:
     def _misfit_text(self, edges: QuadEdges, off_px: float = 0.0) -> str:
         misfit_px, limit = self._shape.fit(edges.corners_px).misfit_px[0], self._misfit_limits(edges, off_px)[0]
         return f"corners {misfit_px:.2f} px from those of the sheet, limit {limit:.2f} px"
+
+    def _other_text(self, corners: Points) -> str:
+        other = other_paper(corners, self._size, self._lens)
+        return f"; {other}" if other else ""
 
     def _choose(self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None) -> None:
         """Put the candidates through the last tests, and take the one that looks most like the sheet."""
@@ -268,7 +292,7 @@ class SheetSearch:
         tests = (
             *_size_test(edges, expected),
             *self._side_tests(edges),
-            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]])),
+            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]]) + self._other_text(edges.corners_px[i])),
             (
                 quality >= least_quality,
                 lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {least_quality:.2f}",
@@ -348,11 +372,11 @@ class SheetSearch:
             )
 
 
-def corner_sigmas_px(edges: QuadEdges) -> Values:
-    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``."""
+def corner_sigmas_px(edges: QuadEdges | OutlineSides) -> Values:
+    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``; of one, ``()``."""
     of_steps = SIGMA_FACTOR**2 * edges.scatter_px**2 / np.maximum(edges.steps, 1)
     of_blur = (SIGMA_BLUR * np.maximum(edges.edge_px - SHARP_EDGE_PX, 0.0)) ** 2
-    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=1) + SIGMA_FLOOR_PX**2)
+    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=-1) + SIGMA_FLOOR_PX**2)
     return sigmas
 
 
