@@ -70,6 +70,20 @@ def test_a_tag_without_a_number_says_which_one_it_is(tmp_path: Path, camera) -> 
     assert json.loads(_run(tmp_path / "one.png", *camera, *TAG, "--json").stdout)["id"] == 11
 
 
+def test_several_tags_are_each_measured(two_tags: Path, camera) -> None:
+    records = [json.loads(line) for line in _run(two_tags, *camera, *TAG, "--json").stdout.splitlines()]
+    assert [(each["target"], each["id"], each["status"]) for each in records] == [
+        ("tag", 3, "measured"),
+        ("tag", 7, "measured"),
+    ]
+    assert records[0]["bearing_rad"] < 0 < records[1]["bearing_rad"]
+    (only,) = _run(two_tags, *camera, *TAG, "--id", "7", "--json").stdout.splitlines()
+    assert json.loads(only)["id"] == 7
+    left, right = _run(two_tags, *camera, *TAG).stdout.splitlines()
+    assert "  tag 3  " in left
+    assert "  tag 7  " in right
+
+
 def test_a_position_is_given_in_the_cameras_frame(tmp_path: Path, camera) -> None:
     cv2.imwrite(str(tmp_path / "one.png"), _scene({11: LEFT}))
     record = json.loads(_run(tmp_path / "one.png", *camera, *TAG, "--json").stdout)
@@ -124,9 +138,9 @@ def test_a_wrong_option_is_one_line_and_exit_2(two_tags: Path, camera, options, 
 def test_a_video_gives_a_line_for_each_frame_with_its_number_and_time(video: Path, camera) -> None:
     result = _run(video, *camera, *TAG, "--json")
     records = [json.loads(line) for line in result.stdout.splitlines()]
-    assert [record["frame"] for record in records] == [0, 1, 2]
-    assert [record["time_s"] for record in records] == pytest.approx([0.0, 0.1, 0.2])
-    assert [record["status"] for record in records] == ["measured", "not_found", "measured"]
+    assert [record["frame"] for record in records] == [0, 1, 2, 2]
+    assert [record["time_s"] for record in records] == pytest.approx([0.0, 0.1, 0.2, 0.2])
+    assert [record["status"] for record in records] == ["measured", "not_found", "measured", "measured"]
     assert result.exit_code == 0, "one frame at least shows it"
     first = _run(video, *camera, *TAG).stdout.splitlines()[0]
     assert re.match(rf"{re.escape(str(video))}  frame    0     0\.000 s  tag 3  ", first)
@@ -142,7 +156,7 @@ def test_between_two_targets_is_said_for_each_frame(video: Path, camera) -> None
 def test_a_camera_is_measured_until_its_frames_end(two_tags: Path, camera) -> None:
     result = _run("--live", f"images,paths={two_tags}", *camera, *TAG, "--json")
     assert result.exit_code == 0
-    (record,) = map(json.loads, result.stdout.splitlines())
+    record, _ = map(json.loads, result.stdout.splitlines())
     assert (record["status"], record["frame"], record["time_s"]) == ("measured", 0, 0.0)
 
 
@@ -153,7 +167,7 @@ def test_a_damaged_video_is_an_error_and_does_not_stop_the_others(
     bad.write_bytes(video.read_bytes()[:200])
     result = _run(bad, tmp_path / "missing.mp4", two_tags, *camera, *TAG)
     assert result.exit_code == 2
-    assert len(result.stdout.splitlines()) == 1
+    assert len(result.stdout.splitlines()) == 2
     assert [line.split(":")[0] for line in result.stderr.splitlines()] == ["error", "error"]
 
 

@@ -85,7 +85,7 @@ class Perceiver:
         Raises:
             CalibrationError: The frame has another aspect than the camera model.
         """
-        lens, at_s = self._lens_of(frame), frame.captured_at_s
+        lens, at_s = self.lens_of(frame), frame.captured_at_s
         detections, measurements = [], []
         for name, detector in self.detectors.items():
             shape = detector.target_shape
@@ -100,7 +100,7 @@ class Perceiver:
             measurements.append(measured)
         return tuple(detections), tuple(measurements)
 
-    def _lens_of(self, frame: Frame) -> CameraModel:
+    def lens_of(self, frame: Frame) -> CameraModel:
         """Return the camera model for the frame, whose resolution and subsampling hardly ever change."""
         lens = self._lens
         is_same = (lens.width_px, lens.height_px) == (frame.width_px, frame.height_px)
