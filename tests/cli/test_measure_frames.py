@@ -12,9 +12,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import stadimeter.cli.measure as measure_command
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Frame
+from stadimeter.errors import CaptureTimeoutError
+from stadimeter.workbench.frame_source import Source
 
 pytestmark = pytest.mark.vision
 
@@ -176,3 +180,49 @@ def test_a_camera_that_is_not_there_is_one_line(camera) -> None:
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
     assert "/dev/video97" in line
+
+
+class Interrupted:
+    """A live camera that gives a frame, pauses, gives another, and is then stopped with Ctrl-C."""
+
+    def __init__(self, image: np.ndarray) -> None:
+        self.is_closed = False
+        pause = CaptureTimeoutError("no new frame in 0.50 s")
+        frames = [Frame(image, 5.0 + number / 4, number) for number in range(2)]
+        self._events: list[Frame | BaseException] = [frames[0], pause, pause, frames[1], KeyboardInterrupt()]
+
+    def open(self) -> None:
+        """Do nothing: it is open."""
+
+    def latest(self, timeout_s: float) -> Frame:
+        event = self._events.pop(0)
+        if isinstance(event, BaseException):
+            raise event
+        return event
+
+    def trouble(self) -> str:
+        return ""
+
+    def remarks(self) -> tuple[str, ...]:
+        return ("asked for a fixed focus, the camera keeps refocusing",)
+
+    def not_for_motion(self) -> str:
+        return ""
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def test_a_live_camera_goes_on_until_ctrl_c(camera, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = Interrupted(_scene({3: LEFT}))
+    monkeypatch.setattr(measure_command, "open_source", lambda _: Source(capture=capture, is_live=True))
+    result = _run("--live", "opencv,device=0", *camera, *TAG, "--json")
+    records = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [(each["frame"], each["time_s"], each["id"]) for each in records] == [(0, 0.0, 3), (1, 0.25, 3)]
+    assert result.exit_code == 0
+    assert capture.is_closed
+    assert result.stderr.splitlines() == [
+        "note: asked for a fixed focus, the camera keeps refocusing",
+        "note: no new frame in 0.50 s",
+        "stopped after 2 frames",
+    ]
