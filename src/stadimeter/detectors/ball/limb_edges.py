@@ -255,16 +255,22 @@ def _steepest(codes: Image, odds: Odds | None) -> tuple[Indices, Flags]:
         squared *= plausible(codes, odds)[:, 1:-1].ravel()
     length = change.shape[1]
     steepest = squared.reshape(-1, length).argmax(axis=1)
-    most = squared.take(steepest + np.arange(0, len(squared), length))
+    most = squared.take(steepest + _first_of_each(len(steepest), length))
     least = max(LEAST_CHANGE**2, CLEAR_SHARE**2 * quantile(most, 0.75))
     return steepest + 1, most > least
+
+
+@lru_cache(maxsize=256)
+def _first_of_each(rows: int, length: int) -> Indices:
+    """Return the index of the first place of each row in their flat array."""
+    return np.arange(0, rows * length, length)
 
 
 def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     """Measure steps no wider than a sharp picture has them, from a few pixels about the steepest places."""
     spokes, length = codes.shape[:2]
     near = np.minimum(np.maximum(steepest + NEAR, 0), length - 1)
-    near += np.arange(0, length * spokes, length)
+    near += _first_of_each(spokes, length)
     near_codes = codes.reshape(-1, 3).take(near, axis=0)
     levels = LEVELS.dot(light.take(near_codes).reshape(len(NEAR), -1))
     way = levels[0]
