@@ -24,6 +24,7 @@ MODEL = CameraModel(
     tone_curve="linear",
     edge_bias_px=-0.125,
     focal_relative_sigma=0.0123,
+    subsampling="4:2:2",
     provenance=Provenance(
         method="one picture at a known distance",
         date="2026-01-31",
@@ -96,6 +97,7 @@ def test_a_short_file_has_square_pixels_and_the_axis_in_the_middle(file: Path) -
         ("distortion = [-0.9, 0.0, 0.0, 0.0]", "folds the picture"),
         ('tone_curve = "gamma"', "srgb"),
         ("edge_bias_px = inf", "inf"),
+        ('subsampling = "4:1:1"', "4:2:0"),
     ],
 )
 def test_what_is_no_lens_is_refused_in_words(file: Path, line: str, complaint: str) -> None:

@@ -16,6 +16,7 @@ from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel, Provenance, ToneCurve
+from stadimeter.core.frame import Subsampling
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 
 MOST_PIXELS_ACROSS = 100_000
@@ -64,6 +65,9 @@ class CameraTable(BaseModel):
     """How far outwards each edge of a bright target is measured."""
     focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
     """Standard deviation of the focal length, as a share of it."""
+    subsampling: Subsampling | None = None
+    """How coarsely the camera stores colour: for every pixel (``"4:4:4"``), every second one across (``"4:2:2"``), or
+    across and down (``"4:2:0"``). None leaves it to the driver: a JPEG file says it, MJPEG and video count as 4:2:0."""
     method: str = ""
     """How it was made."""
     date: Annotated[str, BeforeValidator(_date_text)] = ""
@@ -84,6 +88,7 @@ class CameraTable(BaseModel):
             tone_curve=self.tone_curve,
             edge_bias_px=self.edge_bias_px,
             focal_relative_sigma=self.focal_relative_sigma,
+            subsampling=self.subsampling,
             provenance=Provenance(method=self.method, date=self.date, notes=self.notes),
         )
 
@@ -143,6 +148,9 @@ distortion = {list(model.distortion)!r}
 # How code values follow from light: "srgb" for nearly every camera, "linear" for raw pictures.
 tone_curve = {_quoted(model.tone_curve)}
 
+# How coarsely the camera stores colour: "4:4:4", "4:2:2" or "4:2:0"; left to the driver where it is not written.
+{_subsampling(model)}
+
 # How far outwards each edge of a bright target is measured, in pixels.
 edge_bias_px = {model.edge_bias_px!r}
 
@@ -156,6 +164,10 @@ date = {_quoted(provenance.date)}
 notes = [
 {notes}]
 """
+
+
+def _subsampling(model: CameraModel) -> str:
+    return f"subsampling = {_quoted(model.subsampling)}" if model.subsampling else '# subsampling = "4:2:0"'
 
 
 def _quoted(text: str) -> str:

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.core.frame import CHROMA_PITCH_PX, SUBSAMPLINGS, Frame, Subsampling
 from stadimeter.core.lens_distortion import check_coefficients, distorted, distorted_direction, undistorted
 from stadimeter.errors import CalibrationError
 
@@ -58,6 +59,7 @@ class CameraModel:
             the tone curve is undone: the target appears larger by twice this. A darker target appears smaller by as
             much. It comes from what the tone curve leaves: sharpening, glare, a different curve.
         focal_relative_sigma: Standard deviation of the focal length, as a share of it.
+        subsampling: How coarsely the camera stores colour; None where that is left to the frame.
     """
 
     width_px: int
@@ -70,6 +72,7 @@ class CameraModel:
     tone_curve: ToneCurve = "srgb"
     edge_bias_px: float = 0.0
     focal_relative_sigma: float = 0.0
+    subsampling: Subsampling | None = None
     provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:
@@ -84,6 +87,9 @@ class CameraModel:
             raise CalibrationError(message, "focal_relative_sigma")
         if self.tone_curve not in TONE_CURVES:
             raise CalibrationError(f"tone_curve = {self.tone_curve!r} is neither 'srgb' nor 'linear'", "tone_curve")
+        if self.subsampling is not None and self.subsampling not in SUBSAMPLINGS:
+            message = f"subsampling = {self.subsampling!r} is none of {', '.join(SUBSAMPLINGS)}"
+            raise CalibrationError(message, "subsampling")
         if not math.isfinite(self.edge_bias_px):
             raise CalibrationError(f"edge_bias_px = {self.edge_bias_px} is not finite", "edge_bias_px")
         check_coefficients(self.distortion)
@@ -154,6 +160,20 @@ class CameraModel:
             cy_px=(self.cy_px + 0.5) * scale_y - 0.5,
             edge_bias_px=self.edge_bias_px * math.sqrt(scale_x * scale_y),
         )
+
+    def for_frame(self, frame: Frame) -> CameraModel:
+        """Return the model at a frame's resolution, with the subsampling of its colour.
+
+        Raises:
+            CalibrationError: The aspect differs.
+        """
+        scaled = self.scaled_to(frame.width_px, frame.height_px)
+        return scaled if scaled.subsampling else replace(scaled, subsampling=frame.subsampling)
+
+    @property
+    def chroma_pitch_px(self) -> tuple[int, int]:
+        """How many pixels share one sample of colour, across and down; one each where that is not known."""
+        return CHROMA_PITCH_PX[self.subsampling or "4:4:4"]
 
     def direction(self, x_px: float, y_px: float) -> tuple[float, float]:
         """Return where a pixel looks to.

@@ -12,7 +12,6 @@ from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.untrusted_file import open_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
-from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
@@ -58,7 +57,7 @@ def known_distance(
         picture=str(path),
         width_px=frame.width_px,
         height_px=frame.height_px,
-        detection=target.detector.detect(frame, lens=camera_model and camera_model.scaled_to(*_size_px(frame))),
+        detection=target.detector.detect(frame, lens=camera_model and camera_model.for_frame(frame)),
         size=target.detector.target_shape,
         depth_m=depth_m,
     )
@@ -82,15 +81,12 @@ def with_bias_undone(
 
 def _asked_twice(known: KnownDistance, detector: Detector, rough: CameraModel) -> KnownDistance:
     frame = open_picture(Path(known.picture))
-    found = detector.detect(frame, lens=rough)
+    lens = rough.for_frame(frame)
+    found = detector.detect(frame, lens=lens)
     if found.status is not DetectionStatus.FOUND:
         return known
-    biased = detector.detect(frame, lens=replace(rough, edge_bias_px=BIAS_STEP_PX))
+    biased = detector.detect(frame, lens=replace(lens, edge_bias_px=BIAS_STEP_PX))
     return replace(known, detection=found, less_bias=biased)
-
-
-def _size_px(frame: Frame) -> tuple[int, int]:
-    return frame.width_px, frame.height_px
 
 
 def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:
