@@ -57,6 +57,7 @@ class Detection:
         size_sigma_px: The standard deviation of the apparent size.
         quality: From 0, barely a candidate, to 1, as it should look.
         rejected: What else was looked at in the picture and is not the target, the most like it first.
+        number: Which one of its kind it is, such as the number of a tag; None where they are all alike.
         measured_with: The camera model that it was measured with, if the detector has one: centre and size then say
             all that the outline does, for that camera.
     """
@@ -71,6 +72,7 @@ class Detection:
     size_sigma_px: float = 0.0
     quality: float = 0.0
     rejected: tuple[RejectedCandidate, ...] = ()
+    number: int | None = None
     measured_with: CameraModel | None = None
 
 

@@ -101,10 +101,11 @@ class Perceiver:
         return tuple(detections), tuple(measurements)
 
     def _lens_of(self, frame: Frame) -> CameraModel:
-        """Return the camera model at the frame's resolution, which hardly ever changes."""
+        """Return the camera model for the frame, whose resolution and subsampling hardly ever change."""
         lens = self._lens
-        if (lens.width_px, lens.height_px) != (frame.width_px, frame.height_px):
-            lens = self._lens = self._camera_model.scaled_to(frame.width_px, frame.height_px)
+        is_same = (lens.width_px, lens.height_px) == (frame.width_px, frame.height_px)
+        if not is_same or lens.subsampling != (self._camera_model.subsampling or frame.subsampling):
+            lens = self._lens = self._camera_model.for_frame(frame)
         return lens
 
 
