@@ -6,6 +6,7 @@ import csv
 import math
 from pathlib import Path
 
+import ball_video
 import numpy as np
 import ours
 import real_boards
@@ -43,6 +44,7 @@ def run(folder: Path = PICTURES) -> Part:
     parts = [
         _sheet(folder / "seed_sheet"),
         _tennis(folder / "tennis_ball"),
+        ball_video.ball_video(folder / "ball_video"),
         real_boards.chessboards(folder / "chessboard"),
         real_tags.visp(folder / "tags" / "visp"),
         real_tags.duckietown(folder / "tags" / "duckietown"),
@@ -137,6 +139,7 @@ def _tennis(folder: Path) -> Part:
     facts = {
         "real ball median": float(np.median(sizes)),
         "real ball p90": float(np.quantile(sizes, 0.9)),
+        "real ball held": sum(row[-1] == "yes" for row in rows) / max(1, len(rows)),
         "real ball measured": len(errors) / (len(truths) - len(CUT_OFF)),
         "real ball cut off": len(CUT_OFF & {name for name, _ in refused}) / len(CUT_OFF),
     }

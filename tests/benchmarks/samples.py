@@ -125,6 +125,22 @@ def summarise(samples: Sequence[Sample], gross_limit: float) -> Summary:
     )
 
 
+def wilson(share: float, count: int) -> tuple[float, float]:
+    """Return the 95 % interval of a rate (E. B. Wilson, 1927); NaN without frames."""
+    if not count or math.isnan(share):
+        return math.nan, math.nan
+    z2 = SIGMAS_OF_95**2
+    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
+    half = SIGMAS_OF_95 / (1 + z2 / count) * math.sqrt(share * (1 - share) / count + z2 / (4 * count**2))
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def rate(share: float, count: int) -> str:
+    """Return a rate in percent with its interval."""
+    low, high = wilson(share, count)
+    return "–" if math.isnan(low) else f"{100 * share:.1f} ({100 * low:.1f}–{100 * high:.1f})"
+
+
 def grouped(samples: Iterable[Sample], key: Callable[[Sample], str]) -> dict[str, list[Sample]]:
     """Return samples by a key, in the order in which the keys first appear."""
     groups: dict[str, list[Sample]] = {}

@@ -65,6 +65,8 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     for each in known:
         if each.detection.status is not DetectionStatus.FOUND:
             typer.echo(f"left out: {each.picture}: {each.detection.reason}", err=True)
+        elif each.detection.reason:
+            typer.echo(f"note: {each.picture}: {each.detection.reason}", err=True)
     return KnownPictures(usable=usable, all_usable=len(usable) == len(known))
 
 

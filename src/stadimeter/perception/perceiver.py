@@ -14,10 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Prediction
+from stadimeter.core.detection import Detection, Points, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.target import TargetShape
@@ -71,6 +74,7 @@ class Perceiver:
         self.detectors = detectors
         self._camera_model = camera_model
         self._lens = camera_model
+        self._sightings: dict[str, Sighting] = {}
         self.expectations = Expectations()
 
     def look(
@@ -86,17 +90,43 @@ class Perceiver:
         for name, detector in self.detectors.items():
             shape = detector.target_shape
             expected = self.expectations.of(tracks.get(name), shape, lens, at_s) if tracks else None
+            if expected is not None:
+                expected = with_outline(expected, self._sightings.get(name), shape, lens)
             found = detector.detect(frame, expected, lens=lens)
+            measured = measure(found, shape, lens, at_s)
+            if shape.has_corners and measured.depth_m is not None:
+                self._sightings[name] = Sighting(found.outline_px, found.centre_px, measured.depth_m)
             detections.append(found)
-            measurements.append(measure(found, shape, lens, at_s))
+            measurements.append(measured)
         return tuple(detections), tuple(measurements)
 
     def _lens_of(self, frame: Frame) -> CameraModel:
-        """Return the camera model at the frame's resolution, which hardly ever changes."""
+        """Return the camera model for the frame, whose resolution and subsampling hardly ever change."""
         lens = self._lens
-        if (lens.width_px, lens.height_px) != (frame.width_px, frame.height_px):
-            lens = self._lens = self._camera_model.scaled_to(frame.width_px, frame.height_px)
+        is_same = (lens.width_px, lens.height_px) == (frame.width_px, frame.height_px)
+        if not is_same or lens.subsampling != (self._camera_model.subsampling or frame.subsampling):
+            lens = self._lens = self._camera_model.for_frame(frame)
         return lens
+
+
+class Sighting(NamedTuple):
+    """Where the corners of a target were when it was last seen, around which centre, and how far away that was."""
+
+    outline_px: Points
+    centre_px: tuple[float, float]
+    depth_m: float
+
+
+def with_outline(
+    expected: Prediction, sighting: Sighting | None, shape: TargetShape, camera: CameraModel
+) -> Prediction:
+    """Return a prediction with the corners that were last seen, moved and scaled to where and how large it is."""
+    if sighting is None:
+        return expected
+    then_px = shape.longest_m / sighting.depth_m * math.sqrt(camera.fx_px * camera.fy_px)
+    around = sighting.outline_px - np.array(sighting.centre_px)
+    outline_px = around * (expected.size_px / then_px) + np.array(expected.centre_px)
+    return replace(expected, outline_px=outline_px)
 
 
 class Expectations:

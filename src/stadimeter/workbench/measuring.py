@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stadimeter.app.clock import SteppedClock
@@ -18,6 +18,8 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.measure import SigmaParts, sigma_parts
+from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigmas_rad, separation
+from stadimeter.workbench.frame_source import Source
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -29,6 +31,9 @@ class TargetResult:
         parts: What the standard deviation is made up of; None without a distance.
         rejected_from: The number of the first of the candidates that were rejected. They are counted through all
             targets of a picture, so that a number means one place in it.
+        direction_sigmas_rad: Standard deviations of bearing and elevation; None without a distance.
+        frame: The frame of a video or a camera, counted from 0; None of a picture.
+        time_s: When it was captured, from the first one on; None of a picture.
     """
 
     file: str
@@ -37,6 +42,9 @@ class TargetResult:
     has_corners: bool = False
     parts: SigmaParts | None = None
     rejected_from: int = 1
+    direction_sigmas_rad: tuple[float, float] | None = None
+    frame: int | None = None
+    time_s: float | None = None
 
     @property
     def rejected(self) -> tuple[tuple[int, RejectedCandidate], ...]:
@@ -44,9 +52,17 @@ class TargetResult:
         candidates = self.detection.rejected if self.detection else ()
         return tuple(enumerate(candidates, start=self.rejected_from))
 
+    @property
+    def label(self) -> str:
+        """The target's name, and the number of the tag that was found."""
+        name, number = self.measurement.target, self.detection and self.detection.number
+        return name if number is None or name.endswith(f" {number}") else f"{name} {number}"
+
     def record(self) -> dict[str, str | float | None]:
         """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""
         measured = self.measurement
+        x_m, y_m, z_m = measured.position_m or (None, None, None)
+        bearing_sigma_rad, elevation_sigma_rad = self.direction_sigmas_rad or (None, None)
         return {
             "file": self.file,
             "target": measured.target,
@@ -59,6 +75,14 @@ class TargetResult:
             "tilt_rad": measured.tilt_rad,
             "ambiguity": measured.ambiguity,
             "reason": measured.reason,
+            "x_m": x_m,
+            "y_m": y_m,
+            "z_m": z_m,
+            "bearing_sigma_rad": bearing_sigma_rad,
+            "elevation_sigma_rad": elevation_sigma_rad,
+            "id": self.detection.number if self.detection else None,
+            "frame": self.frame,
+            "time_s": self.time_s,
         }
 
 
@@ -102,35 +126,83 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
         One result for each target. Where the picture cannot be read, or has another aspect than the camera model, the
         status is ``error`` and the reason says why.
     """
-    perceiver = Perceiver({each.name: each.detector for each in targets}, camera_model)
     frame = None
     try:
         frame = open_picture(path)
-        detections, measurements = perceiver.look(frame)
+        return Measuring(targets, camera_model).measure(frame, str(path))
     except StadimeterError as error:
-        return PictureResult(file=str(path), frame=frame, targets=_failed(path, targets, error))
-    results, number = [], 1
-    for target, detection, measurement in zip(targets, detections, measurements, strict=True):
-        shape = target.detector.target_shape
-        results.append(
-            TargetResult(
-                file=str(path),
-                measurement=measurement,
-                detection=detection,
-                has_corners=shape.has_corners,
-                parts=sigma_parts(measurement, shape, camera_model),
-                rejected_from=number,
+        return PictureResult(file=str(path), frame=frame, targets=failed(str(path), targets, error))
+
+
+class Measuring:
+    """Measures targets in one frame after the other, each as if there had been none before."""
+
+    def __init__(self, targets: Sequence[NamedDetector], camera_model: CameraModel) -> None:
+        self._targets = targets
+        self._camera_model = camera_model
+        self._perceiver = Perceiver({each.name: each.detector for each in targets}, camera_model)
+
+    def measure(self, frame: Frame, file: str) -> PictureResult:
+        """Return one result for each target.
+
+        Raises:
+            CalibrationError: The frame has another aspect than the camera model.
+        """
+        lens = self._camera_model.for_frame(frame)
+        results, number = [], 1
+        for target, detection, measurement in zip(self._targets, *self._perceiver.look(frame), strict=True):
+            shape = target.detector.target_shape
+            seen = SeenTarget(detection=detection, measurement=measurement, shape=shape)
+            results.append(
+                TargetResult(
+                    file=file,
+                    measurement=measurement,
+                    detection=detection,
+                    has_corners=shape.has_corners,
+                    parts=sigma_parts(measurement, shape, lens),
+                    rejected_from=number,
+                    direction_sigmas_rad=direction_sigmas_rad(seen, lens),
+                )
             )
-        )
-        number += len(detection.rejected)
-    return PictureResult(file=str(path), frame=frame, targets=tuple(results))
+            number += len(detection.rejected)
+        return PictureResult(file=file, frame=frame, targets=tuple(results))
+
+    def measure_all(self, source: Source, file: str, note: Callable[[str], None]) -> Iterator[PictureResult]:
+        """Measure the frames of an open source until they end, each with its number and time.
+
+        Raises:
+            CalibrationError: The frames have another aspect than the camera model.
+            PictureError: A recording is damaged at this point.
+        """
+        began_s = None
+        for frame in source.frames(note):
+            began_s = frame.captured_at_s if began_s is None else began_s
+            time_s = frame.captured_at_s - began_s
+            result = self.measure(frame, file)
+            placed = (replace(each, frame=frame.sequence, time_s=time_s) for each in result.targets)
+            yield replace(result, targets=tuple(placed))
+
+    def between(self, result: PictureResult, names: tuple[str, str]) -> Separation | None:
+        """Return how far two targets of a picture are apart; None unless both were measured in it."""
+        if result.frame is None:
+            return None
+        seen = {
+            target.name: SeenTarget(
+                detection=each.detection, measurement=each.measurement, shape=target.detector.target_shape
+            )
+            for target, each in zip(self._targets, result.targets, strict=True)
+            if each.detection is not None
+        }
+        one, other = (seen.get(name) for name in names)
+        return separation(one, other, self._camera_model.for_frame(result.frame)) if one and other else None
 
 
-def _failed(path: Path, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:
+def failed(file: str, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:
+    """Return results that say why there are none."""
     reason = " ".join(str(error).split())
     return tuple(
         TargetResult(
-            file=str(path),
+            file=file,
             measurement=Measurement(
                 target=target.name, status=MeasurementStatus.ERROR, captured_at_s=0.0, reason=reason
             ),

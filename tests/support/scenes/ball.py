@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.simulation.silhouette import Vector, silhouette
+from support.scenes.ball_surface import BallSurface
 from support.scenes.lens import Floats, Rays
 from support.scenes.target import Colour, Layer, inside
 from support.scenes.tone import decode_srgb
@@ -39,6 +40,9 @@ class BallTarget:
         light: Where the lamp is, any length.
         ambient: The share of the light that comes from all sides: how bright the dark side is.
         specular: How bright the lamp's reflection is, 1 for white; 0 for none.
+        surface: Markings, dirt and felt; None for a smooth ball of one colour.
+        floor_bgr: Colour of the floor that it lies on: its lower side is lit by that instead of from all sides, and
+            darkest where it touches; None for a ball in the air.
     """
 
     position_m: Vector
@@ -47,6 +51,8 @@ class BallTarget:
     light: Vector = (-0.37, -0.83, -0.42)
     ambient: float = 0.4
     specular: float = 0.0
+    surface: BallSurface | None = None
+    floor_bgr: Colour | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.diameter_m / 2 < self.position_m[2]:
@@ -87,24 +93,61 @@ class BallTarget:
         ahead = u * x + v * y + z
         power = x * x + y * y + z * z - radius * radius
         hit = ahead * ahead - squared * power
-        cover = inside(hit) * (ahead > 0).astype(np.float32)
-        depth = (ahead - np.sqrt(np.maximum(hit, 0))) / squared
-        normal = tuple(
-            ((depth * part - centre) / radius).astype(np.float32)
-            for part, centre in ((u, x), (v, y), (np.float64(1.0), z))
-        )
-        return Layer(cover, self._light(normal, u, v, squared))
+        cover = (self._felt_cover(rays, ahead, squared) if self._is_felt else inside(hit)) * (ahead > 0)
+        light = np.zeros((*cover.shape, 3), np.float32)
+        box = _box(cover)
+        light[box] = self._light(self._normal(u[box], v[box], ahead[box], squared[box], hit[box]), u[box], v[box])
+        return Layer(cover.astype(np.float32), light)
 
-    def _light(self, normal: tuple[Plane, ...], u: Floats, v: Floats, squared: Floats) -> Plane:
+    def _normal(self, u: Floats, v: Floats, ahead: Floats, squared: Floats, hit: Floats) -> tuple[Plane, ...]:
+        """Return which way the ball's surface faces where rays hit it; beyond the limb, where they come nearest."""
+        depth = (ahead - np.sqrt(np.maximum(hit, 0))) / squared
+        places = zip((u, v, np.float64(1.0)), self.position_m, strict=True)
+        normal = [((depth * part - centre) / (self.diameter_m / 2)).astype(np.float32) for part, centre in places]
+        length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+        return normal[0] / length, normal[1] / length, normal[2] / length
+
+    @property
+    def _is_felt(self) -> bool:
+        return self.surface is not None and self.surface.felt > 0
+
+    def _felt_cover(self, rays: Rays, ahead: Floats, squared: Floats) -> Plane:
+        """Return how much a ragged, soft limb covers: half at the ball's radius on the average around it."""
+        (u, v), (x, y, z) = rays, self.position_m
+        distance = math.hypot(x, y, z)
+        angle = np.arccos(np.clip(ahead / np.sqrt(squared) / distance, -1, 1))
+        limb = math.asin(self.diameter_m / 2 / distance)
+        around = np.arctan2(v - y / z, u - x / z).astype(np.float32)
+        off = (self.surface.limb_share(around) - angle / limb).astype(np.float32)
+        sample = np.float32(np.abs(np.diff(u[0])).max() / limb)
+        return np.clip(off / (2 * self.surface.felt + sample) + 0.5, 0, 1).astype(np.float32)
+
+    def _light(self, normal: tuple[Plane, ...], u: Floats, v: Floats) -> Plane:
         lamp = tuple(part / math.hypot(*self.light) for part in self.light)
         facing = sum(
             (n * np.float32(part) for n, part in zip(normal, lamp, strict=True)), np.zeros(u.shape, np.float32)
         )
         shade = np.float32(self.ambient) + np.float32(1 - self.ambient) * np.clip(facing, 0, 1)
-        light = shade[:, :, None] * decode_srgb(self.bgr)
+        if self.surface is None:
+            albedo = decode_srgb(self.bgr)
+        else:
+            albedo = self.surface.albedo((normal[0], normal[1], normal[2]))
+        lit = np.repeat(shade[:, :, None], 3, axis=2)
+        if self.floor_bgr is not None:
+            below = np.clip(normal[1], 0, 1)[:, :, None]
+            lit = lit * (1 - 0.75 * below**2) + 0.35 * below * decode_srgb(self.floor_bgr)
+        light = lit * albedo
         if self.specular > 0:
             away = (u * lamp[0] + v * lamp[1] + lamp[2]).astype(np.float32)
             perceiver = (u * normal[0] + v * normal[1] + normal[2]).astype(np.float32)
-            mirrored = (away - 2 * facing * perceiver) / np.sqrt(squared).astype(np.float32)
+            mirrored = (away - 2 * facing * perceiver) / np.sqrt(u * u + v * v + 1).astype(np.float32)
             light = light + np.float32(self.specular) * (np.clip(mirrored, 0, 1) ** np.float32(SHININESS))[:, :, None]
         return np.asarray(light, np.float32)
+
+
+def _box(cover: Plane) -> tuple[slice, slice]:
+    """Return the rows and columns of samples that are covered at all."""
+    rows, columns = np.flatnonzero(cover.any(axis=1)), np.flatnonzero(cover.any(axis=0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)

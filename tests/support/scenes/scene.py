@@ -10,6 +10,7 @@ from stadimeter.core.frame import Image
 from stadimeter.simulation.silhouette import Vector
 from support.scenes.backdrop import Backdrop, ClutterBackdrop
 from support.scenes.blur import Blur
+from support.scenes.hand import Hand
 from support.scenes.occluder import Occluder
 from support.scenes.sensor import Sensor
 from support.scenes.target import Target
@@ -36,7 +37,7 @@ class Scene:
     target: Target | None
     seed: int
     backdrop: Backdrop = field(default_factory=ClutterBackdrop)
-    occluder: Occluder | None = None
+    occluder: Occluder | Hand | None = None
     blur: Blur = field(default_factory=Blur)
     sensor: Sensor = field(default_factory=Sensor)
     rolling_shutter_px: tuple[float, float] = (0.0, 0.0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.blobs import HsvRange
+from stadimeter.detectors.ball.hsv import HsvRange
 from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
 from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
 from stadimeter.detectors.sheet.candidates import (
@@ -41,6 +41,8 @@ from stadimeter.detectors.sheet.evidence import (
     sides_evidence,
     slack_share,
 )
+from stadimeter.detectors.sheet.one_outline import OutlineSides, measure_few
+from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
@@ -80,6 +82,9 @@ pixels, and as measured at the first two looks."""
 
 SERIOUS_STAGE = 4
 """Candidates that passed this many tests had their sides measured to the end."""
+
+FEW = 3
+"""So few candidates are measured one by one, which is quicker."""
 
 MOST_LOOKED_AT = 64
 MOST_SETTLED = 6
@@ -148,14 +153,13 @@ class SheetSearch:
     ) -> None:
         self._image = image
         self._colour = colour
-        self._lens = lens
+        self._lens, self._size = lens, size
         self._bent = lens if lens is not None and lens.distortion else None
         self._light = light_table("srgb" if lens is None else lens.tone_curve)
         self._min_side_px = min_side_px if lens is not None else max(min_side_px, LEAST_SHARE * max(image.shape[:2]))
         self._aspect = max(size.width_m, size.height_m) / min(size.width_m, size.height_m)
         self._shape = SheetOutlines(size, lens, (image.shape[1], image.shape[0]))
         self._is_strict = lens is not None and size.known_side == "auto"
-        self._size = size
         self._slack = slack_share(size, by_hand=self._is_strict)
         if not self._is_strict:
             self._slack = math.hypot(self._slack, UNKNOWN_LENS_SHARE)
@@ -191,14 +195,21 @@ class SheetSearch:
         fitting = self._fitting(findings, shaped, START_OFF_PX / scale)[:MOST_LOOKED_AT]
         if not len(fitting):
             return
-        edges = measure_edges(self._image, fitting, 2.0 + 1.0 / scale, self._light, self._bent)
+        edges = None
+        if len(fitting) <= FEW:
+            edges = measure_few(self._image, fitting, START_OFF_PX / scale, self._light, self._bent)
+        edges = self._settled(findings, fitting, scale) if edges is None else distinct_edges(edges)
+        if len(edges):
+            self._choose(findings, edges, scale, expected, looks)
+
+    def _settled(self, findings: Findings, outlines: Points, scale: float) -> QuadEdges:
+        """Measure the sides of many candidates, ever more closely, and ever fewer of them."""
+        edges = measure_edges(self._image, outlines, 2.0 + 1.0 / scale, self._light, self._bent)
         edges = self._still_fitting(findings, edges, FIRST_LOOK_OFF_PX)
         if len(edges):
             edges = measure_edges_closer(self._image, edges, self._light, self._bent)
             edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MOST_SETTLED]
-        if len(edges):
-            edges = distinct_edges(settle_edges(self._image, edges, self._light, self._bent))
-            self._choose(findings, edges, scale, expected, looks)
+        return distinct_edges(settle_edges(self._image, edges, self._light, self._bent)) if len(edges) else edges
 
     def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
         """Return the outlines that the sheet may have, whatever their sides look like."""
@@ -242,7 +253,10 @@ class SheetSearch:
             1,
             outlines,
             ~good,
-            lambda i: f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px",
+            lambda i: (
+                f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px"
+                + self._other_text(outlines[i])
+            ),
         )
         return outlines[good]
 
@@ -252,7 +266,12 @@ class SheetSearch:
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
         findings.refuse(2, edges.corners_px, ~straight, lambda i: _straight_text(edges, i, FIRST_SUPPORT))
         near = self._shape.fit(edges.corners_px).misfit_px < self._misfit_limits(edges, off_px)
-        findings.refuse(3, edges.corners_px, straight & ~near, lambda i: self._misfit_text(edges[[i]], off_px))
+        findings.refuse(
+            3,
+            edges.corners_px,
+            straight & ~near,
+            lambda i: self._misfit_text(edges[[i]], off_px) + self._other_text(edges.corners_px[i]),
+        )
         return edges[straight & near]
 
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
@@ -263,6 +282,10 @@ class SheetSearch:
     def _misfit_text(self, edges: QuadEdges, off_px: float = 0.0) -> str:
         misfit_px, limit = self._shape.fit(edges.corners_px).misfit_px[0], self._misfit_limits(edges, off_px)[0]
         return f"corners {misfit_px:.2f} px from those of the sheet, limit {limit:.2f} px"
+
+    def _other_text(self, corners: Points) -> str:
+        other = other_paper(corners, self._size, self._lens)
+        return f"; {other}" if other else ""
 
     def _choose(
         self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None, looks: Looks
@@ -275,7 +298,7 @@ class SheetSearch:
         tests = (
             *_size_test(edges, expected),
             *self._side_tests(edges),
-            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]])),
+            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]]) + self._other_text(edges.corners_px[i])),
             (
                 quality >= least_quality,
                 lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {least_quality:.2f}",
@@ -378,11 +401,11 @@ class SheetSearch:
             )
 
 
-def corner_sigmas_px(edges: QuadEdges) -> Values:
-    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``."""
+def corner_sigmas_px(edges: QuadEdges | OutlineSides) -> Values:
+    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``; of one, ``()``."""
     of_steps = SIGMA_FACTOR**2 * edges.scatter_px**2 / np.maximum(edges.steps, 1)
     of_blur = (SIGMA_BLUR * np.maximum(edges.edge_px - SHARP_EDGE_PX, 0.0)) ** 2
-    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=1) + SIGMA_FLOOR_PX**2)
+    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=-1) + SIGMA_FLOOR_PX**2)
     return sigmas
 
 
