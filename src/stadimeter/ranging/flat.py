@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from stadimeter.core.camera_model import CameraModel
@@ -27,6 +27,13 @@ CONTENDER = 10.0
 _SIGMA_FLOOR_PX = 0.015
 _SIGMA_OF_SMALL_TAG_PX2 = 1.35
 """The detectors' standard deviation on rendered pictures: a floor, and for tags a part inverse to the apparent side."""
+
+
+_EDGE_BIAS_PX = 0.03
+_EDGE_BIAS_OF_CHROMA_PX = 0.05
+"""Standard deviation of the place of a sheet's edges that all four have in common and that stays from frame to frame,
+from sharpening, glare and tone curves that are not quite those assumed; and where colour is subsampled, which smears it
+across the edges. Fitted on rendered pictures of such cameras."""
 
 
 class _Flat:
@@ -133,15 +140,16 @@ class SheetShape(_Flat):
         size_m, apparent = self._one_side(detection.width_px / camera.fx_px, detection.height_px / camera.fy_px)
         has_pose = self.known_side == "auto" and len(detection.outline_px) == 4
         poses = sheet_poses(camera.directions(detection.outline_px), self) if has_pose else ()
+        bias_share = _edge_bias_share(detection, camera)
         if not poses:
-            return read_by_one_length(detection, camera, size_m, apparent)
+            return _with_bias(read_by_one_length(detection, camera, size_m, apparent), bias_share)
         # A side is the difference of two corners, so each of these errs by its share of the square root of two.
         corner_sigma = detection.size_sigma_px / math.sqrt(2 * camera.fx_px * camera.fy_px)
         best, corners_m = poses[0]
         noise_share = distance_share(best, corners_m, corner_sigma)
         if not math.isfinite(noise_share):
             noise_share = size_noise_share(detection, camera, apparent)
-        return _of_pose(tuple(pose for pose, _ in poses), corner_sigma, noise_share)
+        return _with_bias(_of_pose(tuple(pose for pose, _ in poses), corner_sigma, noise_share), bias_share)
 
     def _one_side(self, width: float, height: float) -> tuple[float, float]:
         """Return the side that the distance is computed from, in metres and as it appears per unit of depth.
@@ -157,6 +165,20 @@ class SheetShape(_Flat):
             return self.height_m, height
         sides = (self.longest_m, max(width, height)), (self.shortest_m, min(width, height))
         return max(sides, key=lambda side: side[1] / side[0])
+
+
+def _edge_bias_share(detection: Detection, camera: CameraModel) -> float:
+    """Return the standard deviation of the distance because all sides of a sheet appear too far out, or in, alike."""
+    pitch_px = max(camera.chroma_pitch_px)
+    return (
+        2
+        * (_EDGE_BIAS_PX if pitch_px == 1 else _EDGE_BIAS_OF_CHROMA_PX)
+        / math.sqrt(detection.width_px * detection.height_px)
+    )
+
+
+def _with_bias(reading: Reading, bias_share: float) -> Reading:
+    return replace(reading, systematic_share=math.hypot(reading.systematic_share, bias_share))
 
 
 def sheet_poses(directions: Points, size: SheetShape) -> tuple[tuple[PlanePose, Points], ...]:

@@ -54,6 +54,11 @@ class Candidate:
         return max(side_lengths(self.corners_px))
 
     @property
+    def where(self) -> str:
+        """Its size and place, for messages."""
+        return f"{self.longest_px:.0f} px long at ({self.centre_px[0]:.0f}, {self.centre_px[1]:.0f})"
+
+    @property
     def centre_px(self) -> tuple[float, float]:
         """The mean of its corners."""
         x_px, y_px = self.corners_px.mean(axis=0).tolist()
@@ -86,6 +91,14 @@ class Findings:
         others = (each for each in self.kept if each.evidence >= least and _differs(each.longest_px, best.longest_px))
         return max(others, key=_score, default=None)
 
+    @property
+    def doubt(self) -> str | None:
+        """Which two outlines fit, where neither is beyond doubt; None where it is clear which one is the sheet."""
+        best, rival = self.best, self.rival
+        if best is None or rival is None or min(best.evidence, rival.evidence) >= SURE_EVIDENCE:
+            return None
+        return f"two outlines fit, one {best.where}, one {rival.where}; name its colour, or take the other one away"
+
     def keep(self, candidate: Candidate) -> None:
         """Keep what passed all tests, if it is not there already."""
         same = (np.abs(each.corners_px - candidate.corners_px).max() < SAME_PX for each in self.kept)
@@ -117,9 +130,9 @@ class Findings:
     def rejected(self) -> tuple[RejectedCandidate, ...]:
         """Return what was refused, the most like the sheet first, each place once."""
         best = self.best
-        every = [(KEPT_STAGE + each.evidence, _rejected(each)) for each in self.kept if each is not best]
+        every = [(KEPT_STAGE + each.evidence, _rejected(each)) for each in self.kept if each is not best or self.doubt]
         kept: list[RejectedCandidate] = []
-        places = [] if best is None else [best.centre_px]
+        places = [] if best is None or self.doubt else [best.centre_px]
         for _, each in sorted(every + self.refused, key=lambda item: (-item[0], -item[1].size_px)):
             if all(math.dist(each.centre_px, place) > 0.1 * each.size_px + 2 for place in places):
                 kept.append(each)

@@ -37,8 +37,10 @@ TOLERANCE_FACTOR = 0.8
 quite flat, and this multiple of the tolerance of its sides."""
 
 CUT_M = 0.001
+CUT_PX = 0.15
 CUT_BY_HAND = 0.3
-"""What scissors, tape or a knife in a careful hand add to it, and the share of sheets that are so and not printed."""
+"""What scissors, tape or a knife in a careful hand add to it, and what rough edges do in a picture; and the share of
+sheets that are so and not printed."""
 
 HEAVY_TAIL = 4.0
 """Degrees of freedom of Student's distribution of the misfit: some sheets are worse than their tolerance."""
@@ -65,6 +67,10 @@ FACING_OF_ANY = 0.4
 """A sheet of which one side is known must face the camera: standard deviations of its angles from right ones, and of
 the logarithm of the ratio of opposite sides. This share of all outlines face it just as well."""
 
+CUT_OFF_RAD = 0.3
+CUT_OFF_OF_ANY = 0.7
+"""One that the border cuts may be turned away; the same for the two angles of it that are seen."""
+
 
 def slack_share(size: SheetShape, *, by_hand: bool = True) -> float:
     """Return the standard deviation of a sheet's corners from those of an exact rectangle, as a share of its size."""
@@ -81,10 +87,10 @@ def shape_evidence(fit: SheetFit, sigmas_px: Values, longest_px: Values, size: S
         longest_px: Their longest sides.
         size: The sheet.
     """
-    ratio = sum(
-        share * _shape_ratio(fit, np.hypot(sigmas_px, slack_share(size, by_hand=by_hand) * longest_px))
-        for share, by_hand in ((1 - CUT_BY_HAND, False), (CUT_BY_HAND, True))
-    )
+    printed, by_hand = (slack_share(size, by_hand=each) * longest_px for each in (False, True))
+    exact = _shape_ratio(fit, np.hypot(sigmas_px, printed))
+    rough = _shape_ratio(fit, np.hypot(np.hypot(sigmas_px, CUT_PX), by_hand))
+    ratio = (1 - CUT_BY_HAND) * exact + CUT_BY_HAND * rough
     return np.asarray(np.log(np.maximum(ratio, LEAST_RATIO)))
 
 
@@ -94,26 +100,31 @@ def _shape_ratio(fit: SheetFit, sigmas_px: Values) -> Values:
     return np.asarray((1 + squares / HEAVY_TAIL) ** -(HEAVY_TAIL / 2 + 1) / np.clip(spread, LEAST_RATIO, 1.0))
 
 
-def facing_evidence(corners_px: Points, sigmas_px: Values, free: NDArray[np.bool_] | None = None) -> Values:
-    """Return how much outlines look like a rectangle of any length that faces the camera.
+def facing_evidence(corners_px: Points, sigmas_px: Values) -> Values:
+    """Return how much outlines, ``(c, 4, 2)``, look like a rectangle of any length that faces the camera.
 
-    Args:
-        corners_px: Their corners, shape ``(c, 4, 2)``.
-        sigmas_px: Standard deviations of the corners' coordinates.
-        free: Which sides are where the border cuts, shape ``(c, 4)``: angles at these tell nothing.
+    The standard deviation of their corners' coordinates is that of the measurement and of the sheet's own shape.
     """
+    cosines, lengths = _cosines(corners_px)
+    noise = (2 * sigmas_px / lengths.min(axis=1))[:, None]
+    squares = (cosines / np.hypot(FACING_RAD, noise)) ** 2
+    ratios = np.log(lengths[:, :2] / lengths[:, 2:]) / np.hypot(FACING_LOG_RATIO, noise)
+    return np.asarray(-math.log(FACING_OF_ANY) - (squares.sum(axis=1) + (ratios**2).sum(axis=1)) / 2)
+
+
+def cut_off_evidence(corners_px: Points, free: NDArray[np.bool_]) -> Values:
+    """Return how much outlines that the border cuts look like a rectangle; `free` are the sides that are not seen."""
+    cosines, _ = _cosines(corners_px)
+    seen = ~(free | free[:, [3, 0, 1, 2]])
+    return np.asarray(-math.log(CUT_OFF_OF_ANY) - ((cosines / CUT_OFF_RAD) ** 2 * seen).sum(axis=1) / 2)
+
+
+def _cosines(corners_px: Points) -> tuple[Values, Values]:
+    """Return the cosines of the angles at the corners, and the lengths of the sides, both ``(c, 4)``."""
     sides = corners_px[:, [1, 2, 3, 0]] - corners_px
     lengths = np.maximum(np.hypot(sides[..., 0], sides[..., 1]), 1e-9)
-    before = sides[:, [3, 0, 1, 2]]
-    cosines = (before * sides).sum(axis=2) / (lengths * lengths[:, [3, 0, 1, 2]])
-    noise = 2 * sigmas_px / lengths.min(axis=1)
-    angle = np.hypot(FACING_RAD, noise)[:, None]
-    known = np.ones(lengths.shape, np.bool_) if free is None else ~(free | free[:, [3, 0, 1, 2]])
-    squares = ((cosines / angle) ** 2 * known).sum(axis=1)
-    if free is None:
-        ratios = np.log(lengths[:, :2] / lengths[:, 2:]) / np.hypot(FACING_LOG_RATIO, noise)[:, None]
-        squares = squares + (ratios**2).sum(axis=1)
-    return np.asarray(-math.log(FACING_OF_ANY) - squares / 2)
+    before = [3, 0, 1, 2]
+    return (sides[:, before] * sides).sum(axis=2) / (lengths * lengths[:, before]), lengths
 
 
 def sides_evidence(edges: QuadEdges) -> Values:

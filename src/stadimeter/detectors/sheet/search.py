@@ -35,6 +35,7 @@ from stadimeter.detectors.sheet.edges import (
 )
 from stadimeter.detectors.sheet.evidence import (
     Looks,
+    cut_off_evidence,
     facing_evidence,
     shape_evidence,
     sides_evidence,
@@ -382,8 +383,7 @@ class SheetSearch:
         if not len(outlines):
             return
         edges = measure_edges(self._image, outlines, 2.0 + 2.0 / scale, self._light, self._bent, free)
-        sigmas = np.hypot(corner_sigmas_px(edges), self._slack * longest_sides_px(edges.corners_px))
-        evidence = facing_evidence(edges.corners_px, sigmas, free) + looks.evidence(edges.inside)
+        evidence = cut_off_evidence(edges.corners_px, free) + looks.evidence(edges.inside)
         evidence = np.nan_to_num(evidence - math.log(findings.outlines), nan=-np.inf)
         straight = np.where(free, 1.0, edges.support).min(axis=1) >= LEAST_CUT_SUPPORT
         clear = np.where(free, np.inf, edges.colour_contrast).min(axis=1) >= LEAST_CONTRAST
