@@ -11,6 +11,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 
 import cv2
@@ -41,10 +42,11 @@ TAG_SIDES_PX = (48.0, 64.0, 100.0)
 TITLES = {
     "ball": "Ball on clutter; in brackets against the tutorial",
     "sheet": "Sheet on clutter; in brackets against the tutorial",
+    "plain sheet": "Sheet before a plain wall; in brackets against the tutorial",
     "disc": "Disc on clutter; in brackets against one pass of HSV + `inRange`",
     "tag": "Tag of 48–100 px on clutter; in brackets against `cv2.aruco`'s defaults",
 }
-AGAINST = {"ball": "tutorial", "sheet": "tutorial", "disc": "HSV + inRange", "tag": "aruco"}
+AGAINST = {"ball": "tutorial", "sheet": "tutorial", "plain sheet": "tutorial", "disc": "HSV + inRange", "tag": "aruco"}
 
 Size = tuple[int, int]
 STATES = ("hot", "cold")
@@ -85,6 +87,7 @@ def run(rounds: int = ROUNDS, scenes: int = SCENES, first_seed: int = draw.REPOR
     made: dict[str, Callable[[Size, range], list[Contender]]] = {
         "ball": _ball_contenders,
         "sheet": _sheet_contenders,
+        "plain sheet": partial(_sheet_contenders, plain=True),
         "disc": _disc_contenders,
         "tag": _tag_contenders,
     }
@@ -120,9 +123,9 @@ def _ball_contenders(size: Size, seeds: range) -> list[Contender]:
     ]
 
 
-def _sheet_contenders(size: Size, seeds: range) -> list[Contender]:
+def _sheet_contenders(size: Size, seeds: range, *, plain: bool = False) -> list[Contender]:
     camera = _camera(size)
-    made = [render(draw.sheet_scene(seed, 0.5, camera=camera)) for seed in seeds]
+    made = [render(draw.sheet_scene(seed, 0.5, plain=plain, camera=camera)) for seed in seeds]
     return [
         *_floors(made),
         Contender(name="tutorial", work=lambda number: tutorial.sheet_long_side_px(made[number].image)),

@@ -75,7 +75,7 @@ class SigmaParts:
     edges_m: float  # the noise of the edges in the picture, which differs from frame to frame
     focal_length_m: float  # how well the focal length is known, and the rest of the lens where the target is seen
     size_m: float  # how well the target's size is known
-    pose_m: float  # everything else that stays; of something flat, which of two mirrored poses it has
+    pose_m: float  # everything else that stays; of something flat, which of two mirrored poses it has, and edge bias
 
 
 def sigma_parts(measured: Measurement, shape: TargetShape, camera: CameraModel) -> SigmaParts | None:

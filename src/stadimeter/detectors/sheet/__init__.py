@@ -15,6 +15,7 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
+from stadimeter.detectors.ball.hsv import HsvRange, HsvRangeText
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
 from stadimeter.detectors.sheet.candidates import Candidate, Findings
@@ -28,6 +29,9 @@ REGION_SIDES = 0.8
 REGION_SIGMAS = 4.0
 REGION_MARGIN_PX = 12.0
 """Reach of the search around a prediction, to each side: in longer sides, standard deviations and pixels."""
+
+MOST_BIAS_SHARE = 0.5
+"""Of a sheet's shorter side, the camera's edge bias may make up this share at most."""
 
 
 def _or_by_name(schema: dict[str, Any]) -> None:
@@ -51,6 +55,10 @@ class SheetOptions(Options):
     """Sheets whose shorter side is smaller than this in the picture are not accepted."""
     tolerance: Length | None = None
     """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
+
+    colour: HsvRangeText | None = None
+    """Its colours as ``hue,saturation,value`` from and to, such as ``"0,0,150:179,60,255"`` for white: evidence, not a
+    condition. Without it, the brightest or the darkest thing in the picture looks most like the sheet."""
 
     model_config = ConfigDict(json_schema_extra=_or_by_name)
 
@@ -86,6 +94,7 @@ class SheetDetector:
         self._name = name
         self._size = options.shape
         self._min_side_px = options.min_side_px
+        self._colour: HsvRange | None = options.colour
 
     @property
     def target_shape(self) -> SheetShape:
@@ -95,36 +104,61 @@ class SheetDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the outline most like the sheet, the larger the better; whole ones before those that are cut off."""
+        """Look for the outline most like the sheet, the larger the better; whole ones before those that are cut off.
+
+        Of several sheets beyond doubt the largest is taken, with a remark. Where two outlines of different sizes may be
+        the sheet, none is: a wrong distance is worse than none.
+        """
         check_image(frame)
         if prediction is not None and lens is not None:
             followed = follow(frame.image, prediction, self._size, self._min_side_px, lens)
             if followed is not None:
                 return self._found(followed, Findings(), lens)
-        search = SheetSearch(frame.image, self._size, self._min_side_px, lens)
+        search = SheetSearch(frame.image, self._size, self._min_side_px, lens, self._colour)
         near = None if prediction is None else _around(prediction, frame.image)
         if near is not None and prediction is not None:
             findings = search.look(near, prediction)
-            if findings.best is not None:
+            if findings.best is not None and findings.doubt is None:
                 return self._found(findings.best, findings, lens)
         findings = search.look(Region.whole(frame.image))
+        if findings.doubt is not None:
+            return Detection(
+                target=self._name,
+                status=DetectionStatus.NOT_FOUND,
+                reason=f"ambiguous: {findings.doubt}",
+                rejected=findings.rejected(),
+            )
         if findings.best is not None:
             return self._found(findings.best, findings, lens)
         return self._not_measured(findings)
 
     def _found(self, best: Candidate, findings: Findings, lens: CameraModel | None) -> Detection:
-        corners = _without_bias(best, 0.0 if lens is None else lens.edge_bias_px)
+        bias_px = 0.0 if lens is None else lens.edge_bias_px
+        if 2 * abs(bias_px) > MOST_BIAS_SHARE * min(width_and_height(best.corners_px)):
+            return self._too_small(best, findings, bias_px)
+        corners = _without_bias(best, bias_px)
+        remarks = ("" if lens is not None else other_paper(corners, self._size, None), _others_text(findings))
         width_px, height_px = width_and_height(corners)
         return Detection(
             target=self._name,
             status=DetectionStatus.FOUND,
+            reason="; ".join(filter(None, remarks)),
             outline_px=corners,
             centre_px=diagonals_meet(corners),
             width_px=width_px,
             height_px=height_px,
             size_sigma_px=math.sqrt(2) * best.corner_sigma_px,
-            reason="" if lens is not None else other_paper(corners, self._size, None),
             quality=best.quality,
+            rejected=findings.rejected(),
+        )
+
+    def _too_small(self, best: Candidate, findings: Findings, bias_px: float) -> Detection:
+        least_px = min(width_and_height(best.corners_px))
+        return Detection(
+            target=self._name,
+            status=DetectionStatus.NOT_FOUND,
+            reason=f"a sheet {least_px:.0f} px wide; the camera's edge bias of {bias_px:.1f} px leaves too little: "
+            "come nearer, or calibrate the camera again",
             rejected=findings.rejected(),
         )
 
@@ -146,6 +180,12 @@ class SheetDetector:
             most_like = rejected[0]
             reason = f"no sheet; most like one is an outline of {most_like.size_px:.0f} px: {most_like.reason}"
         return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
+
+
+def _others_text(findings: Findings) -> str:
+    """Say that there are several sheets, if there are."""
+    rival = findings.rival
+    return "" if rival is None else f"the largest of several sheets; another one is {rival.where}"
 
 
 def _around(prediction: Prediction, image: Image) -> Region | None:

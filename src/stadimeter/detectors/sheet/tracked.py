@@ -16,10 +16,10 @@ from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet.candidates import Candidate
+from stadimeter.detectors.sheet.evidence import slack_share
 from stadimeter.detectors.sheet.one_outline import OutlineSides, measure_outline
 from stadimeter.detectors.sheet.search import (
     EXPECTED_SIZES,
-    FLATNESS_SHARE,
     GREATEST_BEND_PX,
     GREATEST_BEND_SHARE,
     LEAST_CONTRAST,
@@ -27,7 +27,6 @@ from stadimeter.detectors.sheet.search import (
     LEAST_SUPPORT,
     MISFIT_FACTOR,
     MISFIT_SIGMAS,
-    TOLERANCE_FACTOR,
     corner_sigmas_px,
 )
 from stadimeter.detectors.sides import side_lengths
@@ -53,8 +52,7 @@ def follow(
         return None
     corner_px = float(corner_sigmas_px(sides))
     longest_px = max(side_lengths(sides.corners_px))
-    share = FLATNESS_SHARE + TOLERANCE_FACTOR * size.relative_sigma
-    limit_px = MISFIT_SIGMAS * corner_px + share * longest_px
+    limit_px = MISFIT_SIGMAS * (corner_px + slack_share(size) * longest_px)
     misfit_px = _misfit_px(sides.corners_px, size, lens, limit_px)
     if not misfit_px <= limit_px:
         return None
