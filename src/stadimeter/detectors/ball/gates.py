@@ -20,7 +20,7 @@ LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.7
 the sum of both for the allowance below. Clutter has many circles with few steps near them, and some that are round by
 half, but hardly any with most of its steps close by."""
 
-SCATTER_PX, SCATTER_SHARE, SCATTER_OF_BLUR, UNKNOWN_LENS_SHARE = 0.4, 0.05, 0.3, 0.02
+SCATTER_PX, SCATTER_SHARE, SCATTER_OF_BLUR, UNKNOWN_LENS_SHARE = 0.3, 0.07, 0.3, 0.02
 """The allowance for scatter: pixels for noise, a share of the radius for felt and fingers, a share of what blur adds to
 the width of a step; and without a camera model, another share of the radius, since how oblong the outline is away from
 the middle of the picture is then not known."""

@@ -43,7 +43,7 @@ SPOKES_A_PIXEL = 1.2
 LEAST_RADIUS_PX = 2.0
 """A smaller circle is looked around as if it had this radius."""
 
-LEAST_CHANGE, CLEAR_SHARE = 12.0, 0.25
+LEAST_CHANGE, CLEAR_SHARE = 12.0, 0.12
 """Least change over two pixels: in levels of 8 bits, and as a share of the upper quartile of all spokes."""
 
 NEAR = np.arange(-6, 4)[:, None]
