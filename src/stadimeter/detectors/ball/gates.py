@@ -34,7 +34,7 @@ MARGIN_PX = 1.0
 LEAST_FILL = 0.3
 """Least share of the ball that has its colour."""
 
-LEAST_QUALITY = 0.06
+LEAST_QUALITY = 0.1
 """Circles that chance puts together from the edges of other things have less."""
 
 MOST_SCATTER_PX = 3.0
