@@ -105,7 +105,7 @@ class BallGates:
 
         Args:
             lens: The camera model that the limb was fitted with.
-            is_lens_known: Whether the limb that is the camera's own.
+            is_lens_known: Whether that is the camera's own.
             is_expected: Whether a ball is expected just there: then, if nearly all of it is seen, its colour is not
                 judged again.
             coloured_px2: The area around there that has the ball's colour; None if it is not known.
