@@ -114,7 +114,7 @@ def test_edge_bias_is_undone_for_bright_and_for_dark_balls_by_their_contrast(bal
     biased = replace(plain, edge_bias_px=0.3)
     # By how much of the brighter side's light the darker side has less.
     for backdrop, contrast in (((20, 20, 20), -0.98), ((250, 250, 250), 0.67)):
-        frame = draw.frame(draw.noise(draw.disc(wall(bgr=backdrop), (320, 240), 40, (90, 90, 220))))
+        frame = draw.frame(draw.noise(draw.disc(wall(bgr=backdrop), (320, 240), 40, (90, 90, 220)), 1.0))
         before = ball_detector(plain, hsv="170,60,60:10,255,255").detect(frame)
         after = ball_detector(biased, hsv="170,60,60:10,255,255").detect(frame)
         assert after.width_px - before.width_px == pytest.approx(contrast * 0.6, abs=0.03)

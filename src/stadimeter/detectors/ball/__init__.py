@@ -1,10 +1,11 @@
 """The ball detector: a sphere of one colour, by the cone of rays that touches it.
 
-Blobs of the ball's colour say where to look (`blobs`). Around each, the steps from ball to background are found
-along spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them (`limb`,
+Blobs of the ball's colour say where to look (`blobs`). Around each, the steps from ball to background are found along
+spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them (`limb`,
 `stadimeter.ranging.sphere_cone`). Where a blob is not round, since part of the ball is in the shade or hidden, the
-circle of edges around it is the start (`edge_circle`). What does not look like a ball then is refused, with the test
-that it failed (`BallGates`). Where a ball is expected, only the ring around its predicted limb is looked at.
+circle of edges around it is the start (`edge_circle`); where other things of its colour touch the ball, the largest
+circle within. What does not look like a ball then is refused, with the test that it failed (`BallGates`). Where a
+ball is expected, only the ring around its predicted limb is looked at.
 """
 
 from __future__ import annotations

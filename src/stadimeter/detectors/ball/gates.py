@@ -34,7 +34,7 @@ MARGIN_PX = 1.0
 LEAST_FILL = 0.3
 """Least share of the ball that has its colour."""
 
-LEAST_QUALITY = 0.06
+LEAST_QUALITY = 0.1
 """Circles that chance puts together from the edges of other things have less."""
 
 MOST_SCATTER_PX = 3.0
@@ -105,7 +105,7 @@ class BallGates:
 
         Args:
             lens: The camera model that the limb was fitted with.
-            is_lens_known: Whether the limb that is the camera's own.
+            is_lens_known: Whether that is the camera's own.
             is_expected: Whether a ball is expected just there: then, if nearly all of it is seen, its colour is not
                 judged again.
             coloured_px2: The area around there that has the ball's colour; None if it is not known.

@@ -24,7 +24,8 @@ LEAST_CHROMA = 8
 
 DARK_VALUE = 32
 """Where the least saturation of a range reaches that difference at this value or less, all darker pixels are left out,
-those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours."""
+those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours, nor
+where nothing else is found."""
 
 GRID = 16
 """Pixels each way from which the share of a circle with the ball's colour is estimated."""

@@ -1,0 +1,70 @@
+"""Which of several things of its colour is the ball, and where none of them is."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.core.detection import DetectionStatus, Prediction
+from stadimeter.core.frame import Image
+
+pytestmark = pytest.mark.vision
+
+RED, DULL_RED, SKIN = (40, 30, 200), (70, 66, 130), (120, 150, 200)
+CENTRE, RADIUS_PX = (320.0, 240.0), 60.0
+
+
+def _ellipse(image: Image, half_axes: tuple[int, int], bgr: tuple[int, int, int]) -> Image:
+    drawn = image.copy()
+    cv2.ellipse(drawn, (320, 240), half_axes, 30, 0, 360, bgr, cv2.FILLED, cv2.LINE_AA)
+    return drawn
+
+
+@pytest.mark.parametrize("away", [1.3, 1.6, 2.2])
+def test_dots_of_its_colour_around_a_ball_do_not_win(ball_detector, draw, wall, away: float) -> None:
+    picture = wall()
+    for angle in np.arange(12) * math.pi / 6:
+        place = (320 + away * RADIUS_PX * math.cos(angle), 240 + away * RADIUS_PX * math.sin(angle))
+        picture = draw.disc(picture, place, 8, RED)
+    picture = draw.polygon(draw.disc(picture, CENTRE, RADIUS_PX, RED), [(200, 225), (290, 225), (290, 300)], SKIN)
+    found = ball_detector().detect(draw.frame(draw.noise(picture)))
+    assert found.status is DetectionStatus.FOUND
+    assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.03)
+
+
+@pytest.mark.parametrize("half_axes", [(26, 19), (53, 39), (60, 40), (90, 60)])
+def test_an_ellipse_is_no_ball(ball_detector, draw, wall, half_axes: tuple[int, int]) -> None:
+    found = ball_detector().detect(draw.frame(draw.noise(_ellipse(wall(), half_axes, RED))))
+    assert found.status is DetectionStatus.NOT_FOUND
+
+
+def test_a_ball_that_a_stripe_parts_is_found_whole(ball_detector, draw, wall) -> None:
+    ball = draw.disc(wall(), CENTRE, RADIUS_PX, RED)
+    striped = draw.disc(wall(), CENTRE, RADIUS_PX, (215, 220, 225))
+    striped[:222], striped[258:] = ball[:222], ball[258:]
+    found = ball_detector().detect(draw.frame(draw.noise(striped)))
+    assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.02)
+
+
+def test_a_ball_on_a_floor_that_its_range_holds_too_is_found(ball_detector, draw, wall) -> None:
+    picture = draw.noise(draw.disc(wall(bgr=DULL_RED), CENTRE, RADIUS_PX, RED))
+    found = ball_detector(hsv="170,80,60:10,255,255").detect(draw.frame(picture))
+    assert found.status is DetectionStatus.FOUND
+    assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.02)
+
+
+def test_a_dark_ball_is_found_where_its_range_says_so(ball_detector, draw, wall) -> None:
+    dark_green = (4, 21, 4)
+    picture = draw.noise(draw.disc(wall(bgr=(90, 90, 90)), CENTRE, RADIUS_PX, dark_green), 1.0)
+    found = ball_detector(hsv="40,86,6:80,255,255").detect(draw.frame(picture))
+    assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.02)
+
+
+def test_of_another_size_than_expected_a_ball_is_searched_in_the_whole_picture(ball_detector, draw, wall) -> None:
+    picture = draw.disc(draw.disc(wall(), (150, 240), 50, RED), (450, 240), 12, RED)
+    expected = Prediction(centre_px=(450, 240), size_px=50.0, sigma_px=2.0)
+    found = ball_detector().detect(draw.frame(draw.noise(picture)), expected)
+    assert found.centre_px == pytest.approx((150, 240), abs=0.2)
