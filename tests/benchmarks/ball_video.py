@@ -64,7 +64,11 @@ def ball_video(folder: Path) -> Part:
         ("68 % quantile of error / stated noise, 1 is honest", f"{quantile:.2f}"),
         ("95 % interval of the track holds the outline's", f"{np.mean(held):.0%}"),
     ]
-    facts = {"real video tracked": float(statuses.count("tracking")), "real video quantile": quantile}
+    facts = {
+        "real video tracked": float(statuses.count("tracking")),
+        "real video quantile": quantile,
+        "real video wrong": float(np.mean(np.array(errors) > WRONG_SHARE)),
+    }
     return Part(title="A striped ball in a hand, on video", text=table(("what", "reached"), rows), facts=facts)
 
 

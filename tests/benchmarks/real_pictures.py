@@ -139,6 +139,7 @@ def _tennis(folder: Path) -> Part:
     facts = {
         "real ball median": float(np.median(sizes)),
         "real ball p90": float(np.quantile(sizes, 0.9)),
+        "real ball held": sum(row[-1] == "yes" for row in rows) / max(1, len(rows)),
         "real ball measured": len(errors) / (len(truths) - len(CUT_OFF)),
         "real ball cut off": len(CUT_OFF & {name for name, _ in refused}) / len(CUT_OFF),
     }

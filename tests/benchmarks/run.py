@@ -103,7 +103,7 @@ def write_report(parts: Sequence[Part], folder: Path, took_s: float, *, plots: b
         The path of the report.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    text = [_head(took_s), "## Goals\n", goals_table(_facts(parts))]
+    text = [_head(_facts(parts), took_s), "## Goals\n", goals_table(_facts(parts))]
     for part in parts:
         text += [f"## {part.title}\n", part.text]
         if plots:
@@ -115,9 +115,28 @@ def write_report(parts: Sequence[Part], folder: Path, took_s: float, *, plots: b
     return path
 
 
-def _head(took_s: float) -> str:
+def _real_pictures(facts: dict[str, float]) -> str:
+    """Say on which real pictures the figures are how good, and where they are not."""
+    if "real ball median" not in facts:
+        return "No real pictures were on the machine that made this report.\n\n"
+    told = {name: f"{100 * value:.2f} %" for name, value in facts.items() if name.startswith("real")}
+    return (
+        "**On real pictures:** a tennis ball on a plain mat, taped at 32 places, is measured with a median error of "
+        f"{told['real ball median']} (90 % of them within {told['real ball p90']}), though the stated interval holds "
+        f"only {told['real ball held']} of them; a sheet of letter paper on a door within {told['real sheet worst']}, "
+        f"as well as its tape is known; twelve AprilTags within {told['real visp median']} of computed poses. "
+        "Not so good: a striped ball that a hand waves about, on video: "
+        f"{facts['real video tracked']:.0f} of 1004 frames are tracked (the ball is in sight in about 856), "
+        f"{told['real video wrong']} of its measurements are wrong by more than 8 %, and errors are "
+        f"{facts['real video quantile']:.1f} times the stated noise. Balls on carpets and tape cut by hand are "
+        "measured on rendered pictures only, below: there are no real ones here.\n\n"
+    )
+
+
+def _head(facts: dict[str, float], took_s: float) -> str:
     return (
         "# Benchmarks\n\n"
+        f"{_real_pictures(facts)}"
         "Made by `make bench`; do not edit. The pictures are rendered with exact truth by "
         "`support.scenes`: ray-cast, anti-aliased, mixed in linear light, point spread 0.7 px, sRGB, "
         f"noise 2 unless a row says otherwise. Their seeds start at {draw.REPORT_SEEDS.start}; nothing was tuned on "
