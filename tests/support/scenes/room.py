@@ -193,7 +193,7 @@ def _tiles(view: _View) -> None:
     at, rng = view.frame(0.7), view.rng
     side, stretch = rng.uniform(0.05, 0.2), float(rng.choice([1.0, 1.0, 2.0, 3.0]))
     across, down = int(rng.integers(3, 9)), int(rng.integers(3, 9))
-    while _is_like_paper(across * stretch, down):
+    while paperlike(across * stretch, down):
         down += 1
     view.draw(at.box(0, 0, across * side * stretch, down * side), view.pick(GREYS))
     first, second = view.colour(), view.colour()
@@ -208,12 +208,12 @@ def _tiles(view: _View) -> None:
 def _window(view: _View) -> None:
     """Draw a bright window with a frame and bars."""
     at, (w, h), rng = view.frame(1.5, 0.8), view.sides(float(view.rng.uniform(0.6, 1.8))), view.rng
-    edge = 0.05 if not _is_like_paper(w + 0.1, h + 0.1) else 0.005
+    edge = 0.05 if not paperlike(w + 0.1, h + 0.1) else 0.005
     view.draw(at.box(-w / 2 - edge, -h / 2 - edge, w / 2 + edge, h / 2 + edge), view.pick(GREYS[:2]))
     view.draw(at.box(-w / 2, -h / 2, w / 2, h / 2), (255, 252, 246) if rng.random() < 0.5 else view.pick(GREYS))
     for k in range(1, int(rng.integers(1, 4))):
         x = -w / 2 + w * k / 6
-        if _is_like_paper(w * (1 - k / 6), h) or _is_like_paper(w / 6, h):
+        if paperlike(w * (1 - k / 6), h) or paperlike(w / 6, h):
             break
         view.draw(at.box(x - 0.015, -h / 2, x + 0.015, h / 2), view.pick(GREYS[:2]))
 
@@ -225,7 +225,7 @@ def _poster(view: _View) -> None:
     if rng.random() < 0.6:
         share = rng.uniform(0.85, 0.97)
         inner = (w * share, h - w * (1 - share)) if w < h else (w - h * (1 - share), h * share)
-        if not _is_like_paper(*inner):
+        if not paperlike(*inner):
             view.draw(at.box(-inner[0] / 2, -inner[1] / 2, inner[0] / 2, inner[1] / 2), view.colour())
     for _ in range(int(rng.integers(0, 14))):
         x, y, long = rng.uniform(-0.4, 0.1) * w, rng.uniform(-0.4, 0.4) * h, rng.uniform(0.1, 0.3) * w
@@ -345,7 +345,8 @@ def _about(axis: int, angle_rad: float) -> Floats:
     return turn
 
 
-def _is_like_paper(width: float, height: float) -> bool:
+def paperlike(width: float, height: float) -> bool:
+    """Return whether a rectangle has about the aspect of letter or A4 paper."""
     low, high = SHEETLIKE_ASPECTS
     return low < max(width, height) / min(width, height) < high
 
