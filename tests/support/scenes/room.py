@@ -56,7 +56,7 @@ class RoomBackdrop:
         """Return its linear light; it is the same with and without a target."""
         view = _View(width_px, height_px, np.random.default_rng((seed, 90)), self.like_target)
         _walls(view)
-        kinds = (_cupboard, _shelf, _tiles, _window, _poster, _chair, _cube, _cube, _keyboard, _cloth)
+        kinds = (_cupboard, _shelf, _tiles, _window, _poster, _chair, _cube, _cube, _keyboard, _cloth, _cushion)
         for kind in view.rng.integers(0, len(kinds), self.things):
             kinds[kind](view)
         for _ in range(self.round_things):
@@ -303,6 +303,23 @@ def _cloth(view: _View) -> None:
         sway = 0.03 * np.sin(down * rng.uniform(2, 7) + rng.uniform(0, 6))
         sides = [np.column_stack((x + sway, down, 0 * down)) for x in (left, right)]
         view.draw(at.seen(np.vstack((sides[0], sides[1][::-1]))), (shaded[0], shaded[1], shaded[2]), CLOTH)
+
+
+def _cushion(view: _View) -> None:
+    """Draw what is rounded but no disc from any side: a cushion, an egg shape, a half-moon."""
+    at, rng, radius = view.frame(0.5, 0.6), view.rng, float(view.rng.uniform(0.03, 0.25))
+    angles = np.linspace(0, 2 * math.pi, 96, endpoint=False)
+    cosine, sine = np.cos(angles), np.sin(angles)
+    kind = rng.random()
+    if kind < 0.5:
+        power = 2 / rng.uniform(3.0, 6.0)
+        x, y = (np.sign(part) * np.abs(part) ** power for part in (cosine, sine))
+    elif kind < 0.75:
+        x, y = cosine, sine * (1 + rng.uniform(0.25, 0.5) * cosine)
+    else:
+        x, y = np.maximum(cosine, -rng.uniform(0.0, 0.6)), sine
+    outline = np.column_stack((x, y * rng.uniform(0.6, 1.0), 0 * x)) * radius
+    view.draw(at.seen(outline), view.colour(), int(rng.choice([SMOOTH, CLOTH])))
 
 
 def _round_thing(view: _View) -> None:
