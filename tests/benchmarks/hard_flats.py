@@ -25,6 +25,9 @@ ROOMS_A_SEED = 3
 TILTS_DEG = (0, 15, 30, 45)
 TAG_PX = 100.0
 LARGE_PX = (60.0, 300.0)
+APART = 100_000
+"""Scenes before other backdrops are other scenes: their seeds lie so far apart."""
+
 SIGMAS_OF_A_CUT = 0.7
 """Standard deviation of a side, as a share of the most by which its two ends are off."""
 
@@ -139,9 +142,10 @@ def looks_of(seed: int) -> list[RoomLook]:
 
 def _cut(seed: int) -> Iterable[FlatSample]:
     turn = BACKDROPS[seed % len(BACKDROPS)]
-    for backdrop in BACKDROPS:
-        yield _flat(CUT, CARD, hard_flats.hard_sheet(seed, MM, backdrop=backdrop))
-        yield _flat(CUT, TAPE, hard_flats.hard_tape(seed, MM, backdrop=backdrop, pairs=0.0))
+    for number, backdrop in enumerate(BACKDROPS):
+        own = seed + number * APART
+        yield _flat(CUT, CARD, hard_flats.hard_sheet(own, MM, backdrop=backdrop))
+        yield _flat(CUT, TAPE, hard_flats.hard_tape(own, MM, backdrop=backdrop, pairs=0.0))
     yield _flat(CUT, "card ±0", hard_flats.hard_sheet(seed, 0.0, backdrop=turn))
     yield _flat(CUT, "card ±2 mm", hard_flats.hard_sheet(seed, 2 * MM, backdrop=turn))
     yield _flat(CUT, "tape ±2 mm", hard_flats.hard_tape(seed, 2 * MM, backdrop=turn, pairs=0.0))
