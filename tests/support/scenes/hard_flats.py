@@ -70,6 +70,7 @@ class HardFlat:
         width_m: The side along the target's own x axis, or its diameter.
         height_m: The other one.
         twins: How many others of the same kind are in the picture, as far away.
+        bgr: Its colour.
     """
 
     scene: Scene
@@ -79,6 +80,7 @@ class HardFlat:
     width_m: float
     height_m: float
     twins: int = 0
+    bgr: Colour = PAPER_BGR
 
 
 def hard_sheet(
@@ -116,7 +118,9 @@ def hard_sheet(
     sheet = _placed(rng, made, max(side_m), sizes_px, tilts_deg)
     sheet, behind = _troubled(rng, sheet, what, backdrop_of(rng, kind, bgr))
     scene = _taken(rng, seed, sheet, behind)
-    return HardFlat(scene=scene, backdrop=kind, surface=what, cut_m=cut_m, width_m=side_m[0], height_m=side_m[1])
+    return HardFlat(
+        scene=scene, backdrop=kind, surface=what, cut_m=cut_m, width_m=side_m[0], height_m=side_m[1], bgr=bgr
+    )
 
 
 def hard_tape(
@@ -179,7 +183,7 @@ def hard_disc(seed: int, tilts_deg: tuple[float, float] = (0.0, 60.0), *, backdr
 
     disc = _placed(rng, made, draw.DISC_M, (20.0, 240.0), tilts_deg)
     scene = _taken(rng, seed, disc, backdrop_of(rng, kind, bgr))
-    return HardFlat(scene=scene, backdrop=kind, width_m=draw.DISC_M, height_m=draw.DISC_M)
+    return HardFlat(scene=scene, backdrop=kind, width_m=draw.DISC_M, height_m=draw.DISC_M, bgr=bgr)
 
 
 def hard_tag(seed: int, tilts_deg: tuple[float, float] = (0.0, 60.0), *, backdrop: str | None = None) -> HardFlat:
