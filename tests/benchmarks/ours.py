@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 """What each detector is told, by the name of the target."""
 
-DRIVERS = {"large ball": "ball"}
+DRIVERS = {"large ball": "ball", "plain sheet": "sheet"}
 """Which entry point a target's detector has, where the names differ."""
 
 
@@ -73,4 +74,6 @@ def prediction_of(truth: Truth) -> Prediction:
     outline = truth.outline_px
     x, y = (outline.min(axis=0) + outline.max(axis=0)) / 2
     size_px = truth.apparent_px if len(outline) > 4 else float(np.linalg.norm(np.diff(outline, axis=0), axis=1).max())
-    return Prediction(centre_px=(float(x), float(y)), size_px=size_px, sigma_px=PREDICTION_SIGMA_PX)
+    # A tracker knows corners from the last frame, so they are off by about as much as the centre may be.
+    corners = outline + PREDICTION_SIGMA_PX * math.sqrt(0.5) if len(outline) == 4 else None
+    return Prediction(centre_px=(float(x), float(y)), size_px=size_px, sigma_px=PREDICTION_SIGMA_PX, outline_px=corners)

@@ -248,3 +248,42 @@ def test_the_real_sheet_from_calibration_to_measurement(real_pictures: Path, out
     assert result.exit_code == 0
     for record in map(json.loads, result.stdout.splitlines()):
         assert record["distance_m"] / 0.3048 == pytest.approx(int(Path(record["file"]).name[0]), rel=0.06)
+
+
+def _turned_sheet(path: Path, tilt_rad: float, depth_m: float) -> Path:
+    """Draw letter paper that is turned about its upright axis, through a lens of 600 px."""
+    corners_m = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * (0.2794 / 2, 0.2159 / 2, 0)
+    turn, _ = cv2.Rodrigues(np.array([0.0, tilt_rad, 0.0]))
+    there = corners_m @ turn.T + (0, 0, depth_m)
+    seen = there[:, :2] / there[:, 2:] * 600 + (319.5, 239.5)
+    large = 4
+    image = np.full((480 * large, 640 * large, 3), (70, 100, 120), np.uint8)
+    outline = np.round(((seen + 0.5) * large - 0.5) * 256).astype(np.int32)
+    cv2.fillConvexPoly(image, outline, (230, 232, 228), shift=8)
+    cv2.imwrite(str(path), cv2.resize(image, (640, 480), interpolation=cv2.INTER_AREA))
+    return path
+
+
+def test_a_picture_that_measure_would_refuse_makes_no_camera_file(output: Path, tmp_path: Path) -> None:
+    turned = _turned_sheet(tmp_path / "turned.png", 0.9, 0.4)
+    right, wrong = (_run("calibrate", "distance", f"{turned}@{at}", *SHEET, "-o", output) for at in ("40cm", "90cm"))
+    assert right.exit_code == 0, right.output
+    assert wrong.exit_code == 1
+    assert f"left out: {turned}: through the camera file it is not found: " in wrong.stderr
+    assert "nothing was written" in wrong.stderr
+
+
+def test_what_the_camera_file_is_said_to_read_is_what_measure_reads(near: Path, output: Path, tmp_path: Path) -> None:
+    pictures = {
+        near: "30in",
+        _picture(tmp_path / "far.png", 74, 57): "7.2ft",
+        _picture(tmp_path / "b.png", 56, 43): "10ft",
+    }
+    given = [f"{path}@{at}" for path, at in pictures.items()]
+    result = _run("calibrate", "distance", *given, *SHEET, "-o", output)
+    lines = _run("measure", *pictures, "--camera", output, *SHEET, "--json").stdout.splitlines()
+    said = [float(share) for share in re.findall(r"the camera file reads ([+-][\d.]+)%", result.stdout)]
+    depths_m = (30 * 0.0254, 7.2 * 0.3048, 10 * 0.3048)
+    read = [100 * (json.loads(line)["depth_m"] / depth - 1) for line, depth in zip(lines, depths_m, strict=True)]
+    assert said == pytest.approx(read, abs=0.006)
+    assert max(map(abs, said)) > 0.1

@@ -16,7 +16,7 @@ from stadimeter.cli.main import app
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
-from stadimeter.workbench.calibration.board_session import Source
+from stadimeter.workbench.frame_source import Source
 
 BOARD = ("--board", "9x6", "--square", "25mm")
 MATRIX = np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]])

@@ -16,7 +16,7 @@ HSV = "29,86,6:64,255,255"
 
 
 def _wanted(config: Path | None = None, **given: object):
-    flags = {"tag_id": "--id", "known_side": "--known-side"}
+    flags = {"tag_id": "--id", "known_side": "--known-side", "min_side": "--min-side"}
     return wanted_targets({flags.get(name, f"--{name}"): value for name, value in given.items()}, config)
 
 
@@ -26,6 +26,36 @@ def test_a_sheet_of_letter_paper() -> None:
     assert choice.options.width == pytest.approx(0.2794)
     assert choice.options.height == pytest.approx(0.2159)
     assert choice.options.known_side == "height"
+
+
+@pytest.mark.parametrize(
+    ("name", "sides_m", "unit"),
+    [
+        ("A4", (0.21, 0.297), CENTIMETRE),
+        ("a5", (0.148, 0.21), CENTIMETRE),
+        ("Letter", (0.2159, 0.2794), INCH),
+        ("business-card", (0.085, 0.055), CENTIMETRE),
+        ("Credit Card", (0.0856, 0.05398), CENTIMETRE),
+    ],
+)
+def test_a_sheet_by_its_name(name: str, sides_m: tuple[float, float], unit: object) -> None:
+    wanted = _wanted(sheet=name)
+    (choice,) = wanted.choices
+    assert (choice.options.width, choice.options.height) == pytest.approx(sides_m)
+    assert wanted.unit is unit
+
+
+def test_the_smallest_side_that_is_accepted_is_an_option() -> None:
+    assert _wanted(sheet="A4", min_side=8.0).choices[0].options.min_side_px == 8
+    assert _wanted(tag="8cm", family="36h11", min_side=12.0).choices[0].options.min_side_px == 12
+    assert _wanted(sheet="A4").choices[0].options.min_side_px == 14
+
+
+def test_a_named_target_may_have_its_size_by_name() -> None:
+    (choice,) = _wanted(target="sheet size=A3").choices
+    assert (choice.options.width, choice.options.height) == pytest.approx((0.297, 0.42))
+    with pytest.raises(ConfigError, match="leave out width and height"):
+        _wanted(target="sheet size=A3 width=3cm")
 
 
 def test_a_tennis_ball() -> None:
@@ -66,6 +96,13 @@ def test_distances_are_shown_in_the_unit_of_the_size(sheet: str, unit: object) -
         ({"hsv": HSV, "sheet": "11in,8.5in"}, "give --ball DIAMETER with it"),
         ({"ball": "6cm", "hsv": HSV, "known_side": "width"}, "give --sheet WIDTH,HEIGHT with it"),
         ({"sheet": "11in"}, "'11in' is not a width and a height"),
+        (
+            {"sheet": "leter"},
+            "--sheet: 'leter' is no sheet with a name; did you mean 'letter'? Known names: A1, A2, A3, A4",
+        ),
+        ({"sheet": "1in,2in,3in"}, "'1in,2in,3in' is not a width and a height"),
+        ({"sheet": "A4", "min_side": 4.0}, "--min-side: 4.0 is below 8"),
+        ({"disc": "9cm", "min_side": 9.0}, "--min-side says how small a sheet or a tag may appear; give --sheet"),
         ({"sheet": "11,8.5"}, "--sheet: '11' has no unit"),
         ({"sheet": "11in,0in"}, "--sheet: '0in' is not a length above zero"),
         ({"sheet": "-11in,8in"}, "--sheet: '-11in' is not a length above zero"),

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model, save_camera_model
 from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import ConfigError
 
 MODEL = CameraModel(
@@ -24,6 +25,8 @@ MODEL = CameraModel(
     tone_curve="linear",
     edge_bias_px=-0.125,
     focal_relative_sigma=0.0123,
+    subsampling="4:2:2",
+    uncertainty=LensUncertainty(sigmas=(0.5,) * 9, correlations=tuple(number / 300 for number in range(36))),
     provenance=Provenance(
         method="one picture at a known distance",
         date="2026-01-31",
@@ -96,6 +99,8 @@ def test_a_short_file_has_square_pixels_and_the_axis_in_the_middle(file: Path) -
         ("distortion = [-0.9, 0.0, 0.0, 0.0]", "folds the picture"),
         ('tone_curve = "gamma"', "srgb"),
         ("edge_bias_px = inf", "inf"),
+        ('subsampling = "4:1:1"', "4:2:0"),
+        ("lens_sigmas = [1.0, 1.0]", "9 numbers"),
     ],
 )
 def test_what_is_no_lens_is_refused_in_words(file: Path, line: str, complaint: str) -> None:

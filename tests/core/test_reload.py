@@ -9,37 +9,9 @@ from stadimeter.core.alarms.state import Inhibits
 from stadimeter.core.condition import DistanceCondition, PresenceCondition, RuleCondition
 from stadimeter.core.decision import EventKind
 from stadimeter.core.persistence import Change, change
-from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.reload import reload
-from stadimeter.core.rule import AlarmRule, Lost, OnDelay, RampRule
-from support.observing import Rehearsal
-
-NEAR = AlarmRule(
-    name="near",
-    target="ball",
-    output="buzzer",
-    condition=DistanceCondition(below_m=1.0),
-    off_delay_s=1.95,
-    cooldown_s=0.0,
-    lost=Lost(grace_s=0.5, fault_after_s=5.0),
-)
-FAR = RampRule(name="far", target="ball", output="motor", start_m=2.0, full_m=4.0)
-TRACKING = Tracking(confirm_frames=2, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, correlation=0.0)
-
-
-def plan_of(*rules):
-    return Plan(
-        targets=("ball",),
-        rules=rules,
-        outputs=(LevelOutput(name="buzzer"), LevelOutput(name="motor")),
-        tracking=TRACKING,
-        safety=Safety(good_frames=1),
-    )
-
-
-def rehearse(*rules):
-    return Rehearsal(plan_of(*rules))
-
+from stadimeter.core.rule import OnDelay
+from support.two_rules import FAR, NEAR, plan_of, rehearse
 
 # What is worth writing down
 

@@ -20,10 +20,12 @@ from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet import PLUGIN, SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
 from stadimeter.ranging.flat import SheetShape
+from support.scenes.backdrop import PlainBackdrop
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene
 from support.scenes.nuisances import BARREL, SHEET_NUISANCES
-from support.scenes.plane import Pose
+from support.scenes.plane import Pose, SheetTarget
 from support.scenes.render import render
+from support.scenes.scene import Scene
 from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
@@ -229,7 +231,8 @@ def test_no_real_picture_of_a_ball_holds_a_sheet(real_pictures: Path, sheet_dete
 
 
 def with_camera(camera: CameraModel | None = CAMERA, **options: object) -> ThroughLens:
-    return ThroughLens(SheetDetector("paper", SheetOptions.model_validate({**A4, **options})), camera)
+    sides = {} if "size" in options else A4
+    return ThroughLens(SheetDetector("paper", SheetOptions.model_validate({**sides, **options})), camera)
 
 
 def worst_px(found: np.ndarray, truth: np.ndarray) -> float:
@@ -296,7 +299,7 @@ def test_calibrating_at_near_and_far_finds_the_edge_bias(draw, wall, paper, behi
                 width_px=640,
                 height_px=480,
                 detection=seen,
-                size=options.size,
+                size=options.shape,
                 depth_m=depth_m,
                 less_bias=less,
             )
@@ -412,3 +415,30 @@ def test_a_side_that_is_not_named_may_have_any_length(draw, wall) -> None:
     assert (
         with_camera(width="20 cm", height="12 cm", known_side="width").detect(picture).status is DetectionStatus.FOUND
     )
+
+
+LETTER_ON_A_WALL = render(
+    Scene(
+        camera=CAMERA,
+        target=SheetTarget(pose=Pose(position_m=(0.02, 0.01, 0.9)), width_m=LETTER_M[0], height_m=LETTER_M[1]),
+        seed=3,
+        backdrop=PlainBackdrop(),
+    )
+)
+
+
+def test_letter_in_place_of_a4_is_said_where_it_is_refused() -> None:
+    found = with_camera(size="A4").detect(Frame(LETTER_ON_A_WALL.image, 0.0, 0))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert re.search(r"sides 1\.(2[789]|3\d) : 1, not 1\.41 : 1: letter instead of A4\?$", found.reason)
+
+
+def test_letter_in_place_of_a4_is_said_before_the_lens_is_known() -> None:
+    """So `calibrate distance` says it, which would else write a camera file from it in silence."""
+    found = with_camera(None, size="A4").detect(Frame(LETTER_ON_A_WALL.image, 0.0, 0))
+    assert found.reason.endswith("sides 1.29 : 1, not 1.41 : 1: letter instead of A4?")
+
+
+def test_the_right_paper_has_no_remark() -> None:
+    for camera in (CAMERA, None):
+        assert with_camera(camera, size="letter").detect(Frame(LETTER_ON_A_WALL.image, 0.0, 0)).reason == ""

@@ -240,6 +240,24 @@ def test_a_large_picture_is_searched_from_its_smallest_copy_on() -> None:
     assert worst_px(seen(picture), truth) < 0.5
 
 
+def chequered(width: int, height: int, cell: int) -> Image:
+    y, x = np.mgrid[:height, :width]
+    grey = np.where((x // cell + y // cell) % 2, 230, 30).astype(np.uint8)
+    return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+
+
+def test_of_the_thousands_of_squares_of_a_chequer_only_the_largest_are_looked_at() -> None:
+    found = seen(chequered(1280, 960, 20))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert re.search(r"at least 2\d.* px; smaller ones were not looked for: more than \d+ outlines", found.reason)
+
+
+def test_a_large_tag_on_a_chequered_floor_is_found() -> None:
+    picture = chequered(1280, 960, 16)
+    picture[330:570, 430:670] = pasted((3, 200, 200, 120))[140:380, 140:380]
+    assert worst_px(seen(picture), square(490, 390, 120)) < 0.1
+
+
 def test_the_picture_is_not_changed_and_the_same_picture_gives_the_same_answer() -> None:
     picture = pasted((3, 200, 200, 120))
     before, finder = picture.copy(), detector()
@@ -290,7 +308,7 @@ def test_wrong_options_are_refused_with_a_reason(options: dict[str, object], sai
 def test_the_library_for_small_tags_reads_what_is_too_small_for_the_rest(driver_context) -> None:
     pytest.importorskip("pyapriltags")
     options = TagOptions.model_validate({"side": "10 cm", "finder": "pyapriltags", "min_side_px": 12})
-    small = PLUGIN.build(options, driver_context("tag"))._search.small_tags
+    small = PLUGIN.build(options, driver_context("tag"))._searches["srgb"].small_tags
     made = render(tag_scene(8, 24, 0.0))
     (tag,) = small.find(cv2.cvtColor(made.image, cv2.COLOR_BGR2GRAY))
     assert tag.number == 8

@@ -9,7 +9,7 @@ import pytest
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Prediction
-from stadimeter.core.frame import Frame
+from stadimeter.core.frame import SUBSAMPLINGS, Frame
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
@@ -65,7 +65,7 @@ def test_the_lens_is_scaled_once_for_all_frames_of_one_resolution() -> None:
         perceiver.look(Frame(np.zeros((480, 640, 3), np.uint8), sequence / 30, sequence))
     lenses = first.lenses + second.lenses
     assert all(lens is lenses[0] for lens in lenses)
-    assert lenses[0] == SMALL
+    assert lenses[0] == replace(SMALL, subsampling="4:4:4")
 
 
 def test_the_lens_follows_the_frames_to_another_resolution_and_back() -> None:
@@ -92,3 +92,15 @@ def test_a_detector_without_a_lens_of_its_own_is_measured_by_its_outline() -> No
     (robust,), (by_points,) = (Perceiver({"ball": it}, SMALL).look(frame)[1] for it in (ball(), Elsewhere(ball())))
     assert by_points.distance_m == pytest.approx(robust.distance_m, rel=0.02)
     assert by_points.distance_m != robust.distance_m
+
+
+def test_the_lens_says_how_coarsely_the_frame_stores_colour_unless_the_camera_file_does() -> None:
+    image = np.zeros((480, 640, 3), np.uint8)
+    given: list[tuple[int, int]] = []
+    for model in (SMALL, replace(SMALL, subsampling="4:2:2")):
+        detector = Watched(ball())
+        perceiver = Perceiver({"ball": detector}, model)
+        for number, subsampling in enumerate(SUBSAMPLINGS):
+            perceiver.look(Frame(image, number / 30, number, subsampling=subsampling))
+        given += [lens.chroma_pitch_px for lens in detector.lenses if lens]
+    assert given == [(1, 1), (2, 1), (2, 2), (2, 1), (2, 1), (2, 1)]

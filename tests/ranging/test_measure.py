@@ -70,7 +70,16 @@ def test_what_appears_smaller_is_further(camera: CameraModel, seen_sheet: Seen, 
     far = measure(seen_sheet(nearer / factor, nearer / factor * 0.7, (319.5, 239.5)), LETTER, camera, 0.0)
     assert far.distance_m == pytest.approx(near.distance_m * factor)
     assert far.noise_m == pytest.approx(near.noise_m * factor**2)
-    assert far.sigma_m == far.noise_m
+
+
+def test_edges_that_all_lie_too_far_out_are_no_noise_and_more_where_colour_is_subsampled(
+    camera: CameraModel, seen_sheet: Seen
+) -> None:
+    seen = seen_sheet(110, 85, (319.5, 239.5))
+    plain = measure(seen, LETTER, camera, 0.0)
+    smeared = measure(seen, LETTER, replace(camera, subsampling="4:2:0"), 0.0)
+    assert plain.noise_m == smeared.noise_m
+    assert plain.noise_m < plain.sigma_m < smeared.sigma_m
 
 
 def test_the_focal_lengths_uncertainty_is_added_in_quadrature_and_is_no_noise(

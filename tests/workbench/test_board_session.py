@@ -13,7 +13,8 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
-from stadimeter.workbench.calibration.board_session import VIEWS_ENOUGH, VIEWS_MAX, BoardSession, open_source
+from stadimeter.workbench.calibration.board_session import VIEWS_ENOUGH, VIEWS_MAX, BoardSession
+from stadimeter.workbench.frame_source import open_source
 
 LENS = replace(CameraModel.with_focal_length(610.0, 640, 480), distortion=(-0.2, 0.06, 0.001, -0.0005, 0.0))
 CORNERS = np.column_stack([axis.ravel() for axis in np.meshgrid(np.arange(9), np.arange(6))]) * 0.025

@@ -60,6 +60,14 @@ def test_a_record_has_exactly_the_keys_that_programs_read(ball_picture: Path, ta
         "tilt_rad",
         "ambiguity",
         "reason",
+        "x_m",
+        "y_m",
+        "z_m",
+        "bearing_sigma_rad",
+        "elevation_sigma_rad",
+        "id",
+        "frame",
+        "time_s",
     ]
     assert record["status"] == "measured"
     assert record["reason"] == ""

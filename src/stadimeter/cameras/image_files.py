@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from stadimeter.cameras.picture import PICTURE_SUFFIXES, read_picture
+from stadimeter.cameras.picture import PICTURE_SUFFIXES, load_picture
 from stadimeter.cameras.recorded import RecordedCamera
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import FilePath, Frequency
@@ -36,7 +36,7 @@ class ImageFilesOptions(Options):
 class ImageFilesCamera(RecordedCamera):
     """Shows picture files in order, each once; a frame's ``source`` is its path.
 
-    How pictures are converted, and that EXIF orientation is honoured: see `read_picture`.
+    How pictures are converted, and that EXIF orientation is honoured: see `load_picture`.
     """
 
     def __init__(self, paths: tuple[str, ...], rate_hz: float, clock: Clock) -> None:
@@ -56,7 +56,9 @@ class ImageFilesCamera(RecordedCamera):
         path = next(self._files, None)
         if path is None:
             raise EndOfFramesError("every picture has been shown")
-        return read_picture(path), str(path)
+        picture = load_picture(path)
+        self._subsampling = picture.subsampling
+        return picture.image, str(path)
 
     def _end(self) -> None:
         self._files = iter(())

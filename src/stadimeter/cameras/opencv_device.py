@@ -24,6 +24,7 @@ from stadimeter.cameras.opencv_settings import (
     apply_settings,
     not_for_motion,
     size_differs,
+    subsampling_of,
 )
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.clock import Clock
@@ -82,6 +83,7 @@ class OpenCvCamera:
         self._clock = clock
         self._open_capture = open_capture
         self._source = ""
+        self._subsampling = subsampling_of(options)
         self._name = options.name
         self._lock = threading.Lock()
         self._is_closing = True
@@ -140,7 +142,7 @@ class OpenCvCamera:
             if self._is_closing:
                 raise DeviceClosedError(f"the camera {self._name} was closed while a frame was awaited")
         self._delivered += 1
-        return Frame(image, captured_at_s, self._delivered - 1)
+        return Frame(image, captured_at_s, self._delivered - 1, subsampling=self._subsampling)
 
     def close(self) -> None:
         """Release the device; wait for a read in another thread to end, for at most `CLOSE_WAIT_S`."""

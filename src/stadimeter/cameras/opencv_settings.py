@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from stadimeter.config.addresses import address_for_people, address_in
 from stadimeter.config.plugins import Options
 from stadimeter.config.units import Duration, FilePath, Frequency
-from stadimeter.core.frame import Image
+from stadimeter.core.frame import Image, Subsampling
 from stadimeter.errors import DeviceOpenError
 
 EXPOSURE_UNIT_S = 100e-6
@@ -135,6 +135,17 @@ def _loses_packets(options: OpenCvOptions) -> bool:
     if options.scheme == "rtsp":
         return "rtsp_transport;tcp" not in os.environ.get(FFMPEG_OPTIONS, "")
     return options.scheme != "" and options.scheme not in RELIABLE_TRANSPORTS
+
+
+_SUBSAMPLINGS: dict[str, Subsampling] = {
+    **dict.fromkeys(("YUYV", "UYVY", "YVYU", "VYUY", "NV16", "422P"), "4:2:2"),
+    **dict.fromkeys(("RGB3", "BGR3", "GREY", "Y800", "Y16 "), "4:4:4"),
+}
+
+
+def subsampling_of(options: OpenCvOptions) -> Subsampling:
+    """Return how coarsely a camera's colour is stored, by its pixel format. MJPEG, video and all others: 4:2:0."""
+    return "4:2:0" if options.is_stream else _SUBSAMPLINGS.get(options.fourcc.upper(), "4:2:0")
 
 
 class CaptureLike(Protocol):

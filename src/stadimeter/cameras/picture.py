@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from stadimeter.cameras.picture_header import subsampling_of
 from stadimeter.config.untrusted_file import (
     HEAD_BYTES,
     KINDS,
@@ -18,7 +20,7 @@ from stadimeter.config.untrusted_file import (
     open_untrusted,
     read_untrusted,
 )
-from stadimeter.core.frame import Image
+from stadimeter.core.frame import Image, Subsampling
 from stadimeter.errors import PictureError, UnreadableError
 
 PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
@@ -28,7 +30,20 @@ _PADDING = re.compile(r"[1-8] extraneous bytes before marker 0xd9")
 """libjpeg's warning about the filling that some USB cameras put before the end marker: all pixels are there."""
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Picture:
+    """A picture file."""
+
+    image: Image  # 8 bits a channel, blue first, shape ``(height, width, 3)``
+    subsampling: Subsampling  # how coarsely the file stores colour
+
+
 def read_picture(path: Path | str) -> Image:
+    """Return the pixels of `load_picture`."""
+    return load_picture(path).image
+
+
+def load_picture(path: Path | str) -> Picture:
     """Read a picture as 8 bits a channel, blue first, shape ``(height, width, 3)``.
 
     Grey pictures get three equal channels, the upper 8 of 16 bits are kept, and transparency is dropped: each pixel
@@ -56,7 +71,7 @@ def read_picture(path: Path | str) -> Image:
         raise PictureError(f"the picture {path} cannot be decoded: {error.err}") from error
     if image is None:
         raise PictureError(f"the picture {path} is damaged and cannot be decoded; copy it again")
-    return np.asarray(image, np.uint8)
+    return Picture(image=np.asarray(image, np.uint8), subsampling=subsampling_of(data))
 
 
 def decode_whole_jpeg(data: bytes) -> Image:

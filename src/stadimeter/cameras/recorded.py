@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 from stadimeter.core.clock import Clock
-from stadimeter.core.frame import Frame, Image
+from stadimeter.core.frame import Frame, Image, Subsampling
 from stadimeter.errors import DeviceClosedError
 
 
@@ -26,6 +26,7 @@ class RecordedCamera(ABC):
         self._started_at_s: float | None = None
         self._index = 0
         self._delivered = 0
+        self._subsampling: Subsampling = "4:4:4"
 
     @property
     def is_live(self) -> bool:
@@ -72,7 +73,7 @@ class RecordedCamera(ABC):
         image, source = self._next()
         self._clock.sleep_until_s(captured_at_s)
         self._delivered += 1
-        return Frame(image, captured_at_s, self._delivered - 1, source)
+        return Frame(image, captured_at_s, self._delivered - 1, source, self._subsampling)
 
     def close(self) -> None:
         """Let go of the recording."""

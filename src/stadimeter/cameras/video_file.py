@@ -46,6 +46,7 @@ class VideoFileCamera(RecordedCamera):
         self._announced = 0.0
         self._read = 0
         self._ended = False
+        self._subsampling = "4:2:0"  # as nearly every video has it
 
     def _begin(self) -> float:
         if is_picture(check_file(self._path, "video")):

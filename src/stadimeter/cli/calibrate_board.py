@@ -11,17 +11,14 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from pydantic import ValidationError
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.known_pictures import ToneCurveOption, today
-from stadimeter.cli.target_options import key_and_value, parse_known_length
+from stadimeter.cli.live_camera import camera_choice
+from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.camera_file import save_camera_model
-from stadimeter.config.findings import findings_of
-from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
-from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.frame import Frame
-from stadimeter.errors import CaptureTimeoutError, ConfigError, EndOfFramesError, Problem
+from stadimeter.errors import ConfigError
 from stadimeter.ranging.board_calibration import BoardCalibration, calibrate_board
 from stadimeter.workbench.calibration.board_session import (
     GOOD_COVERAGE,
@@ -30,10 +27,9 @@ from stadimeter.workbench.calibration.board_session import (
     BoardSession,
     CharucoBoard,
     Chessboard,
-    Source,
-    open_source,
 )
 from stadimeter.workbench.calibration.calibrating import check_lens_settings, find_boards
+from stadimeter.workbench.frame_source import Source, open_source
 
 _SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")
 
@@ -199,7 +195,6 @@ def _advice(made: BoardCalibration) -> list[str]:
     return advice
 
 
-FRAME_WAIT_S = 0.5
 SAY_EVERY_S = 2.0
 """Why no view is taken is said this often at most, in time of capture."""
 
@@ -218,7 +213,7 @@ def views_from_camera(live: str, board: Board) -> BoardSession:
         DriverError: The camera cannot be opened.
         CalibrationError: The camera changes its resolution.
     """
-    source = open_source(_camera(live))
+    source = open_source(camera_choice(live))
     session = BoardSession(board, date=today(), must_be_steady=source.is_live)
     source.capture.open()
     try:
@@ -236,15 +231,10 @@ def views_from_camera(live: str, board: Board) -> BoardSession:
 
 def _collect(source: Source, session: BoardSession) -> None:
     teller = _Teller(is_live=source.is_live)
-    while not session.is_done:
-        try:
-            frame = source.capture.latest(FRAME_WAIT_S)
-        except CaptureTimeoutError as error:
-            typer.echo(f"note: {error}", err=True)
-            continue
-        except EndOfFramesError:
-            return
+    for frame in source.frames(lambda words: typer.echo(f"note: {words}", err=True)):
         teller.tell(frame, session.look(frame), session)
+        if session.is_done:
+            return
 
 
 class _Teller:
@@ -279,19 +269,3 @@ def _tell_view(session: BoardSession) -> None:
     typer.echo(f"{bell}{newest.picture}  {figures}")
     missing = session.missing()
     typer.echo(f"          still missing: {'; '.join(missing)}" if missing else "          that is enough")
-
-
-def _camera(live: str) -> DriverChoice:
-    if Path(live).suffix.lower() == ".toml" or is_file(Path(live)):
-        from stadimeter.config.loader import load_camera_choice  # noqa: PLC0415 - most of a start, and rarely needed
-
-        return load_camera_choice(Path(live))
-    driver, *options = live.split(",")
-    plugin = load_plugin(CAMERAS, driver)
-    table = dict(map(key_and_value, options))
-    try:
-        return DriverChoice(name="camera", driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
-    except ValidationError as error:
-        found = findings_of(error, plugin.options, table, ())
-        hint = f"write it such as --live {driver},KEY=VALUE, or write a configuration and give that"
-        raise ConfigError([Problem(f"{driver}: {each.message}", key="--live", hint=hint) for each in found]) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -13,6 +13,7 @@ from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
     DistanceErrorOption,
+    KnownPictures,
     PicturesAtDistances,
     ToneCurveOption,
     look_at,
@@ -20,9 +21,10 @@ from stadimeter.cli.known_pictures import (
 )
 from stadimeter.cli.target_options import GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import save_camera_model
-from stadimeter.core.camera_model import ToneCurve
-from stadimeter.ranging.calibration import Calibration, FocalLength, KnownDistance, calibrate
-from stadimeter.workbench.calibration.calibrating import with_bias_undone
+from stadimeter.core.camera_model import CameraModel, ToneCurve
+from stadimeter.core.detection import DetectionStatus
+from stadimeter.ranging.calibration import Calibration, FocalLength, KnownDistance, calibrate, with_readings
+from stadimeter.workbench.calibration.calibrating import is_elsewhere, looked_at_again, with_bias_undone
 
 FAR_OFF_AXIS_RAD = math.radians(10)
 """Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %."""
@@ -65,45 +67,74 @@ def distance(
     - `stadimeter calibrate distance a.jpg@50cm b.jpg@1m --ball 6.4cm --hsv "29,86,6:64,255,255" -o camera.toml`
 
     **Exit code**: 0 the camera file was written from all pictures; 1 the target was not found in some, which
-    were left out, or in all, and then nothing was written; 2 an option, a file or a picture is wrong, and nothing was
-    written.
+    were left out, or in all, and then nothing was written, or the finished camera file does not find it; 2 an
+    option, a file or a picture is wrong, and nothing was written.
     """
     with plain_errors():
         wanted = wanted_targets(target)
         known = look_at(pictures, wanted, None)
         if not known.usable:
-            typer.echo("error: no picture can be used, so nothing was written", err=True)
-            raise typer.Exit(NOT_FOUND)
-        made = _calibrated(known.usable, wanted, distance_error / 100, tone_curve)
+            _nothing_written()
+        made, all_found = _calibrated(known, wanted, distance_error / 100, tone_curve)
         replaced = output.exists()
         save_camera_model(output, made.camera_model)
         _tell(made, wanted.unit)
         typer.echo(f"{'replaced' if replaced else 'wrote'} {output}")
-    raise typer.Exit(DONE if known.all_usable else NOT_FOUND)
+    raise typer.Exit(DONE if all_found else NOT_FOUND)
 
 
 def _calibrated(
-    known: tuple[KnownDistance, ...], wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
-) -> Calibration:
-    """Calibrate; the pictures are then looked at again, through the tone curve and, if several, to tell the edge bias.
+    known: KnownPictures, wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
+) -> tuple[Calibration, bool]:
+    """Calibrate; return the calibration, and whether the finished camera file finds the target in all pictures.
 
-    The first look has no camera model yet, and takes the tone curve for that of sRGB.
+    The first look has no camera model yet, so it takes the tone curve for that of sRGB and knows less of shapes. What
+    counts is a second one through the model that it gives, which is that of `measure`; what the finished file reads
+    is found by a third.
     """
-    made = calibrate(known, date=today(), distance_relative_sigma=distance_relative_sigma)
-    if len(known) == 1 and tone_curve == made.camera_model.tone_curve:
-        return made
+    made = calibrate(known.usable, date=today(), distance_relative_sigma=distance_relative_sigma)
     rough = replace(made.camera_model, edge_bias_px=0.0, tone_curve=tone_curve)
-    again = with_bias_undone(known, wanted.choices, rough)
-    if len(again) == 1:
-        again = (replace(again[0], less_bias=None),)  # one picture cannot tell it
-    made = calibrate(again, date=today(), distance_relative_sigma=distance_relative_sigma)
-    return replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve))
+    usable = _second_look(known.usable, wanted, rough)
+    if len(usable) > 1:  # one picture cannot tell the edge bias
+        usable = with_bias_undone(usable, wanted.choices, rough)
+    made = calibrate(usable, date=today(), distance_relative_sigma=distance_relative_sigma)
+    made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve))
+    made = with_readings(made, looked_at_again(usable, wanted.choices, made.camera_model))
+    all_found = all(each.residual_share is not None for each in made.pictures)
+    return made, known.all_usable and len(usable) == len(known.usable) and all_found
+
+
+def _second_look(
+    known: tuple[KnownDistance, ...], wanted: WantedTargets, rough: CameraModel
+) -> tuple[KnownDistance, ...]:
+    usable = []
+    for before, again in zip(known, looked_at_again(known, wanted.choices, rough), strict=True):
+        if again.detection.status is not DetectionStatus.FOUND:
+            reason = f"through the camera file it is not found: {again.detection.reason}"
+            typer.echo(f"left out: {again.picture}: {reason}", err=True)
+            continue
+        if is_elsewhere(before, again):
+            there = f"{again.detection.centre_px[0]:.0f}, {again.detection.centre_px[1]:.0f} px"
+            typer.echo(
+                f"note: {again.picture}: the target is taken to be at {there}; check it with `stadimeter "
+                "measure --annotate`",
+                err=True,
+            )
+        usable.append(again)
+    if not usable:
+        _nothing_written()
+    return tuple(usable)
+
+
+def _nothing_written() -> NoReturn:
+    typer.echo("error: no picture can be used, so nothing was written", err=True)
+    raise typer.Exit(NOT_FOUND)
 
 
 def _tell(made: Calibration, unit: LengthUnit) -> None:
     name_width = max(len(each.picture) for each in made.pictures)
     for each in made.pictures:
-        _tell_picture(each, name_width, unit, alone=len(made.pictures) == 1)
+        _tell_picture(each, name_width, unit)
     _tell_the_worst(made)
     model = made.camera_model
     share = model.focal_relative_sigma
@@ -117,12 +148,12 @@ def _tell(made: Calibration, unit: LengthUnit) -> None:
         typer.echo(f"edge bias taken as 0: {_why_no_bias(made, unit)}")
 
 
-def _tell_picture(each: FocalLength, name_width: int, unit: LengthUnit, *, alone: bool) -> None:
+def _tell_picture(each: FocalLength, name_width: int, unit: LengthUnit) -> None:
     away = format_distance(each.depth_m, None, unit)
-    reads = "" if alone else f"; the camera file reads {each.residual_share:+.2%}"
     typer.echo(
         f"{each.picture:<{name_width}}  {each.width_px:.1f} x {each.height_px:.1f} px at {away}:  "
-        f"focal length {each.focal_px:.1f} px ± {each.focal_px * each.relative_sigma:.1f}{reads}"
+        f"focal length {each.focal_px:.1f} px ± {each.focal_px * each.relative_sigma:.1f}; the camera file "
+        f"{each.reads}"
     )
     if each.off_axis_rad > FAR_OFF_AXIS_RAD:
         typer.echo(
@@ -133,13 +164,20 @@ def _tell_picture(each: FocalLength, name_width: int, unit: LengthUnit, *, alone
 
 
 def _tell_the_worst(made: Calibration) -> None:
-    worst = max(made.pictures, key=lambda each: abs(each.residual_share) / each.relative_sigma)
-    if abs(worst.residual_share) > MISFIT_SIGMAS * worst.relative_sigma:
+    sigmas, worst = max(
+        ((abs(each.residual_share or 0.0) / each.relative_sigma, each) for each in made.pictures),
+        key=lambda pair: pair[0],
+    )
+    if sigmas > MISFIT_SIGMAS:
         typer.echo(
             f"note: {worst.picture} fits the others far worse than --distance-error allows; check its distance, and "
             "that what was found is the target",
             err=True,
         )
+
+
+def _sigmas_off(picture: FocalLength) -> float:
+    return abs(picture.residual_share or 0.0) / picture.relative_sigma
 
 
 def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:

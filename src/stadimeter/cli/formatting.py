@@ -68,6 +68,16 @@ def distance_figures(distance_m: float | None, sigma_m: float | None, unit: Leng
     return _fixed(value, decimals), _fixed(shown_sigma, decimals) if sigma else ""
 
 
+def format_position(
+    position_m: tuple[float, float, float] | None, sigma_m: float | None, unit: LengthUnit = METRE
+) -> str:
+    """Write a position with the decimals that a standard deviation supports, such as ``(0.12, -0.05, 2.43) m``."""
+    if position_m is None:
+        return UNKNOWN
+    figures = [distance_figures(each, sigma_m, unit)[0] for each in position_m]
+    return UNKNOWN if UNKNOWN in figures else f"({', '.join(figures)}) {unit.symbol}"
+
+
 def format_feet_and_inches(distance_m: float | None, sigma_m: float | None = None) -> str:
     """Write a distance as on a tape measure, such as ``7 ft 11.7 in``; a dash if there is none.
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,15 +13,20 @@ import typer
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors
-from stadimeter.cli.explanation import copy_paths, explanation, explanation_record, marks_of
-from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_distance, format_tilt
+from stadimeter.cli.explanation import copy_paths, marks_of
+from stadimeter.cli.formatting import LengthUnit
+from stadimeter.cli.live_camera import camera_choice
+from stadimeter.cli.measure_output import Printer, printer_of
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
+from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
-from stadimeter.errors import ConfigError, PictureError, Problem
+from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
 from stadimeter.workbench.annotation import annotate, write_picture
-from stadimeter.workbench.measuring import PictureResult, TargetResult, measure_picture
+from stadimeter.workbench.colour_profile import profile_notes
+from stadimeter.workbench.frame_source import open_source
+from stadimeter.workbench.measuring import Measuring, PictureResult, failed, measure_picture
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -47,7 +51,9 @@ def register(app: typer.Typer) -> None:
 def measure(
     *,
     target: GivenTarget,
-    images: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="Picture files.")],
+    images: Annotated[
+        list[Path] | None, typer.Argument(metavar="IMAGE|VIDEO", help="Picture files, and video files.")
+    ] = None,
     camera: Annotated[
         Path | None,
         typer.Option("--camera", metavar="FILE", help="The camera file, made by `stadimeter calibrate distance`."),
@@ -58,24 +64,48 @@ def measure(
         Path | None,
         typer.Option("--annotate", metavar="DIR", help="Write a copy of each picture there, with what was measured."),
     ] = None,
+    live: Annotated[
+        str | None,
+        typer.Option(
+            "--live",
+            metavar="CONFIG|DRIVER",
+            help="Measure in what a camera sees: that of a configuration, or a driver such as opencv,device=0.",
+        ),
+    ] = None,
+    between: Annotated[
+        str | None,
+        typer.Option(
+            "--between",
+            metavar="A,B",
+            help="Print how far apart two targets are as well: tags by their numbers, or targets of --config by name.",
+        ),
+    ] = None,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Say how each result came about, and what was rejected and why."),
     ] = False,
 ) -> None:
-    """Measure how far away a target is in pictures.
+    """Measure how far away a target is in pictures, in videos, or before a camera.
 
     Needs the target's size, and a camera file from `stadimeter calibrate distance` for the camera that took the
     pictures. A camera file fits every resolution of the same aspect.
 
     Prints one line for each picture: the distance, which is the length of the straight line from the camera to the
-    target's centre, with its standard deviation. A target that is cut off by the border of the picture has no size, so
-    it has no distance.
+    target's centre, with its standard deviation; the depth, which is the part of it along the optical axis; and the
+    position in the camera's frame: x to the right, y down, z forward. Of a tag it says which one it is. A target that
+    is cut off by the border of the picture has no size, so it has no distance.
 
     With --json, each line is an object with file, target, status (measured, not_found, truncated or error),
     distance_m, depth_m, sigma_m, bearing_rad (positive to the right), elevation_rad (positive upwards), tilt_rad (of
-    something flat, 0 for face on), ambiguity (0 if the tilt is certain, 1 if it may as well be the other way) and
-    reason.
+    something flat, 0 for face on), ambiguity (0 if the tilt is certain, 1 if it may as well be the other way), reason,
+    x_m, y_m, z_m, bearing_sigma_rad, elevation_sigma_rad, id (of a tag), frame and time_s (of a video or a camera).
+
+    A video, or a camera with --live, gives one line for each frame, with its number and its time in seconds from the
+    first one on. A camera goes on until Ctrl-C.
+
+    With --between, a further line for each picture says how far apart the centres of two targets are that it shows: two
+    tags by their numbers, or two targets of a configuration. With --json, an object with file, between, distance_m,
+    sigma_m, frame and time_s.
 
     With --explain, each line is followed by what was seen and how sharply, what the standard deviation is made up of,
     and what was looked at but rejected: where it is, how large, and the test that it failed. With --json as further
@@ -91,20 +121,106 @@ def measure(
 
     - `stadimeter measure dark.jpg --camera camera.toml --tag 8cm --family 36h11 --explain`
 
-    **Exit code**: 0 everything was measured; 1 a target was not found, or cut off; 2 an option, a file or a
+    - `stadimeter measure drive.mp4 --camera camera.toml --tag 8cm --family 36h11 --between 3,7 --json`
+
+    - `stadimeter measure --live opencv,device=0 --camera camera.toml --tag 8cm --family 36h11`
+
+    **Exit code**: 0 everything was measured, in a video or by a camera in one frame at least; 1 a target was not
+    found, or cut off; 2 an option, a file or a
     picture is wrong. A bad picture does not stop the others.
     """
     with plain_errors():
-        wanted = wanted_targets(target, config)
+        if bool(images) == bool(live):
+            raise ConfigError("give pictures or videos, or --live for a camera, one of the two")
+        names = _named_pair(between, target)
+        wanted = _wanted(target, config, names)
         camera_model = _camera_model(camera, wanted)
         targets = build_detectors(wanted.choices, camera_model)
-        printer = _json_printer(explain=explain) if as_json else _line_printer(images, wanted, explain=explain)
-        paths = copy_paths(images, copies)
+        work = _Work(
+            measuring=Measuring(targets, camera_model),
+            targets=targets,
+            camera_model=camera_model,
+            printer=printer_of([live or "", *map(str, images or ())], wanted, as_json=as_json, explain=explain),
+            between=names,
+        )
+        if live:
+            raise typer.Exit(work.frames(camera_choice(live), live))
+        pictures = images or []
+        for note in profile_notes(pictures):
+            _note(note)
+        paths = copy_paths([each for each in pictures if not _is_video(each)], copies)
         codes = [
-            _one(image, targets, camera_model, printer, _Copy.of(paths.get(image), wanted.unit, explain=explain))
-            for image in _counted(images)
+            work.frames(_video(each), str(each))
+            if _is_video(each)
+            else work.picture(each, _Copy.of(paths.get(each), wanted.unit, explain=explain))
+            for each in _counted(pictures)
         ]
     raise typer.Exit(max(codes))
+
+
+VIDEO_SUFFIXES = frozenset(
+    {
+        ".avi",
+        ".flv",
+        ".h264",
+        ".m4v",
+        ".mjpeg",
+        ".mjpg",
+        ".mkv",
+        ".mov",
+        ".mp4",
+        ".mpeg",
+        ".mpg",
+        ".ts",
+        ".webm",
+        ".wmv",
+    }
+)
+"""Endings of the names of videos, in lower case."""
+
+
+def _is_video(path: Path) -> bool:
+    return path.suffix.lower() in VIDEO_SUFFIXES
+
+
+def _video(path: Path) -> DriverChoice:
+    plugin = load_plugin(CAMERAS, "video")
+    options = plugin.options.model_validate({"path": str(path)})
+    return DriverChoice(name="video", driver="video", plugin=plugin, options=options)
+
+
+def _named_pair(between: str | None, given: GivenTarget) -> tuple[str, str] | None:
+    """Return the names of the two targets of ``--between``."""
+    if between is None:
+        return None
+    one, _, other = (each.strip() for each in between.partition(","))
+    if not (one and other) or one == other:
+        raise ConfigError(f"--between: {between!r} does not name two targets; write it such as 3,7")
+    if given.get("--tag") is None:
+        return one, other
+    if not (one.isascii() and one.isdigit() and other.isascii() and other.isdigit()):
+        raise ConfigError(f"--between: {between!r} are not the numbers of two tags; write it such as 3,7")
+    if given.get("--id") is not None:
+        raise ConfigError("--between names two tags, --id one; give one of them")
+    return f"tag {int(one)}", f"tag {int(other)}"
+
+
+def _wanted(given: GivenTarget, config: Path | None, names: tuple[str, str] | None) -> WantedTargets:
+    """Return the targets; of two tags, one for each of them."""
+    if names is None or given.get("--tag") is None:
+        wanted = wanted_targets(given, config)
+    else:
+        both = [(name, wanted_targets({**given, "--id": int(name.split()[1])}, config)) for name in names]
+        choices = tuple(replace(each.choices[0], name=name) for name, each in both)
+        wanted = replace(both[0][1], choices=choices)
+    known = [choice.name for choice in wanted.choices]
+    missing = [name for name in names or () if name not in known]
+    if missing:
+        raise ConfigError(
+            f"--between: there is no target {missing[0]!r}, only {', '.join(known)}; give two tags by their numbers "
+            "with --tag, or two targets of --config by name"
+        )
+    return wanted
 
 
 def _camera_model(file: Path | None, wanted: WantedTargets) -> CameraModel:
@@ -118,22 +234,52 @@ def _camera_model(file: Path | None, wanted: WantedTargets) -> CameraModel:
     )
 
 
-Printer = Callable[[TargetResult], None]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Work:
+    """Everything that `measure` needs for its inputs: what to look for, through which lens, and how to print it."""
+
+    measuring: Measuring
+    targets: Sequence[NamedDetector]
+    camera_model: CameraModel
+    printer: Printer
+    between: tuple[str, str] | None
+
+    def picture(self, image: Path, copy: _Copy | None) -> int:
+        """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
+        result = measure_picture(image, self.targets, self.camera_model)
+        code = self._printed(result)
+        return max(code, _write_copy(result, copy)) if copy else code
+
+    def frames(self, choice: DriverChoice, name: str) -> int:
+        """Measure the frames of a video or a camera until they end or Ctrl-C; 0 if any shows all targets."""
+        source = open_source(choice)
+        seen, code = 0, NOT_FOUND
+        try:
+            source.capture.open()
+            for remark in source.capture.remarks():
+                _note(remark)
+            for result in self.measuring.measure_all(source, name, _note):
+                seen, code = seen + 1, min(code, self._printed(result))
+        except KeyboardInterrupt:
+            typer.echo(f"stopped after {seen} frames", err=True)
+        except StadimeterError as error:
+            for each in failed(name, self.targets, error):
+                self.printer.result(each)
+            return WRONG
+        finally:
+            source.capture.close()
+        return code
+
+    def _printed(self, result: PictureResult) -> int:
+        for each in result.targets:
+            self.printer.result(each)
+        if self.between is not None and result.frame is not None:
+            self.printer.separation(result, self.between, self.measuring.between(result, self.between))
+        return max(EXIT_CODES[each.measurement.status] for each in result.targets)
 
 
-def _one(
-    image: Path,
-    targets: Sequence[NamedDetector],
-    camera_model: CameraModel,
-    printer: Printer,
-    copy: _Copy | None,
-) -> int:
-    """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
-    result = measure_picture(image, targets, camera_model)
-    for each in result.targets:
-        printer(each)
-    code = max(EXIT_CODES[each.measurement.status] for each in result.targets)
-    return max(code, _write_copy(result, copy)) if copy else code
+def _note(words: str) -> None:
+    typer.echo(f"note: {words}", err=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,51 +304,6 @@ def _write_copy(result: PictureResult, copy: _Copy) -> int:
         typer.echo(f"error: {error}", err=True)
         return WRONG
     return DONE
-
-
-def _json_printer(*, explain: bool) -> Printer:
-    def print_record(result: TargetResult) -> None:
-        further = explanation_record(result) if explain else {}
-        typer.echo(json.dumps({**result.record(), **further}))
-        _tell_error(result)
-
-    return print_record
-
-
-def _line_printer(images: Sequence[Path], wanted: WantedTargets, *, explain: bool) -> Printer:
-    file_width = max(len(str(image)) for image in images)
-    target_width = max(len(choice.name) for choice in wanted.choices)
-
-    def print_line(result: TargetResult) -> None:
-        if not _tell_error(result):
-            head = f"{result.file:<{file_width}}  {result.measurement.target:<{target_width}}"
-            typer.echo(f"{head}  {_in_words(result, wanted.unit)}")
-            for line in explanation(result) if explain else ():
-                typer.echo(line)
-
-    return print_line
-
-
-def _tell_error(result: TargetResult) -> bool:
-    """Tell a bad picture on standard error; return whether it is one."""
-    is_error = result.measurement.status is MeasurementStatus.ERROR
-    if is_error:
-        reason = result.measurement.reason
-        where = "" if result.file in reason else f"{result.file}: "
-        typer.echo(f"error: {where}{reason}", err=True)
-    return is_error
-
-
-def _in_words(result: TargetResult, unit: LengthUnit) -> str:
-    measured = result.measurement
-    if measured.status is not MeasurementStatus.MEASURED:
-        status = "truncated" if measured.status is MeasurementStatus.TRUNCATED else "not found"
-        return f"{status}: {measured.reason}"
-    in_metres = format_distance(measured.distance_m, measured.sigma_m, METRE)
-    first = "" if unit is METRE else f"{format_distance(measured.distance_m, measured.sigma_m, unit):<16}"
-    depth = format_distance(measured.depth_m, measured.sigma_m, unit)
-    whereabouts = f"{format_bearing(measured.bearing_rad):<11}{format_tilt(measured.tilt_rad)}".rstrip()
-    return f"{first}{in_metres:<18}depth {depth:<18}{whereabouts}"
 
 
 def _counted(images: Sequence[Path]) -> Iterator[Path]:

@@ -85,6 +85,10 @@ def _writers(loop: Loop, keeping: Keeping) -> Iterator[Writer]:
         return
     from stadimeter.app.recordings.recorded_configuration import to_be_recorded  # noqa: PLC0415 - likewise
 
+    if keeping.record is not None:
+        from stadimeter.app.recordings.recording import require_mcap  # noqa: PLC0415 - likewise
+
+        require_mcap("recording to an MCAP file")  # before a journal is begun that would stay empty
     configuration = to_be_recorded(loop.parts.configuration)
     if keeping.journal is not None:
         from stadimeter.app.recordings.journal import JournalWriter  # noqa: PLC0415 - likewise

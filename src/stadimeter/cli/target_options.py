@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config.findings import findings_of
+from stadimeter.config.paper import paper_sides
 from stadimeter.config.plugins import DETECTORS, DriverChoice, load_plugin
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.config.units import LENGTHS_M, parse_length
@@ -24,7 +25,11 @@ from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
 
 SheetOption = Annotated[
     str | None,
-    typer.Option("--sheet", metavar="WIDTH,HEIGHT", help="Look for a sheet of this size, such as 11in,8.5in."),
+    typer.Option(
+        "--sheet",
+        metavar="WIDTH,HEIGHT|NAME",
+        help="Look for a sheet of this size, such as 11in,8.5in, A4, letter or 'business card'.",
+    ),
 ]
 KnownSideOption = Annotated[
     str,
@@ -57,6 +62,15 @@ FamilyOption = Annotated[
 TagIdOption = Annotated[
     int | None,
     typer.Option("--id", metavar="N", help="Which tag of the family; without it, the largest one in the picture."),
+]
+MinSideOption = Annotated[
+    float | None,
+    typer.Option(
+        "--min-side",
+        metavar="PIXELS",
+        help="Accept sheets and tags whose shorter side is at least this long in the picture; 14 and 16 pixels unless "
+        "you say so. Smaller ones are less certain, which the ± tells.",
+    ),
 ]
 DiscOption = Annotated[
     str | None,
@@ -116,12 +130,14 @@ class _Shorthand:
     companions: Mapping[str, _Companion] = field(default_factory=dict)
 
 
+MIN_SIDE = _Companion("min_side_px", "says how small a sheet or a tag may appear")
+
 SHORTHANDS = {
     "--sheet": _Shorthand(
         "sheet",
         "WIDTH,HEIGHT",
         ("width", "height"),
-        {"--known-side": _Companion("known_side", "names a side of the sheet")},
+        {"--known-side": _Companion("known_side", "names a side of the sheet"), "--min-side": MIN_SIDE},
     ),
     "--ball": _Shorthand(
         "ball",
@@ -146,6 +162,7 @@ SHORTHANDS = {
                 "--tag needs the tag's family; add --family, such as --family 36h11",
             ),
             "--id": _Companion("id", "says which tag it is"),
+            "--min-side": MIN_SIDE,
         },
     ),
     "--disc": _Shorthand("disc", "DIAMETER", ("diameter",)),
@@ -160,6 +177,7 @@ _OPTIONS: dict[str, tuple[Any, Any]] = {
     "--family": (FamilyOption, None),
     "--id": (TagIdOption, None),
     "--disc": (DiscOption, None),
+    "--min-side": (MinSideOption, None),
     "--target": (TargetOption, None),
     "--tolerance": (ToleranceOption, None),
 }
@@ -229,9 +247,10 @@ def wanted_targets(given: GivenTarget, config: Path | None = None) -> WantedTarg
 
 
 def _check_companions(said: Mapping[str, Any], name: str) -> None:
+    own = SHORTHANDS[name].companions if name in SHORTHANDS else {}
     for flag, short in SHORTHANDS.items():
         for option, companion in short.companions.items():
-            if option in said and flag != name:
+            if option in said and option not in own:
                 raise ConfigError(f"{option} {companion.means}; give {flag} {short.metavar} with it")
             if flag == name and companion.missing and option not in said:
                 raise ConfigError(companion.missing)
@@ -256,9 +275,7 @@ class _Described:
 
 def _short(flag: str, said: Mapping[str, Any]) -> _Described:
     short = SHORTHANDS[flag]
-    sizes = said[flag].split(",") if len(short.keys) > 1 else [said[flag]]
-    if len(sizes) != len(short.keys):
-        raise ConfigError(f"{flag}: {said[flag]!r} is not a width and a height; write it such as 11in,8.5in")
+    sizes = _sides(flag, said[flag]) if len(short.keys) > 1 else [said[flag]]
     table = dict(zip(short.keys, sizes, strict=True))
     options = dict.fromkeys(short.keys, flag)
     for option, companion in short.companions.items():
@@ -266,6 +283,19 @@ def _short(flag: str, said: Mapping[str, Any]) -> _Described:
         if option in said:
             table[companion.key] = said[option]
     return _Described(short.kind, table, options)
+
+
+def _sides(flag: str, text: str) -> list[str]:
+    """Return width and height, which may be given by the name of a paper."""
+    sizes = text.split(",")
+    if len(sizes) == 2:
+        return sizes
+    if len(sizes) > 2 or text[:1].isdigit():
+        raise ConfigError(f"{flag}: {text!r} is not a width and a height; write it such as 11in,8.5in or A4")
+    try:
+        return [*paper_sides(text)]
+    except ValueError as error:
+        raise ConfigError([Problem(f"{error}; or write it such as 11in,8.5in", key=flag)]) from error
 
 
 def _named(text: str) -> _Described:
@@ -305,7 +335,7 @@ def _choice(driver: str, table: dict[str, Any], keys: Mapping[str, str]) -> Driv
         options = plugin.options.model_validate(table)
     except ValidationError as error:
         found = findings_of(error, plugin.options, table, ())
-        wrong = [_problem(str(each.path[-1]), each.message, each.hint, keys) for each in found]
+        wrong = [_problem(str(each.path[-1]) if each.path else "", each.message, each.hint, keys) for each in found]
         of_each_option = {each.key if each.key != "--target" else each.message: each for each in reversed(wrong)}
         raise ConfigError(reversed(of_each_option.values())) from error
     return DriverChoice(name=driver, driver=driver, plugin=plugin, options=options)

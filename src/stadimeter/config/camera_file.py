@@ -16,6 +16,8 @@ from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel, Provenance, ToneCurve
+from stadimeter.core.frame import Subsampling
+from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 
 MOST_PIXELS_ACROSS = 100_000
@@ -37,6 +39,8 @@ Pixels = Annotated[int, Field(gt=0, le=MOST_PIXELS_ACROSS, strict=True)]
 FocalPixels = Annotated[float, Field(gt=0, strict=True)]
 CentrePixels = Annotated[float, Field(strict=True)]
 Coefficient = Annotated[float, Field(strict=True)]
+SigmaOfParameter = Annotated[float, Field(ge=0, strict=True)]
+Correlation = Annotated[float, Field(ge=-1, le=1, strict=True)]
 
 
 class CameraTable(BaseModel):
@@ -64,6 +68,13 @@ class CameraTable(BaseModel):
     """How far outwards each edge of a bright target is measured."""
     focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
     """Standard deviation of the focal length, as a share of it."""
+    lens_sigmas: tuple[SigmaOfParameter, ...] = ()
+    """Standard deviations of fx, fy, cx and cy in pixels, of k1, k2, p1, p2 and k3; none where they are not known."""
+    lens_correlations: tuple[Correlation, ...] = ()
+    """The correlations of these, row by row above the diagonal of their matrix: 36 numbers."""
+    subsampling: Subsampling | None = None
+    """How coarsely the camera stores colour: for every pixel (``"4:4:4"``), every second one across (``"4:2:2"``), or
+    across and down (``"4:2:0"``). None leaves it to the driver: a JPEG file says it, MJPEG and video count as 4:2:0."""
     method: str = ""
     """How it was made."""
     date: Annotated[str, BeforeValidator(_date_text)] = ""
@@ -84,8 +95,15 @@ class CameraTable(BaseModel):
             tone_curve=self.tone_curve,
             edge_bias_px=self.edge_bias_px,
             focal_relative_sigma=self.focal_relative_sigma,
+            subsampling=self.subsampling,
+            uncertainty=self._uncertainty(),
             provenance=Provenance(method=self.method, date=self.date, notes=self.notes),
         )
+
+    def _uncertainty(self) -> LensUncertainty | None:
+        if not (self.lens_sigmas or self.lens_correlations):
+            return None
+        return LensUncertainty(sigmas=self.lens_sigmas, correlations=self.lens_correlations)
 
 
 def camera_model_from_table(table: Mapping[str, Any]) -> CameraModel:
@@ -143,12 +161,15 @@ distortion = {list(model.distortion)!r}
 # How code values follow from light: "srgb" for nearly every camera, "linear" for raw pictures.
 tone_curve = {_quoted(model.tone_curve)}
 
+# How coarsely the camera stores colour: "4:4:4", "4:2:2" or "4:2:0"; left to the driver where it is not written.
+{_subsampling(model)}
+
 # How far outwards each edge of a bright target is measured, in pixels.
 edge_bias_px = {model.edge_bias_px!r}
 
 # Standard deviation of the focal length as a share of it: {100 * model.focal_relative_sigma:.2g} %.
 focal_relative_sigma = {model.focal_relative_sigma!r}
-
+{_uncertainty(model.uncertainty)}
 method = {_quoted(provenance.method)}
 date = {_quoted(provenance.date)}
 
@@ -156,6 +177,26 @@ date = {_quoted(provenance.date)}
 notes = [
 {notes}]
 """
+
+
+def _uncertainty(uncertainty: LensUncertainty | None) -> str:
+    if uncertainty is None:
+        return ""
+    rows, left = "", list(uncertainty.correlations)
+    for count in range(len(PARAMETERS) - 1, 0, -1):
+        rows += f"    {', '.join(map(repr, left[:count]))},\n"
+        left = left[count:]
+    return f"""
+# Standard deviations of {", ".join(PARAMETERS)}, and their correlations, row by row above the
+# diagonal: from them follows how sure a distance is at each place in the picture.
+lens_sigmas = {list(uncertainty.sigmas)!r}
+lens_correlations = [
+{rows}]
+"""
+
+
+def _subsampling(model: CameraModel) -> str:
+    return f"subsampling = {_quoted(model.subsampling)}" if model.subsampling else '# subsampling = "4:2:0"'
 
 
 def _quoted(text: str) -> str:

@@ -178,6 +178,7 @@ def _one_driver(
         "type": "object",
         "properties": properties,
         "required": needed,
+        **{key: own[key] for key in ("anyOf",) if key in own},
         "additionalProperties": driver.options is None,
     }
 
@@ -245,7 +246,7 @@ class _Generator(GenerateJsonSchema):
         if "items" in inner:  # such functions take one for a list of one
             return {"anyOf": [inner, inner["items"]]}
         # What a driver parses by itself is not known here, unless it says so by `pydantic.WithJsonSchema`.
-        return inner if inner.get("type") == "string" or "anyOf" in inner else {}
+        return inner if inner.get("type") == "string" or "anyOf" in inner or "properties" in inner else {}
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         made = super().default_schema(schema)

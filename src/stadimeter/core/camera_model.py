@@ -9,7 +9,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.core.frame import CHROMA_PITCH_PX, SUBSAMPLINGS, Frame, Subsampling
 from stadimeter.core.lens_distortion import check_coefficients, distorted, distorted_direction, undistorted
+from stadimeter.core.lens_uncertainty import LensUncertainty, SharesByPlace, sensitivities
 from stadimeter.errors import CalibrationError
 
 ToneCurve = Literal["srgb", "linear"]
@@ -58,6 +60,8 @@ class CameraModel:
             the tone curve is undone: the target appears larger by twice this. A darker target appears smaller by as
             much. It comes from what the tone curve leaves: sharpening, glare, a different curve.
         focal_relative_sigma: Standard deviation of the focal length, as a share of it.
+        subsampling: How coarsely the camera stores colour; None where that is left to the frame.
+        uncertainty: How well all its parameters are known together; None where only that of the focal length is known.
     """
 
     width_px: int
@@ -70,7 +74,10 @@ class CameraModel:
     tone_curve: ToneCurve = "srgb"
     edge_bias_px: float = 0.0
     focal_relative_sigma: float = 0.0
+    subsampling: Subsampling | None = None
+    uncertainty: LensUncertainty | None = None
     provenance: Provenance = field(default_factory=Provenance)
+    _shares: SharesByPlace | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
@@ -84,6 +91,9 @@ class CameraModel:
             raise CalibrationError(message, "focal_relative_sigma")
         if self.tone_curve not in TONE_CURVES:
             raise CalibrationError(f"tone_curve = {self.tone_curve!r} is neither 'srgb' nor 'linear'", "tone_curve")
+        if self.subsampling is not None and self.subsampling not in SUBSAMPLINGS:
+            message = f"subsampling = {self.subsampling!r} is none of {', '.join(SUBSAMPLINGS)}"
+            raise CalibrationError(message, "subsampling")
         if not math.isfinite(self.edge_bias_px):
             raise CalibrationError(f"edge_bias_px = {self.edge_bias_px} is not finite", "edge_bias_px")
         check_coefficients(self.distortion)
@@ -153,7 +163,22 @@ class CameraModel:
             cx_px=(self.cx_px + 0.5) * scale_x - 0.5,
             cy_px=(self.cy_px + 0.5) * scale_y - 0.5,
             edge_bias_px=self.edge_bias_px * math.sqrt(scale_x * scale_y),
+            uncertainty=self.uncertainty and self.uncertainty.scaled(scale_x, scale_y),
         )
+
+    def for_frame(self, frame: Frame) -> CameraModel:
+        """Return the model at a frame's resolution, with the subsampling of its colour.
+
+        Raises:
+            CalibrationError: The aspect differs.
+        """
+        scaled = self.scaled_to(frame.width_px, frame.height_px)
+        return scaled if scaled.subsampling else replace(scaled, subsampling=frame.subsampling)
+
+    @property
+    def chroma_pitch_px(self) -> tuple[int, int]:
+        """How many pixels share one sample of colour, across and down; one each where that is not known."""
+        return CHROMA_PITCH_PX[self.subsampling or "4:4:4"]
 
     def direction(self, x_px: float, y_px: float) -> tuple[float, float]:
         """Return where a pixel looks to.
@@ -205,6 +230,29 @@ class CameraModel:
         if self.distortion:
             x, y = distorted_direction(x, y, self.distortion)
         return x * self.fx_px + self.cx_px, y * self.fy_px + self.cy_px
+
+    def distance_share(self, x_px: float, y_px: float) -> float:
+        """Return the standard deviation of a distance because of the lens, as a share, at a place in the picture.
+
+        It is that of the focal length at least; away from the middle, and where no board was seen, it is more.
+        """
+        if self.uncertainty is None:
+            return self.focal_relative_sigma
+        shares = self._shares
+        if shares is None:
+            shares = self._shares_by_place(self.uncertainty.covariance())
+            object.__setattr__(self, "_shares", shares)  # worked out once, when it is first needed
+        return max(self.focal_relative_sigma, shares.at(x_px, y_px))
+
+    def _shares_by_place(self, covariance: NDArray[np.float64]) -> SharesByPlace:
+        nodes_px = SharesByPlace.nodes_px(self.width_px, self.height_px)
+        slopes = self.sensitivities(nodes_px.reshape(-1, 2))[:, 0]
+        squares = np.einsum("np,pq,nq->n", slopes, covariance, slopes).clip(0.0)
+        return SharesByPlace(np.sqrt(squares).reshape(nodes_px.shape[:2]), self.width_px, self.height_px)
+
+    def sensitivities(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how what is measured at pixels (n, 2) changes with the lens: see `lens_uncertainty.sensitivities`."""
+        return sensitivities(self.directions(points_px), (self.fx_px, self.fy_px), self.distortion)
 
     def matrix(self) -> NDArray[np.float64]:
         """Return the camera matrix as OpenCV has it, shape (3, 3)."""

@@ -57,6 +57,7 @@ class Detection:
         size_sigma_px: The standard deviation of the apparent size.
         quality: From 0, barely a candidate, to 1, as it should look.
         rejected: What else was looked at in the picture and is not the target, the most like it first.
+        number: Which one of its kind it is, such as the number of a tag; None where they are all alike.
         measured_with: The camera model that it was measured with, if the detector has one: centre and size then say
             all that the outline does, for that camera.
     """
@@ -71,6 +72,7 @@ class Detection:
     size_sigma_px: float = 0.0
     quality: float = 0.0
     rejected: tuple[RejectedCandidate, ...] = ()
+    number: int | None = None
     measured_with: CameraModel | None = None
 
 
@@ -81,8 +83,11 @@ class Prediction:
     Attributes:
         size_px: Its apparent size: of a ball the diameter, of a flat target its longer side.
         sigma_px: Standard deviation of the centre and of the size.
+        outline_px: Of a target with corners, where these are expected if it is turned as it was when it was last seen,
+            shape ``(n, 2)``; None where that is not known.
     """
 
     centre_px: tuple[float, float]
     size_px: float
     sigma_px: float
+    outline_px: Points | None = field(default=None, compare=False)

@@ -101,7 +101,7 @@ def undistorted(appearing: Points, coefficients: Coefficients) -> Points:
             off_x, off_y = _off(x, y, appearing_x, appearing_y, coefficients)
             if np.abs(off_x).max(initial=0.0) < _CLOSE_ENOUGH and np.abs(off_y).max(initial=0.0) < _CLOSE_ENOUGH:
                 break
-            a, b, d = _jacobian(x, y, coefficients)
+            a, b, d = jacobian(x, y, coefficients)
             determinant = a * d - b * b
             x, y = x + (d * off_x - b * off_y) / determinant, y + (a * off_y - b * off_x) / determinant
         off_x, off_y = _off(x, y, appearing_x, appearing_y, coefficients)
@@ -126,8 +126,26 @@ def _bent(x: Numbers, y: Numbers, coefficients: Coefficients) -> tuple[Numbers, 
     )
 
 
-def _jacobian(x: Points, y: Points, coefficients: Coefficients) -> tuple[Points, Points, Points]:
-    """Return ∂x'/∂x, ∂x'/∂y = ∂y'/∂x and ∂y'/∂y."""
+def slopes_by_coefficient(x: Points, y: Points) -> Points:
+    """Return how bent directions change with k1, k2, p1, p2 and k3, in which they are linear; shape (n, 2, 5)."""
+    s, twice_xy = x * x + y * y, 2 * x * y
+    return np.stack(
+        (
+            np.column_stack((x * s, x * s * s, twice_xy, s + 2 * x * x, x * s**3)),
+            np.column_stack((y * s, y * s * s, s + 2 * y * y, twice_xy, y * s**3)),
+        ),
+        axis=1,
+    )
+
+
+def jacobian(x: Points, y: Points, coefficients: Coefficients) -> tuple[Points, Points, Points]:
+    """Return ∂x'/∂x, ∂x'/∂y = ∂y'/∂x and ∂y'/∂y.
+
+    Args:
+        x: To the right, per unit of depth, shape (n,).
+        y: Down, per unit of depth, shape (n,).
+        coefficients: k1, k2, p1, p2 and perhaps k3.
+    """
     k1, k2, p1, p2, k3 = _all_five(coefficients)
     s = x * x + y * y
     radial = 1 + s * (k1 + s * (k2 + s * k3))

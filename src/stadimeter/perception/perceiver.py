@@ -14,10 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Prediction
+from stadimeter.core.detection import Detection, Points, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.target import TargetShape
@@ -71,6 +74,7 @@ class Perceiver:
         self.detectors = detectors
         self._camera_model = camera_model
         self._lens = camera_model
+        self._sightings: dict[str, Sighting] = {}
         self.expectations = Expectations()
 
     def look(
@@ -81,22 +85,48 @@ class Perceiver:
         Raises:
             CalibrationError: The frame has another aspect than the camera model.
         """
-        lens, at_s = self._lens_of(frame), frame.captured_at_s
+        lens, at_s = self.lens_of(frame), frame.captured_at_s
         detections, measurements = [], []
         for name, detector in self.detectors.items():
             shape = detector.target_shape
             expected = self.expectations.of(tracks.get(name), shape, lens, at_s) if tracks else None
+            if expected is not None:
+                expected = with_outline(expected, self._sightings.get(name), shape, lens)
             found = detector.detect(frame, expected, lens=lens)
+            measured = measure(found, shape, lens, at_s)
+            if shape.has_corners and measured.depth_m is not None:
+                self._sightings[name] = Sighting(found.outline_px, found.centre_px, measured.depth_m)
             detections.append(found)
-            measurements.append(measure(found, shape, lens, at_s))
+            measurements.append(measured)
         return tuple(detections), tuple(measurements)
 
-    def _lens_of(self, frame: Frame) -> CameraModel:
-        """Return the camera model at the frame's resolution, which hardly ever changes."""
+    def lens_of(self, frame: Frame) -> CameraModel:
+        """Return the camera model for the frame, whose resolution and subsampling hardly ever change."""
         lens = self._lens
-        if (lens.width_px, lens.height_px) != (frame.width_px, frame.height_px):
-            lens = self._lens = self._camera_model.scaled_to(frame.width_px, frame.height_px)
+        is_same = (lens.width_px, lens.height_px) == (frame.width_px, frame.height_px)
+        if not is_same or lens.subsampling != (self._camera_model.subsampling or frame.subsampling):
+            lens = self._lens = self._camera_model.for_frame(frame)
         return lens
+
+
+class Sighting(NamedTuple):
+    """Where the corners of a target were when it was last seen, around which centre, and how far away that was."""
+
+    outline_px: Points
+    centre_px: tuple[float, float]
+    depth_m: float
+
+
+def with_outline(
+    expected: Prediction, sighting: Sighting | None, shape: TargetShape, camera: CameraModel
+) -> Prediction:
+    """Return a prediction with the corners that were last seen, moved and scaled to where and how large it is."""
+    if sighting is None:
+        return expected
+    then_px = shape.longest_m / sighting.depth_m * math.sqrt(camera.fx_px * camera.fy_px)
+    around = sighting.outline_px - np.array(sighting.centre_px)
+    outline_px = around * (expected.size_px / then_px) + np.array(expected.centre_px)
+    return replace(expected, outline_px=outline_px)
 
 
 class Expectations:
@@ -188,10 +218,11 @@ def predict(
     focal_px = math.sqrt(camera.fx_px * camera.fy_px)
     size_px = shape.longest_m / nearer_m * focal_px
     across_px = focal_px * sigma_rad * (1 + x * x + y * y)
-    larger_px = size_px * _size_share(known, shape, camera)
+    centre_px = camera.pixel(x * outwards, y * outwards)
+    larger_px = size_px * _size_share(known, shape, camera.distance_share(*centre_px))
     return _useful(
         Prediction(
-            centre_px=camera.pixel(x * outwards, y * outwards),
+            centre_px=centre_px,
             size_px=size_px,
             sigma_px=math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, larger_px),
         ),
@@ -246,14 +277,14 @@ def _direction(known: _Known, motion: Motion | None) -> tuple[float, float, floa
     )
 
 
-def _size_share(known: _Known, shape: TargetShape, camera: CameraModel) -> float:
+def _size_share(known: _Known, shape: TargetShape, lens_share: float) -> float:
     """Return the standard deviation of the apparent size as a share of it.
 
-    An error of the focal length or of the target's size is in the track's distance as it is in this prediction, and
-    cancels out.
+    An error of the lens or of the target's size is in the track's distance as it is in this prediction, and cancels
+    out.
     """
     share = known.sigma_m / max(known.distance_m, 1e-6)
-    rest = share * share - camera.focal_relative_sigma**2 - shape.relative_sigma**2
+    rest = share * share - lens_share**2 - shape.relative_sigma**2
     return math.sqrt(rest) if rest > 0 else 0.0
 
 

@@ -1,11 +1,8 @@
 """A whole camera model, distortion included, from pictures of a board whose corners are known.
 
 A low reprojection error says that the model explains these corners, not that its focal length is right: boards that
-all face the camera are explained as well by a longer lens further away. So the standard deviation of the focal length
-counts, and it is taken from two sources, whichever is more: the covariance of the fit, which trusts every corner to
-err by itself, and how much the focal length changes when views are left out (the jackknife: B. Efron, C. Stein, The
-jackknife estimate of variance, Annals of Statistics 9, 1981), which also notices what the corners of one view have in
-common, such as a board that is not flat.
+all face the camera are explained as well by a longer lens further away. So its standard deviation counts, which
+`stadimeter.ranging.fit_covariance` gives with those of the other parameters.
 
 The fit itself is OpenCV's, after Z. Zhang, A flexible new technique for camera calibration, 2000.
 """
@@ -22,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import CalibrationError
+from stadimeter.ranging.fit_covariance import PlacedBoard, lens_covariance
 
 VIEWS_MIN = 3
 """Fewer views do not fix focal length, centre and distortion."""
@@ -33,7 +32,6 @@ FOCAL_SIGMA_MAX = 0.2
 SAME_VIEW_SHARE = 0.005
 """Two views are the same if their corners are on average no further apart than this share of the picture's width."""
 
-_JACKKNIFE_GROUPS = 15
 _OUTLIER_MADS = 5.0
 _OUTLIER_MEDIANS = 2.5
 _COVERAGE_CELLS = (8, 6)
@@ -81,10 +79,14 @@ class BoardCalibration:
 class _Fit:
     matrix: NDArray[np.float64]
     distortion: NDArray[np.float64]
-    focal_sigma_px: NDArray[np.float64]
+    poses: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]  # turn and place of each board
     view_rms_px: NDArray[np.float64]
     rms_px: float
-    flags: int
+
+    @property
+    def lens(self) -> NDArray[np.float64]:
+        """The parameters in the order of `stadimeter.core.lens_uncertainty.PARAMETERS`."""
+        return np.concatenate((self.matrix[(0, 1, 0, 1), (0, 1, 2, 2)], self.distortion.ravel()[:5]))
 
 
 def calibrate_board(views: Sequence[BoardView], width_px: int, height_px: int, *, date: str) -> BoardCalibration:
@@ -192,13 +194,12 @@ def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _Fit:
     return fit
 
 
-def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int, start: _Fit | None = None) -> _Fit:
+def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) -> _Fit:
     board, corners = _as_opencv(views)
-    matrix: NDArray[Any] = start.matrix.copy() if start else np.eye(3)
-    distortion: NDArray[Any] = start.distortion.copy() if start else np.zeros((1, 5))
-    flags |= cv2.CALIB_USE_INTRINSIC_GUESS if start else 0
+    matrix: NDArray[Any] = np.eye(3)
+    distortion: NDArray[Any] = np.zeros((1, 5))
     try:
-        rms, new_matrix, new_distortion, _, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
+        rms, new_matrix, new_distortion, turns, shifts, _, _, per_view = cv2.calibrateCameraExtended(
             board, corners, shape, matrix, distortion, flags=flags
         )
     except cv2.error as error:
@@ -209,10 +210,9 @@ def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int, 
     return _Fit(
         matrix=np.asarray(new_matrix, dtype=np.float64),
         distortion=np.asarray(new_distortion, dtype=np.float64),
-        focal_sigma_px=np.asarray(sigmas, dtype=np.float64).ravel()[:2],
+        poses=tuple(zip(map(np.asarray, turns), map(np.asarray, shifts), strict=True)),
         view_rms_px=np.asarray(per_view, dtype=np.float64).ravel(),
         rms_px=float(rms),
-        flags=flags,
     )
 
 
@@ -247,9 +247,8 @@ def _lens_or_error(fit: _Fit, shape: tuple[int, int]) -> CameraModel:
 
 def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
     lens = _lens_or_error(fit, shape)
-    focal_px = np.array([lens.fx_px, lens.fy_px])
-    shares = np.maximum(fit.focal_sigma_px, _jackknife_sigma_px(fit, views, shape)) / focal_px
-    share = float(shares.max())
+    covariance = lens_covariance(_placed(fit, views), fit.lens)
+    share = math.sqrt(max(covariance[0, 0] / lens.fx_px**2, covariance[1, 1] / lens.fy_px**2))
     if not (math.isfinite(share) and share < FOCAL_SIGMA_MAX):
         raise CalibrationError(
             f"the pictures do not tell the focal length: {lens.fx_px:.0f} px ± {share:.0%}; tilt the board by 30 to 45 "
@@ -260,22 +259,24 @@ def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: 
         *(f"{view.picture}: {rms_px:.3f} px" for view, rms_px in zip(views, fit.view_rms_px, strict=True)),
     )
     method = f"{len(views)} pictures of a board"
-    return replace(lens, focal_relative_sigma=share, provenance=Provenance(method=method, date=date, notes=notes))
+    return replace(
+        lens,
+        focal_relative_sigma=share,
+        uncertainty=LensUncertainty.of(covariance),
+        provenance=Provenance(method=method, date=date, notes=notes),
+    )
 
 
-def _jackknife_sigma_px(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the standard deviations of fx and fy from how they change when a group of views is left out."""
-    groups = min(len(views), _JACKKNIFE_GROUPS)
-    if len(views) - math.ceil(len(views) / groups) < VIEWS_MIN:
-        return np.zeros(2)
-    focal_px = []
-    for group in range(groups):
-        kept = [view for index, view in enumerate(views) if index % groups != group]
-        without = _opencv_fit(kept, shape, fit.flags & cv2.CALIB_FIX_K3, fit)
-        focal_px.append((without.matrix[0, 0], without.matrix[1, 1]))
-    spread = np.array(focal_px) - np.mean(focal_px, axis=0)
-    sigma: NDArray[np.float64] = np.sqrt((groups - 1) / groups * np.sum(spread**2, axis=0))
-    return sigma
+def _placed(fit: _Fit, views: Sequence[BoardView]) -> list[PlacedBoard]:
+    return [
+        PlacedBoard(
+            board_m=np.column_stack((view.board_m, np.zeros(len(view.board_m)))),
+            corners_px=view.corners_px,
+            turn=turn,
+            shift=shift,
+        )
+        for view, (turn, shift) in zip(views, fit.poses, strict=True)
+    ]
 
 
 def _covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[int, int]) -> NDArray[np.bool_]:

@@ -162,13 +162,22 @@ class FocalLength:
     focal_px: float  # the focal length, with the edge bias of the model undone
     relative_sigma: float  # the standard deviation of the focal length, as a share of it
     off_axis_rad: float  # how far from the middle of the picture the target is
-    residual_share: float  # what the model measures in this picture, less the known depth, as a share of that
+    # What the model measures in this picture, less the known depth, as a share of that; None if it does not find it.
+    residual_share: float | None
+    why_not: str = ""  # why it does not
+
+    @property
+    def reads(self) -> str:
+        """What the model measures in this picture, in words."""
+        if self.residual_share is None:
+            return f"does not find it: {self.why_not}"
+        return f"reads {round(self.residual_share, 4) + 0.0:+.2%}"  # adding zero turns -0.0 into 0.0
 
     def __str__(self) -> str:
         """Return the figures as one line."""
         return (
             f"{self.picture}: {self.width_px:.2f} x {self.height_px:.2f} px at {self.depth_m:.4f} m, "
-            f"F = {self.focal_px:.2f} px, reads {self.residual_share:+.2%}"
+            f"F = {self.focal_px:.2f} px, {self.reads}"
         )
 
 
@@ -228,6 +237,24 @@ def calibrate(
         one_distance=max(each.depth_m for each in found) < _ONE_DISTANCE * min(each.depth_m for each in found),
         more_at_m=None if fit.bias_was_fitted else _more_at_m(found, estimates, distance_relative_sigma),
     )
+
+
+def with_readings(made: Calibration, again: Sequence[KnownDistance]) -> Calibration:
+    """Return a calibration with what its camera model reads in each of its pictures, looked at through that model.
+
+    Until then the readings are computed from what was found before, through another model. Where an edge bias is large,
+    or the edges are unsure, the detector finds other edges through this one.
+    """
+    pictures = tuple(_read(one, each, made.camera_model) for one, each in zip(made.pictures, again, strict=True))
+    model = replace(made.camera_model, provenance=_provenance(pictures, made.camera_model.provenance.date))
+    return replace(made, pictures=pictures, camera_model=model)
+
+
+def _read(one: FocalLength, again: KnownDistance, model: CameraModel) -> FocalLength:
+    if again.detection.status is not DetectionStatus.FOUND:
+        return replace(one, residual_share=None, why_not=again.detection.reason)
+    residual = measured_depth_m(again, model) / again.depth_m - 1
+    return replace(one, residual_share=residual)
 
 
 def _usable(known: Sequence[KnownDistance]) -> list[KnownDistance]:
@@ -343,7 +370,7 @@ def _focal_length(known: KnownDistance, estimate: FocalEstimate, model: CameraMo
         focal_px=focal_px,
         relative_sigma=estimate.sigma_px / estimate.focal_px,
         off_axis_rad=off_axis_rad(known, model),
-        residual_share=round(model.fx_px / focal_px - 1, 9) + 0.0,  # adding zero turns -0.0 into 0.0
+        residual_share=model.fx_px / focal_px - 1,
     )
 
 

@@ -34,8 +34,16 @@ def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captu
     if not (0 < detection.width_px < math.inf and 0 < detection.height_px < math.inf):
         reason = f"the detector reports an apparent size of {detection.width_px:g}x{detection.height_px:g} px"
         return _without_figures(detection, MeasurementStatus.ERROR, reason, captured_at_s)
-    lasting_share = math.hypot(camera.focal_relative_sigma, shape.relative_sigma)
-    return _with_figures(detection, captured_at_s, shape.locate(detection, camera), lasting_share)
+    reading = shape.locate(detection, camera)
+    lasting_share = math.hypot(_lens_share(camera, reading.position_m), shape.relative_sigma)
+    return _with_figures(detection, captured_at_s, reading, lasting_share)
+
+
+def _lens_share(camera: CameraModel, position_m: tuple[float, float, float] | None) -> float:
+    if position_m is None:
+        return camera.focal_relative_sigma
+    x_m, y_m, depth_m = position_m
+    return camera.distance_share(*camera.pixel(x_m / depth_m, y_m / depth_m))
 
 
 def _with_figures(detection: Detection, captured_at_s: float, reading: Reading, lasting_share: float) -> Measurement:
@@ -65,16 +73,16 @@ class SigmaParts:
     """The causes of a distance's standard deviation. Their squares add up to its square."""
 
     edges_m: float  # the noise of the edges in the picture, which differs from frame to frame
-    focal_length_m: float  # how well the focal length is known
+    focal_length_m: float  # how well the focal length is known, and the rest of the lens where the target is seen
     size_m: float  # how well the target's size is known
-    pose_m: float  # everything else that stays; of something flat, which of two mirrored poses it has
+    pose_m: float  # everything else that stays; of something flat, which of two mirrored poses it has, and edge bias
 
 
 def sigma_parts(measured: Measurement, shape: TargetShape, camera: CameraModel) -> SigmaParts | None:
     """Return the causes of a distance's standard deviation; None if there is no distance."""
     if measured.distance_m is None or measured.sigma_m is None or measured.noise_m is None:
         return None
-    focal_length_m = measured.distance_m * camera.focal_relative_sigma
+    focal_length_m = measured.distance_m * _lens_share(camera, measured.position_m)
     size_m = measured.distance_m * shape.relative_sigma
     known_m = math.hypot(measured.noise_m, focal_length_m, size_m)
     # What is left of two nearly equal numbers is rounding error, no cause.

@@ -20,11 +20,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
+from stadimeter.ranging.pose_refinement import Pose, linearised, refined
 
 Vector = tuple[float, float, float]
 Seen = Sequence[Sequence[float]]
@@ -33,12 +33,10 @@ Values = NDArray[np.float64]
 SQUARE = np.array(((-0.5, 0.5, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, -0.5, 0.0)))
 """The corners of a square with a side of 1 in its own frame, x right, y up, from the top left one on."""
 
-NO_BENDING = np.zeros(0)
+NOWHERE = ((0.0, 0.0),) * 4
+"""Corners that are seen anywhere: how they change with the pose does not depend on it."""
 
-IN_DIRECTIONS = np.eye(3)
-"""The camera matrix where corners are given as directions instead of pixels."""
-
-COORDINATES, FREEDOM = 8, 6
+COORDINATES = 8
 
 STEP = 1e-4
 """Derivatives are differences over this share of an outline's size."""
@@ -209,7 +207,7 @@ def rectangle(width_m: float, height_m: float) -> Points:
     return SQUARE * (width_m, height_m, 0.0)
 
 
-def plane_poses(corners_m: Points, directions: Points) -> tuple[PlanePose, ...]:
+def plane_poses(corners_m: Points, directions: Points, *, contender: float = math.inf) -> tuple[PlanePose, ...]:
     """Return the two poses that a rectangle may have, the better one first; fewer if the corners are not those of one.
 
     The better one is refined by least squares. The other one is not, since from near by that would lead to the better
@@ -218,11 +216,14 @@ def plane_poses(corners_m: Points, directions: Points) -> tuple[PlanePose, ...]:
     Args:
         corners_m: Its corners in its own frame, as `rectangle` gives them, shape ``(4, 3)``.
         directions: Where they appear, x and y per unit of depth with the lens's distortion undone, shape ``(4, 2)``.
+        contender: What is further off than this before it is refined is not: it is no contender.
     """
     half_width_m, half_height_m = float(corners_m[1, 0]), float(corners_m[0, 1])
-    found = rectangle_poses(half_width_m, half_height_m, directions.tolist())
-    poses = [_as_arrays(pose) for pose in found]
-    return tuple(_refined(corners_m, directions, pose) for pose in poses[:1]) + tuple(poses[1:])
+    seen = directions.tolist()
+    found = rectangle_poses(half_width_m, half_height_m, seen)
+    if found and found[0].misfit <= contender:
+        found[0] = _refined(found[0], corners_m.tolist(), seen)
+    return tuple([_as_arrays(pose) for pose in found])
 
 
 def ambiguity(poses: tuple[PlanePose, ...]) -> float:
@@ -252,7 +253,12 @@ def distance_share(pose: PlanePose, corners_m: Points, corner_sigma: float) -> f
     by half the tilt's variance. It is a standard deviation as a share of the distance, infinite where the corners,
     ``(4, 3)``, do not tell the pose; theirs, `corner_sigma`, is per unit of depth.
     """
-    jacobian = _jacobian(pose, corners_m)
+    right, up, _ = pose.rotation.T.tolist()
+    at = Pose(right, up, pose.position_m.tolist())
+    linear = linearised(at, corners_m.tolist(), NOWHERE)
+    if linear is None:
+        return math.inf
+    jacobian, _ = linear
     try:
         covariance = np.linalg.inv(jacobian.T @ jacobian) * corner_sigma**2
     except np.linalg.LinAlgError:
@@ -264,21 +270,6 @@ def distance_share(pose: PlanePose, corners_m: Points, corner_sigma: float) -> f
     return math.hypot(math.sqrt(of_distance) / pose.distance_m, of_tilt / 2)
 
 
-def _jacobian(pose: PlanePose, corners_m: Points) -> NDArray[np.float64]:
-    """Return how the seen corners change with a small turn about the camera's axes and with a shift, ``(8, 6)``."""
-    turned = corners_m @ pose.rotation.T
-    placed = turned + pose.position_m
-    jacobian = np.zeros((4, 2, FREEDOM))
-    for axis in (0, 1):
-        jacobian[:, axis, 3 + axis] = 1
-        jacobian[:, axis, 5] = -placed[:, axis] / placed[:, 2]
-    x, y, z = turned.T
-    slope_x, slope_y = jacobian[:, 0, 5], jacobian[:, 1, 5]
-    jacobian[:, 0, :3] = np.column_stack((slope_x * y, z - slope_x * x, -y))
-    jacobian[:, 1, :3] = np.column_stack((slope_y * y - z, -slope_y * x, x))
-    return np.asarray((jacobian / placed[:, 2][:, None, None]).reshape(COORDINATES, FREEDOM))
-
-
 def _as_arrays(pose: RectanglePose) -> PlanePose:
     (a, b, c), (d, e, f) = pose.right, pose.up
     normal = (b * f - c * e, c * d - a * f, a * e - b * d)
@@ -286,19 +277,11 @@ def _as_arrays(pose: RectanglePose) -> PlanePose:
     return PlanePose(position_m=np.array(pose.position_m), rotation=rotation, misfit=pose.misfit)
 
 
-def _refined(corners_m: Points, seen: Points, pose: PlanePose) -> PlanePose:
+def _refined(pose: RectanglePose, corners_m: Seen, seen: Seen) -> RectanglePose:
     """Return the pose nearby whose corners appear nearest to where they were seen."""
-    first_turn, first_shift = cv2.Rodrigues(pose.rotation)[0], pose.position_m.reshape(3, 1).copy()
-    try:
-        turn, shift = cv2.solvePnPRefineLM(
-            corners_m, seen.reshape(4, 1, 2), IN_DIRECTIONS, NO_BENDING, first_turn, first_shift
-        )
-    except cv2.error:
-        return pose
-    rotation, position = np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(shift, np.float64).reshape(3)
-    right, up, _ = rotation.T.tolist()
-    missed = misfit(right, up, position.tolist(), corners_m.tolist(), seen.tolist())
-    return PlanePose(position_m=position, rotation=rotation, misfit=missed) if missed <= pose.misfit else pose
+    better = refined(Pose(pose.right, pose.up, pose.position_m), corners_m, seen)
+    missed = misfit(*better, corners_m, seen)
+    return RectanglePose(*better, missed) if missed <= pose.misfit else pose
 
 
 def _probability(other: PlanePose, best: PlanePose, corner_sigma: float) -> float:
@@ -343,6 +326,15 @@ def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
     square = np.where(np.isfinite(move), np.maximum(move, 0.0), np.inf) / COORDINATES
     area = COORDINATES * math.pi * np.sqrt(np.maximum(np.nan_to_num(determinant), 0.0))
     return RectangleFit(misfit=np.sqrt(square), chance_per_square=area)
+
+
+def seen_sides(directions: Points) -> tuple[float, float]:
+    """Return the cosine between the sides of a rectangle in space, and their ratio, from its four corners ``(4, 2)``.
+
+    The cosine is not 0 for what is no rectangle; NaN for no quadrilateral.
+    """
+    cosine, ratio = _conditions(directions[None])
+    return float(cosine[0]), math.exp(float(ratio[0]))
 
 
 def _conditions(corners: Points) -> tuple[Values, Values]:

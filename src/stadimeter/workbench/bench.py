@@ -33,8 +33,9 @@ from stadimeter.config.plugins import (
     load_plugin,
 )
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import DetectionStatus, Prediction
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
+from stadimeter.core.target import TargetShape
 from stadimeter.detectors.protocol import Detector
 
 SIZES_PX = ((640, 480), (1280, 720), (1920, 1080))
@@ -153,7 +154,7 @@ def _detector_speed(
 ) -> DetectorSpeed:
     found = [detector.detect(frame, lens=lens) for frame in frames]  # which warms everything up as well
     seen = [
-        (frame, _expected(each.centre_px, max(each.width_px, each.height_px)))
+        (frame, _expected(each, detector.target_shape))
         for frame, each in zip(frames, found, strict=True)
         if each.status is DetectionStatus.FOUND
     ]
@@ -167,8 +168,14 @@ def _detector_speed(
     )
 
 
-def _expected(centre_px: tuple[float, float], size_px: float) -> Prediction:
-    return Prediction(centre_px=centre_px, size_px=size_px, sigma_px=max(1.0, EXPECTED_WITHIN * size_px))
+def _expected(found: Detection, shape: TargetShape) -> Prediction:
+    size_px = max(found.width_px, found.height_px)
+    return Prediction(
+        centre_px=found.centre_px,
+        size_px=size_px,
+        sigma_px=max(1.0, EXPECTED_WITHIN * size_px),
+        outline_px=found.outline_px if shape.has_corners else None,
+    )
 
 
 def _rate_hz(

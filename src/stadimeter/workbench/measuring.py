@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stadimeter.app.clock import SteppedClock
@@ -15,9 +15,13 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.target import TargetShape
+from stadimeter.detectors.protocol import Detector, FindsSeveral
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
-from stadimeter.ranging.measure import SigmaParts, sigma_parts
+from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts
+from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigmas_rad, separation
+from stadimeter.workbench.frame_source import Source
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -29,6 +33,10 @@ class TargetResult:
         parts: What the standard deviation is made up of; None without a distance.
         rejected_from: The number of the first of the candidates that were rejected. They are counted through all
             targets of a picture, so that a number means one place in it.
+        direction_sigmas_rad: Standard deviations of bearing and elevation; None without a distance.
+        seen: It with its shape; None if the picture could not be read.
+        frame: The frame of a video or a camera, counted from 0; None of a picture.
+        time_s: When it was captured, from the first one on; None of a picture.
     """
 
     file: str
@@ -37,6 +45,10 @@ class TargetResult:
     has_corners: bool = False
     parts: SigmaParts | None = None
     rejected_from: int = 1
+    direction_sigmas_rad: tuple[float, float] | None = None
+    seen: SeenTarget | None = None
+    frame: int | None = None
+    time_s: float | None = None
 
     @property
     def rejected(self) -> tuple[tuple[int, RejectedCandidate], ...]:
@@ -44,9 +56,17 @@ class TargetResult:
         candidates = self.detection.rejected if self.detection else ()
         return tuple(enumerate(candidates, start=self.rejected_from))
 
+    @property
+    def label(self) -> str:
+        """The target's name, and the number of the tag that was found."""
+        name, number = self.measurement.target, self.detection and self.detection.number
+        return name if number is None or name.endswith(f" {number}") else f"{name} {number}"
+
     def record(self) -> dict[str, str | float | None]:
         """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""
         measured = self.measurement
+        x_m, y_m, z_m = measured.position_m or (None, None, None)
+        bearing_sigma_rad, elevation_sigma_rad = self.direction_sigmas_rad or (None, None)
         return {
             "file": self.file,
             "target": measured.target,
@@ -59,6 +79,14 @@ class TargetResult:
             "tilt_rad": measured.tilt_rad,
             "ambiguity": measured.ambiguity,
             "reason": measured.reason,
+            "x_m": x_m,
+            "y_m": y_m,
+            "z_m": z_m,
+            "bearing_sigma_rad": bearing_sigma_rad,
+            "elevation_sigma_rad": elevation_sigma_rad,
+            "id": self.detection.number if self.detection else None,
+            "frame": self.frame,
+            "time_s": self.time_s,
         }
 
 
@@ -102,35 +130,87 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
         One result for each target. Where the picture cannot be read, or has another aspect than the camera model, the
         status is ``error`` and the reason says why.
     """
-    perceiver = Perceiver({each.name: each.detector for each in targets}, camera_model)
     frame = None
     try:
         frame = open_picture(path)
-        detections, measurements = perceiver.look(frame)
+        return Measuring(targets, camera_model).measure(frame, str(path))
     except StadimeterError as error:
-        return PictureResult(file=str(path), frame=frame, targets=_failed(path, targets, error))
-    results, number = [], 1
-    for target, detection, measurement in zip(targets, detections, measurements, strict=True):
-        shape = target.detector.target_shape
-        results.append(
-            TargetResult(
-                file=str(path),
-                measurement=measurement,
-                detection=detection,
-                has_corners=shape.has_corners,
-                parts=sigma_parts(measurement, shape, camera_model),
-                rejected_from=number,
-            )
-        )
-        number += len(detection.rejected)
-    return PictureResult(file=str(path), frame=frame, targets=tuple(results))
+        return PictureResult(file=str(path), frame=frame, targets=failed(str(path), targets, error))
 
 
-def _failed(path: Path, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:
+class Measuring:
+    """Measures targets in one frame after the other, each as if there had been none before."""
+
+    def __init__(self, targets: Sequence[NamedDetector], camera_model: CameraModel) -> None:
+        self._targets = targets
+        self._perceiver = Perceiver({}, camera_model)
+
+    def measure(self, frame: Frame, file: str) -> PictureResult:
+        """Return a result for each target; of tags without a number, one for each that is seen.
+
+        Raises:
+            CalibrationError: The frame has another aspect than the camera model.
+        """
+        lens = self._perceiver.lens_of(frame)
+        results, number = [], 1
+        for target in self._targets:
+            for detection in _detections(target.detector, frame, lens):
+                results.append(_result(file, detection, target.detector.target_shape, lens, number))
+                number += len(detection.rejected)
+        return PictureResult(file=file, frame=frame, targets=tuple(results))
+
+    def measure_all(self, source: Source, file: str, note: Callable[[str], None]) -> Iterator[PictureResult]:
+        """Measure the frames of an open source until they end, each with its number and time.
+
+        Raises:
+            CalibrationError: The frames have another aspect than the camera model.
+            PictureError: A recording is damaged at this point.
+        """
+        began_s = None
+        for frame in source.frames(note):
+            began_s = frame.captured_at_s if began_s is None else began_s
+            time_s = frame.captured_at_s - began_s
+            result = self.measure(frame, file)
+            placed = (replace(each, frame=frame.sequence, time_s=time_s) for each in result.targets)
+            yield replace(result, targets=tuple(placed))
+
+    def between(self, result: PictureResult, names: tuple[str, str]) -> Separation | None:
+        """Return how far two targets of a picture are apart; None unless both were measured in it."""
+        if result.frame is None:
+            return None
+        seen = {each.measurement.target: each.seen for each in result.targets}
+        one, other = (seen.get(name) for name in names)
+        return separation(one, other, self._perceiver.lens_of(result.frame)) if one and other else None
+
+
+def _detections(detector: Detector, frame: Frame, lens: CameraModel) -> tuple[Detection, ...]:
+    """Return every target that says which one it is, or the one that there is."""
+    if isinstance(detector, FindsSeveral):
+        return detector.detect_all(frame, lens=lens)
+    return (detector.detect(frame, lens=lens),)
+
+
+def _result(file: str, detection: Detection, shape: TargetShape, lens: CameraModel, number: int) -> TargetResult:
+    measurement = measure(detection, shape, lens, 0.0)
+    seen = SeenTarget(detection=detection, measurement=measurement, shape=shape)
+    return TargetResult(
+        file=file,
+        measurement=measurement,
+        detection=detection,
+        has_corners=shape.has_corners,
+        parts=sigma_parts(measurement, shape, lens),
+        rejected_from=number,
+        direction_sigmas_rad=direction_sigmas_rad(seen, lens),
+        seen=seen,
+    )
+
+
+def failed(file: str, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:
+    """Return results that say why there are none."""
     reason = " ".join(str(error).split())
     return tuple(
         TargetResult(
-            file=str(path),
+            file=file,
             measurement=Measurement(
                 target=target.name, status=MeasurementStatus.ERROR, captured_at_s=0.0, reason=reason
             ),

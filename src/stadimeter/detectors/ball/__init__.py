@@ -10,7 +10,7 @@ that it failed (`BallGates`). Where a ball is expected, only the ring around its
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated
@@ -22,9 +22,10 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.ball.blobs import Blob, HsvRangeText, find_blobs, search_step
+from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thinned, together
 from stadimeter.detectors.ball.circles import Circle, edge_circle
-from stadimeter.detectors.ball.gates import Ball, BallGates
+from stadimeter.detectors.ball.gates import Ball, BallGates, most_score, without_limb
+from stadimeter.detectors.ball.hsv import HsvRangeText, other_ranges
 from stadimeter.detectors.ball.limb import find_limb, within
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
@@ -35,17 +36,32 @@ FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
 search."""
 
 COARSE_STEP = 8
-COARSE_FROM_PIXELS = 30_000
+COARSE_FROM_PIXELS = 10_000
 """A search of more pixels than these looks at a quarter of them first."""
 
-COARSE_CELLS, MOST_COARSE = 3, 2
-"""Least width of a ball in those, in cells, and number of blobs tried before all pixels are searched."""
+COARSE_CELLS = 3
+"""Least width of a ball in those, in cells."""
 
 CERTAIN_PX, REACH_SIGMAS = 2.0, 2.5
 WIDEST_RING_PX = 16.0
 """With a prediction that is less sure, the blobs near the expected place are looked at instead."""
 
 REGION_SIGMAS = 4.0
+
+AGREE_SIGMAS, AGREE_PX = 3.0, 1.0
+"""A ball further from its prediction than this, in its place or its size, may be something else."""
+
+WITHIN_REACH, AROUND_REACH = 1.2, 2.0
+"""Greatest radius of a ball that the search within and around a blob finds, in half sizes of the blob."""
+
+MOST_OF_OTHERS, QUALITY_OF_OTHERS = 4, 0.2
+"""Number of blobs tried of another range than the ball's own, and least quality there: chance has had its turn."""
+
+LEAST_OF_BLOB = 0.7
+"""A ball is no narrower than this share of the blob that shows it, unless that shows more than the ball."""
+
+NARROWER = 0.85
+"""The largest circle within a blob says no more than the one around it unless it is narrower by this factor."""
 
 MOST_SEARCHED_AROUND = 3
 """Number of blobs around which the circle of edges is looked for, which is slow."""
@@ -78,8 +94,13 @@ class _Scene:
     image: Image
     lens: CameraModel  # the camera at its resolution; a likely one if it is not known
     is_lens_known: bool  # whether it is
+    gates: BallGates  # what a ball must pass
     rejected: list[RejectedCandidate]  # what was looked at and is no ball, filled while searching
     is_expected: bool = False  # whether what is searched is where the ball is expected
+
+
+_Search = Callable[[_Scene, Blob], Ball | None]
+"""Returns the ball that a blob leads to."""
 
 
 class BallDetector:
@@ -116,6 +137,7 @@ class BallDetector:
             image=frame.image,
             lens=lens or _likely_lens(frame.width_px, frame.height_px),
             is_lens_known=lens is not None,
+            gates=self._gates,
             rejected=[],
             is_expected=prediction is not None,
         )
@@ -123,12 +145,12 @@ class BallDetector:
             expected = self._expected(scene, prediction)
             if expected is not None:
                 return self._found(scene, expected)
-            scene = replace(scene, is_expected=False)
+            scene = replace(scene, is_expected=False, rejected=[])
         large = self._large(scene)
         if large is not None:
             return self._found(scene, large)
         blobs = find_blobs(frame.image, self._colour, self._step)
-        ball = self._best(scene, blobs)
+        ball = self._best(scene, blobs) or self._of_other_ranges(scene)
         return self._not_found(scene, blobs) if ball is None else self._found(scene, ball)
 
     def _large(self, scene: _Scene) -> Ball | None:
@@ -136,14 +158,13 @@ class BallDetector:
         height, width = scene.image.shape[:2]
         if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
             return None
-        noted = len(scene.rejected)
-        for blob in find_blobs(scene.image, self._colour, COARSE_STEP)[:MOST_COARSE]:
-            if blob.size_px < COARSE_CELLS * COARSE_STEP:
-                break
-            ball = self._within(scene, blob)
-            if ball is not None and ball.is_sure:
-                return ball
-        del scene.rejected[noted:]
+        blobs = find_blobs(scene.image, self._colour, COARSE_STEP)
+        if not blobs or blobs[0].size_px < COARSE_CELLS * COARSE_STEP:
+            return None
+        ball = self._within(scene, blobs[0])
+        if _explains(ball, blobs[0]):
+            return ball
+        scene.rejected.clear()
         return None
 
     def _expected(self, scene: _Scene, prediction: Prediction) -> Ball | None:
@@ -155,38 +176,81 @@ class BallDetector:
         reach_px = FIRST_REACH_PX + REACH_SIGMAS * max(0.0, prediction.sigma_px - CERTAIN_PX)
         if reach_px <= WIDEST_RING_PX:
             in_ring = self._at(scene, start, reach_px)
-            if in_ring is not None:
+            if in_ring is not None and _is_as_expected(in_ring, prediction):
                 return in_ring
         half_px = 1.5 * start.radius_px + REGION_SIGMAS * prediction.sigma_px + FIRST_REACH_PX
         region = Region.around((x_px, y_px), half_px, scene.image)
-        return None if region is None else self._best(scene, find_blobs(scene.image, self._colour, self._step, region))
+        if region is None:
+            return None
+        ball = self._best(scene, find_blobs(scene.image, self._colour, self._step, region))
+        return ball if ball is not None and _is_as_expected(ball, prediction) else None
 
     def _best(self, scene: _Scene, blobs: Sequence[Blob]) -> Ball | None:
         """Return the ball that looks most like one around one of the blobs.
 
-        First the circle around each blob is tried, the largest first; where none of them leads to a ball beyond doubt,
-        the circles of edges around the largest ones too, which takes ten times as long.
+        First the circle around each blob is tried; then, of the largest ones that are no ball beyond doubt, the largest
+        circle within, and the circles of edges around them and around them with their neighbours, which takes longer.
+        The largest come first, and what could not be better than the best so far is left out.
         """
         large = [blob for blob in blobs if blob.size_px >= 2 * self._gates.min_radius_px - self._step]
-        balls = []
-        for search, tried in ((self._within, large), (self._around, large[:MOST_SEARCHED_AROUND])):
-            for blob in tried:
-                ball = search(scene, blob)
-                if ball is not None and ball.is_sure:
-                    return ball
-                if ball is not None:
-                    balls.append(ball)
-        return max(balls, key=lambda each: each.score, default=None)
+        best, sure = None, []
+        for blob in large:
+            if best is not None and best.score >= most_score(WITHIN_REACH * blob.circle.radius_px):
+                break
+            ball = self._within(scene, blob)
+            if _explains(ball, blob):
+                sure.append(blob)
+            best = _better(best, ball)
+        for search, blob in self._other_ways(large, sure):
+            if best is None or best.score < most_score(AROUND_REACH * blob.circle.radius_px):
+                best = _better(best, search(scene, blob))
+        return best
+
+    def _of_other_ranges(self, scene: _Scene) -> Ball | None:
+        """Return the ball by more or less of its range of colours; what was refused there is not told."""
+        for colour in other_ranges(thinned(scene.image, self._step), self._colour):
+            narrowed = replace(scene, gates=replace(scene.gates, colour=colour), rejected=[])
+            ball = self._best(narrowed, find_blobs(scene.image, colour, self._step)[:MOST_OF_OTHERS])
+            if ball is not None and ball.quality >= QUALITY_OF_OTHERS:
+                return ball
+        return None
+
+    def _other_ways(self, large: Sequence[Blob], sure: Sequence[Blob]) -> Iterator[tuple[_Search, Blob]]:
+        """Yield slower searches around the largest blobs that are no ball beyond doubt."""
+        doubtful = [blob for blob in large[:MOST_SEARCHED_AROUND] if blob not in sure]
+        if not doubtful:
+            return
+        for blob in doubtful:
+            yield self._inscribed, blob
+        for blob in together(large, MOST_SEARCHED_AROUND):
+            yield self._around, blob
+        for blob in doubtful:
+            yield self._around, blob
 
     def _within(self, scene: _Scene, blob: Blob) -> Ball | None:
         """Return the ball by the circle around a blob."""
-        return self._at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step))
+        return self._at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step), blob.coloured_px2)
 
-    def _at(self, scene: _Scene, start: Circle, reach_px: float) -> Ball | None:
+    def _inscribed(self, scene: _Scene, blob: Blob) -> Ball | None:
+        """Return the ball by the largest circle in a blob, which is wider since other things of its colour touch it."""
+        circle = blob.inscribed
+        if not self._gates.min_radius_px <= circle.radius_px < NARROWER * blob.circle.radius_px:
+            return None
+        return self._at(scene, circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step))
+
+    def _at(self, scene: _Scene, start: Circle, reach_px: float, coloured_px2: float | None = None) -> Ball | None:
         """Return the ball near a circle; None, and a note of why, if there is none."""
         limb = find_limb(scene.image, start, reach_px, scene.lens)
-        judged = self._gates.judge(
-            scene.image, limb, start, is_lens_known=scene.is_lens_known, is_expected=scene.is_expected
+        if limb is None:
+            scene.rejected.append(without_limb(start))
+            return None
+        judged = scene.gates.judge(
+            scene.image,
+            limb,
+            lens=scene.lens,
+            is_lens_known=scene.is_lens_known,
+            is_expected=scene.is_expected,
+            coloured_px2=coloured_px2,
         )
         if isinstance(judged, Ball):
             return judged
@@ -231,6 +295,24 @@ class BallDetector:
             reason=reason,
             rejected=tuple(scene.rejected[:MOST_REJECTED]),
         )
+
+
+def _is_as_expected(ball: Ball, prediction: Prediction) -> bool:
+    """Return whether a ball is where it was expected, and as large."""
+    circle, (x_px, y_px) = ball.limb.circle, prediction.centre_px
+    most_px = AGREE_SIGMAS * max(prediction.sigma_px, 0.0) + AGREE_PX
+    off_px = math.hypot(circle.x_px - x_px, circle.y_px - y_px)
+    return off_px <= most_px and abs(2 * circle.radius_px - prediction.size_px) <= most_px
+
+
+def _explains(ball: Ball | None, blob: Blob) -> bool:
+    """Return whether a blob is a ball beyond doubt, and not something larger that a ball is a part of."""
+    return ball is not None and ball.is_sure and ball.limb.circle.radius_px >= LEAST_OF_BLOB * blob.circle.radius_px
+
+
+def _better(one: Ball | None, other: Ball | None) -> Ball | None:
+    """Return the ball with the higher score."""
+    return one if other is None or (one is not None and one.score >= other.score) else other
 
 
 @lru_cache(maxsize=8)

@@ -8,16 +8,24 @@ the most of them on it is where the limb may be.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.sampling import sample
+
+Values = NDArray[np.float64]
+Weights = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 RADIALS = 96
 """In how many directions the limb is looked for."""
+
+STEPS_A_HALF = 40
+"""Half the size of the blob is this many steps along a radial."""
 
 EDGES_PER_RADIAL = 3
 """Edges kept in each: the limb is not always the strongest."""
@@ -34,71 +42,19 @@ BAND_SHARE = 0.08
 away from the optical axis."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Edges:
-    """Edges that were found along radials."""
-
-    points_px: Points  # where they are, shape ``(n, 2)``
-    strength: Weights  # how steep they are, 1 for those as steep as the steepest in most directions, shape ``(n,)``
-
-
-def edge_circle(image: Image, blob_px: Points, area_px2: float) -> Circle | None:
-    """Find the circle of edges around a blob's outline, shape ``(n, 2)``; None if none has the blob inside."""
-    low, high = blob_px.min(axis=0), blob_px.max(axis=0)
-    centre, half_px = (low + high) / 2, float((high - low).max()) / 2 + 0.5
-    step_px = max(0.5, half_px / 40)
-    distances = np.arange(NEAREST * half_px, FURTHEST * half_px + 3 * step_px, step_px)
-    edges = _edges(image, centre, np.broadcast_to(distances, (RADIALS, len(distances))), EDGES_PER_RADIAL)
-    band = (max(BAND_PX, step_px), BAND_SHARE)
-    return find_circle(edges.points_px, edges.strength, blob_px, area_px2, band)
-
-
-def _angles() -> Points:
-    return np.arange(RADIALS, dtype=np.float64) * (2 * np.pi / RADIALS)
-
-
-def _edges(image: Image, centre: Points, distances_px: Points, most: int) -> _Edges:
-    """Return the strongest edges inside the picture along radials, whose distances are even, ``(RADIALS, k)``."""
-    directions = np.column_stack([np.cos(_angles()), np.sin(_angles())])
-    points = centre + directions[:, None, :] * distances_px[:, :, None]
-    values = sample(image, points[..., 0], points[..., 1])
-    step_px = float(distances_px[0, 1] - distances_px[0, 0])
-    change = np.linalg.norm(values[:, 3:] + values[:, 2:-1] - values[:, 1:-2] - values[:, :-3], axis=2) / (4 * step_px)
-    rows, columns, shift = _peaks(change, most)
-    found = distances_px[rows, columns] + (1.5 + shift) * step_px
-    places = centre + directions[rows] * found[:, None]
-    height, width = image.shape[:2]
-    inside = (places >= 0.5).all(axis=1) & (places[:, 0] <= width - 1.5) & (places[:, 1] <= height - 1.5)
-    usual = max(float(np.median(change.max(axis=1))), LEAST_STEP)
-    strength = np.minimum(1.0, change[rows, columns] / usual)
-    return _Edges(np.asarray(places[inside], np.float64), np.asarray(strength[inside], np.float64))
-
-
-def _peaks(change: NDArray[np.float32], most: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Points]:
-    """Return the highest local maxima of each row: their rows, their columns, and how far beside them the peak is."""
-    middle, before, after = change[:, 1:-1], change[:, :-2], change[:, 2:]
-    peak = np.where((middle >= before) & (middle > after) & (middle > LEAST_STEP / 2), middle, 0.0)
-    order = np.argsort(-peak, axis=1, kind="stable")[:, :most]
-    rows = np.repeat(np.arange(len(change)), order.shape[1])
-    columns = order.ravel()
-    high = peak[rows, columns] > 0
-    rows, columns = rows[high], columns[high]
-    left, top, right = before[rows, columns], middle[rows, columns], after[rows, columns]
-    curvature = left - 2 * top + right
-    shift = np.where(curvature < -1e-6, 0.5 * (left - right) / np.minimum(curvature, -1e-6), 0.0)
-    return rows, columns + 1, np.asarray(np.clip(shift, -1, 1), np.float64)
-
-
-Weights = NDArray[np.float64]
-
 TRIES = 400
 """With a quarter of the points on the circle, 400 triples miss it twice in a thousand times; with a third, never."""
 
 FEW_TRIES = 64
 """With half of the points on the circle, 64 triples miss it twice in ten thousand times."""
 
-SECTORS = 72
-"""The circle's circumference is counted in sectors of five degrees."""
+MOST_HELD = 128
+"""Number of circles that are held against all edges."""
+
+LEAST_EDGES = 6
+
+EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
+"""Steps of three sequences that fill a cube evenly: powers of the root of ``x⁴ = x + 1``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +64,77 @@ class Circle:
     x_px: float
     y_px: float
     radius_px: float
+
+
+class Edges(NamedTuple):
+    """Edges along radials, the strongest of each: a row for each radial."""
+
+    points_px: Points  # where they are, shape ``(n, k, 2)``
+    # How steep they are, 1 for those as steep as the steepest in most directions, 0 for none, shape ``(n, k)``.
+    strength: Weights
+
+
+def edge_circle(image: Image, blob_px: Points, area_px2: float) -> Circle | None:
+    """Find the circle of edges around a blob's outline, shape ``(n, 2)``; None if none has the blob inside."""
+    low, high = blob_px.min(axis=0), blob_px.max(axis=0)
+    centre, half_px = (low + high) / 2, float((high - low).max()) / 2 + 0.5
+    step_px = max(0.5, half_px / STEPS_A_HALF)
+    distances = np.arange(NEAREST * half_px, FURTHEST * half_px + 3 * step_px, step_px)
+    return find_circle(_edges(image, centre, distances), blob_px, area_px2, (max(BAND_PX, step_px), BAND_SHARE))
+
+
+def find_circle(edges: Edges, around_px: Points, area_px2: float, band: tuple[float, float]) -> Circle | None:
+    """Find the circle with strong edges on most radials that is filled by something; None if none is.
+
+    Circles through three edges each are tried. The same edges always give the same circle.
+
+    Args:
+        around_px: Points that the circle should enclose, shape ``(m, 2)``.
+        area_px2: The area of what should fill it.
+        band: How far from a circle its edges may lie: in pixels, and as a share of the radius if that is more.
+    """
+    points = edges.points_px[edges.strength > 0]
+    if len(points) < LEAST_EDGES:
+        return None
+    circles = _circles_through_triples(points, TRIES)
+    if not len(circles):
+        return None
+    fill = np.minimum(1.0, area_px2 / (np.pi * circles[:, 2] ** 2))
+    worth = _enclosed(around_px, circles) * np.sqrt(fill)
+    # What a circle encloses is quickly told; only the best by that are held against all edges.
+    tried = np.argsort(-worth, kind="stable")[:MOST_HELD]
+    score = worth[tried] * _support(edges, circles[tried], band)
+    best = int(np.argmax(score))
+    if not score[best] > 0:
+        return None
+    x, y, radius = (float(value) for value in circles[tried[best]])
+    return Circle(x_px=x, y_px=y, radius_px=radius)
+
+
+def _edges(image: Image, centre: Points, distances_px: Points) -> Edges:
+    """Return the strongest edges inside the picture along radials, at even distances from the centre."""
+    angles = np.arange(RADIALS) * (2 * np.pi / RADIALS)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    points = centre + directions[:, None, :] * distances_px[:, None]
+    last = np.array((image.shape[1], image.shape[0])) - 1
+    nearest = np.rint(points).clip(0, last).astype(np.intp)
+    values = image.reshape(-1, 3).take(nearest[..., 1] * image.shape[1] + nearest[..., 0], axis=0).astype(np.float32)
+    change = values[:, 3:] + values[:, 2:-1] - values[:, 1:-2] - values[:, :-3]
+    step_px = float(distances_px[1] - distances_px[0])
+    steepness = np.sqrt((change * change).sum(axis=2)) / (4 * step_px)
+    # Beyond the border its pixels are repeated, which shows no edges.
+    columns, peak = _peaks(steepness)
+    found_px = distances_px[columns] + 1.5 * step_px
+    usual = max(float(np.median(steepness.max(axis=1))), LEAST_STEP)
+    return Edges(centre + directions[:, None, :] * found_px[:, :, None], np.minimum(1.0, peak / usual))
+
+
+def _peaks(steepness: Values) -> tuple[Indices, Values]:
+    """Return the highest local maxima of each row: their columns, and how high they are; 0 where there are fewer."""
+    middle, before, after = steepness[:, 1:-1], steepness[:, :-2], steepness[:, 2:]
+    peak = np.where((middle >= before) & (middle > after) & (middle > LEAST_STEP / 2), middle, 0)
+    columns = np.argsort(-peak, axis=1, kind="stable")[:, :EDGES_PER_RADIAL]
+    return columns + 1, np.take_along_axis(peak, columns, axis=1)
 
 
 def most_common_circle(points_px: Points, band_px: float = 1.0) -> Circle | None:
@@ -124,33 +151,9 @@ def most_common_circle(points_px: Points, band_px: float = 1.0) -> Circle | None
     return Circle(x_px=x, y_px=y, radius_px=radius)
 
 
-def find_circle(
-    points_px: Points, strength: Weights, around_px: Points, area_px2: float, band: tuple[float, float]
-) -> Circle | None:
-    """Find the circle with strong points on most of its circumference that is filled by something; None if none is.
-
-    Circles through three points each are tried. The same points always give the same circle.
-
-    Args:
-        strength: How much each counts, 0 to 1, shape ``(n,)``.
-        around_px: Points that the circle should enclose, shape ``(m, 2)``.
-        area_px2: The area of what should fill it.
-        band: How far from a circle its points may lie: in pixels, and as a share of the radius if that is more.
-    """
-    if len(points_px) < 6:
-        return None
-    circles = _circles_through_triples(points_px, TRIES)
-    if not len(circles):
-        return None
-    fill = np.minimum(1.0, area_px2 / (np.pi * circles[:, 2] ** 2))
-    score = _coverages(points_px, strength, circles, band) * _enclosed(around_px, circles) * np.sqrt(fill)
-    x, y, radius = (float(value) for value in circles[int(np.argmax(score))])
-    return Circle(x_px=x, y_px=y, radius_px=radius)
-
-
 def _circles_through_triples(points: Points, tries: int) -> Points:
-    """Return the circles through random triples of points as x, y, radius, shape ``(m, 3)``."""
-    picks = np.random.default_rng(0).integers(0, len(points), (tries, 3))
+    """Return the circles through triples of points as x, y, radius, shape ``(m, 3)``."""
+    picks = (_spread(tries) * len(points)).astype(np.intp)
     a, b, c = points[picks[:, 0]], points[picks[:, 1]], points[picks[:, 2]]
     ab, ac = b - a, c - a
     twice_area = 2 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
@@ -165,21 +168,25 @@ def _circles_through_triples(points: Points, tries: int) -> Points:
     return np.asarray(circles[(radius > 1.0) & (radius < size)])
 
 
-def _coverages(points: Points, strength: Weights, circles: Points, band: tuple[float, float]) -> Weights:
-    """Return for each circle the mean over its sectors of the strongest point on it there."""
-    dx = points[None, :, 0] - circles[:, None, 0]
-    dy = points[None, :, 1] - circles[:, None, 1]
-    radius = circles[:, None, 2]
-    near = np.abs(np.hypot(dx, dy) - radius) < np.maximum(band[0], band[1] * radius)
-    row, point = np.nonzero(near)
-    sector = _sectors(dx[row, point], dy[row, point])
-    strongest = np.zeros((len(circles), SECTORS))
-    np.maximum.at(strongest, (row, sector), strength[point])
+@cache
+def _spread(tries: int) -> Points:
+    """Return triples of numbers from 0 to 1 that fill the cube evenly, shape ``(tries, 3)``.
+
+    The additive recurrence of M. Roberts (2018); numpy's generators take 10 ms to load.
+    """
+    return np.outer(np.arange(1, tries + 1), EVENLY) % 1.0
+
+
+def _support(edges: Edges, circles: Points, band: tuple[float, float]) -> Values:
+    """Return for each circle the mean over the radials of the strongest edge on it there."""
+    middle = edges.points_px.reshape(-1, 2).mean(axis=0)
+    points, centres, radius = edges.points_px.reshape(-1, 2) - middle, circles[:, :2] - middle, circles[:, 2:]
+    # |p - c|² - r² = (|p - c| - r)(|p - c| + r) is about 2 r times how far a point is from the circle.
+    off = centres @ (-2 * points.T) + (points * points).sum(axis=1)
+    off += (centres * centres).sum(axis=1)[:, None] - radius * radius
+    on_it = np.abs(off) < 2 * radius * np.maximum(band[0], band[1] * radius)
+    strongest = (on_it.reshape(len(circles), *edges.strength.shape) * edges.strength).max(axis=2)
     return np.asarray(strongest.mean(axis=1), np.float64)
-
-
-def _sectors(dx: Points, dy: Points) -> NDArray[np.intp]:
-    return ((np.arctan2(dy, dx) / (2 * np.pi) + 0.5) * SECTORS).astype(np.intp) % SECTORS
 
 
 def _enclosed(around: Points, circles: Points) -> Weights:

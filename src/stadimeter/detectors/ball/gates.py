@@ -5,21 +5,25 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stadimeter.core.detection import RejectedCandidate
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.blobs import HsvRange, colour_share
 from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.hsv import HsvRange, colour_share, colour_share_beside
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
 
-LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.5
+LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.7
 """Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
 the sum of both for the allowance below. Clutter has many circles with few steps near them, and some that are round by
 half, but hardly any with most of its steps close by."""
 
-SCATTER_SHARE, SCATTER_OF_BLUR, UNKNOWN_LENS_SHARE = 0.05, 0.3, 0.02
-"""The allowance for scatter: a share of the radius for felt and fingers, a share of what blur adds to the width
-of a step; and without a camera model, another share of the radius, since how oblong the outline is away from the
-middle of the picture is then not known."""
+SCATTER_PX, SCATTER_SHARE, SCATTER_OF_BLUR, UNKNOWN_LENS_SHARE = 0.4, 0.05, 0.3, 0.02
+"""The allowance for scatter: pixels for noise, a share of the radius for felt and fingers, a share of what blur adds to
+the width of a step; and without a camera model, another share of the radius, since how oblong the outline is away from
+the middle of the picture is then not known."""
 
 LEAST_CUT_OFF = 0.25
 """Of a ball that the border cuts off, so much must be seen of the whole limb, and as much as of others of the rest."""
@@ -27,11 +31,25 @@ LEAST_CUT_OFF = 0.25
 MARGIN_PX = 1.0
 """A limb this near to the outermost pixels is cut off."""
 
-EXPECTED_SHARE = 0.7
-"""Share of that which is enough where a ball is expected."""
-
 LEAST_FILL = 0.3
 """Least share of the ball that has its colour."""
+
+LEAST_QUALITY = 0.06
+"""Circles that chance puts together from the edges of other things have less."""
+
+MOST_SCATTER_PX = 3.0
+"""Greatest allowance without blur: steps of texture scatter more, and lie near to any large circle."""
+
+CLEAR_MARGIN, OVERRUN_WEIGHT = 0.25, 2.0
+"""With less of the limb seen than is asked for and this, twice the share outside of which the ball's colour goes on
+counts against it: an ellipse or a corner of that colour has an arc that is round, and reaches beyond it elsewhere."""
+
+BESIDE_PX, BESIDE_SHARE, BESIDE_OF_BLUR = 2.0, 0.05, 0.5
+"""Distance outside the limb: pixels, or a share of the radius if that is more, and a share of what blur adds to the
+width of a step."""
+
+OUTLINE_POINTS = 48
+"""Points of the limb at which that is looked for."""
 
 BEST_MARGIN = 0.6
 """With so much more of the limb seen than is asked for, a ball has the best quality."""
@@ -52,12 +70,12 @@ class Ball:
     @property
     def quality(self) -> float:
         """From 0 for a limb that is barely enough to 1 for one that is seen all around."""
-        return min(1.0, self.margin / BEST_MARGIN) * math.sqrt(min(1.0, self.fill / 0.8))
+        return min(1.0, max(0.0, self.margin) / BEST_MARGIN) * math.sqrt(min(1.0, self.fill / 0.8))
 
     @property
     def score(self) -> float:
-        """The rounder the better; of equally round ones the larger, since noise makes small ones."""
-        return self.quality * math.sqrt(math.sqrt(self.limb.circle.radius_px))
+        """The rounder the better; of equally round ones the larger, since chance makes small ones."""
+        return self.quality * most_score(self.limb.circle.radius_px)
 
     @property
     def is_sure(self) -> bool:
@@ -74,22 +92,28 @@ class BallGates:
     max_radius_px: float  # the largest radius, perhaps infinite
 
     def judge(
-        self, image: Image, limb: Limb | None, start: Circle, *, is_lens_known: bool, is_expected: bool = False
+        self,
+        image: Image,
+        limb: Limb,
+        *,
+        lens: CameraModel,
+        is_lens_known: bool,
+        is_expected: bool = False,
+        coloured_px2: float | None = None,
     ) -> Ball | RejectedCandidate:
         """Return the ball, or the test that its limb failed, the cheapest first.
 
         Args:
-            start: Where it was looked for.
-            is_lens_known: Whether the limb was fitted with the camera's own model.
-            is_expected: Whether a ball is expected just there: then less of it need be seen, and if nearly all of it is
-                seen, its colour is not judged again.
+            lens: The camera model that the limb was fitted with.
+            is_lens_known: Whether the limb that is the camera's own.
+            is_expected: Whether a ball is expected just there: then, if nearly all of it is seen, its colour is not
+                judged again.
+            coloured_px2: The area around there that has the ball's colour; None if it is not known.
         """
-        if limb is None:
-            return _rejected(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle")
         radius_px = limb.circle.radius_px
         if not self.min_radius_px <= radius_px <= self.max_radius_px:
             return _rejected(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}")
-        needed = _needed_support(limb, is_lens_known=is_lens_known) * (EXPECTED_SHARE if is_expected else 1.0)
+        needed = _needed_support(limb, is_lens_known=is_lens_known)
         cut_off = is_cut_off(limb.circle, image)
         support = limb.support_inside if cut_off and limb.support >= LEAST_CUT_OFF else limb.support
         if support < needed:
@@ -101,15 +125,49 @@ class BallGates:
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
         # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
         is_known = is_expected and margin >= BEST_MARGIN
-        fill = 1.0 if is_known else colour_share(image, limb.circle, self.colour)
+        fill = 1.0 if is_known else self._fill(image, limb.circle, coloured_px2)
         if fill < LEAST_FILL:
             return _rejected(limb.circle, f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}")
-        return Ball(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
+        if margin < CLEAR_MARGIN:
+            margin -= OVERRUN_WEIGHT * self._overrun(image, limb, lens)
+        ball = Ball(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
+        if ball.quality < LEAST_QUALITY:
+            return _rejected(limb.circle, f"is hardly round: quality {ball.quality:.2f}, limit {LEAST_QUALITY:g}")
+        return ball
+
+    def _overrun(self, image: Image, limb: Limb, lens: CameraModel) -> float:
+        """Return the share of the limb that shows no step, and outside of which the ball's colour goes on.
+
+        Of what hides a ball there is none outside.
+        """
+        outline_px = lens.project(limb.cone.outline(OUTLINE_POINTS))
+        radius_px, blur_px = limb.circle.radius_px, max(0.0, limb.width_px - SHARP_PX)
+        off_px = max(BESIDE_PX, BESIDE_SHARE * radius_px) + BESIDE_OF_BLUR * blur_px
+        unseen_px = outline_px[_nearest_px(outline_px, limb.points_px) > 4 * radius_px / OUTLINE_POINTS]
+        return colour_share_beside(image, unseen_px, outline_px.mean(0), off_px, self.colour) * (
+            len(unseen_px) / OUTLINE_POINTS
+        )
+
+    def _fill(self, image: Image, circle: Circle, coloured_px2: float | None) -> float:
+        """Return how much of a ball has its colour."""
+        if coloured_px2 is None:
+            return colour_share(image, circle, self.colour)
+        return min(1.0, coloured_px2 / (math.pi * circle.radius_px**2))
 
     def limits_text(self) -> str:
         """Return the limits of the diameter in words."""
         most = "" if math.isinf(self.max_radius_px) else f" to {2 * self.max_radius_px:.0f}"
         return f"{2 * self.min_radius_px:.0f}{most} px"
+
+
+def without_limb(start: Circle) -> RejectedCandidate:
+    """Return why there is no ball where no limb was found near a circle."""
+    return _rejected(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle")
+
+
+def most_score(radius_px: float) -> float:
+    """Return the score of the best ball of this size."""
+    return math.sqrt(radius_px)
 
 
 def is_cut_off(circle: Circle, image: Image) -> bool:
@@ -120,11 +178,17 @@ def is_cut_off(circle: Circle, image: Image) -> bool:
     return bool(middle_px < reach_px)
 
 
+def _nearest_px(points_px: Points, others_px: Points) -> NDArray[np.float64]:
+    """Return how far each point is from the nearest of the others."""
+    apart = points_px[:, None] - others_px
+    return np.asarray(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1))
+
+
 def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
     """Return how much of a limb must be seen for it to be a ball's, given how much its steps scatter."""
     share = SCATTER_SHARE + (0.0 if is_lens_known else UNKNOWN_LENS_SHARE)
     blur_px = max(0.0, limb.width_px - SHARP_PX)
-    allowance_px = share * limb.circle.radius_px + SCATTER_OF_BLUR * blur_px
+    allowance_px = min(SCATTER_PX + share * limb.circle.radius_px, MOST_SCATTER_PX) + SCATTER_OF_BLUR * blur_px
     return LEAST_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
 
 

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field, model_validator
 
+from stadimeter.config.paper import Paper, paper_sides
 from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
+from stadimeter.detectors.ball.hsv import HsvRange, HsvRangeText
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
 from stadimeter.detectors.sheet.candidates import Candidate, Findings
+from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.search import SheetSearch
+from stadimeter.detectors.sheet.tracked import follow
 from stadimeter.detectors.sides import diagonals_meet, grown, width_and_height
 from stadimeter.ranging.flat import KnownSide, SheetShape
 
@@ -25,10 +30,21 @@ REGION_SIGMAS = 4.0
 REGION_MARGIN_PX = 12.0
 """Reach of the search around a prediction, to each side: in longer sides, standard deviations and pixels."""
 
+MOST_BIAS_SHARE = 0.5
+"""Of a sheet's shorter side, the camera's edge bias may make up this share at most."""
+
+
+def _or_by_name(schema: dict[str, Any]) -> None:
+    """Say in the JSON Schema that a size by name stands for both sides."""
+    schema.pop("required", None)
+    schema["anyOf"] = [{"required": ["size"]}, {"required": ["width", "height"]}]
+
 
 class SheetOptions(Options):
     """What a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
 
+    size: Paper | None = None
+    """A paper or card by name, such as ``"A4"`` or ``"letter"``, in place of both sides."""
     width: Length
     """The sheet's horizontal side as it hangs, such as ``"11 in"``."""
     height: Length
@@ -40,9 +56,28 @@ class SheetOptions(Options):
     tolerance: Length | None = None
     """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
 
+    colour: HsvRangeText | None = None
+    """Its colours as ``hue,saturation,value`` from and to, such as ``"0,0,150:179,60,255"`` for white: evidence, not a
+    condition. Without it, the brightest or the darkest thing in the picture looks most like the sheet."""
+
+    model_config = ConfigDict(json_schema_extra=_or_by_name)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sides_by_name(cls, table: Any) -> Any:
+        if not isinstance(table, Mapping) or table.get("size") is None:
+            return table
+        if "width" in table or "height" in table:
+            raise ValueError(f"size = {table['size']!r} gives both sides; leave out width and height")
+        try:
+            width, height = paper_sides(table["size"])
+        except ValueError:  # the key itself says what is wrong with it
+            width = height = "1 m"
+        return {**table, "width": width, "height": height}
+
     @property
-    def size(self) -> SheetShape:
-        """The sheet's size."""
+    def shape(self) -> SheetShape:
+        """The sheet's shape."""
         tolerance_m = 0.0 if self.tolerance is None else self.tolerance
         return SheetShape(
             width_m=self.width,
@@ -57,8 +92,9 @@ class SheetDetector:
 
     def __init__(self, name: str, options: SheetOptions) -> None:
         self._name = name
-        self._size = options.size
+        self._size = options.shape
         self._min_side_px = options.min_side_px
+        self._colour: HsvRange | None = options.colour
 
     @property
     def target_shape(self) -> SheetShape:
@@ -68,32 +104,61 @@ class SheetDetector:
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
     ) -> Detection:
-        """Look for the outline most like the sheet, the larger the better; whole ones before those that are cut off."""
+        """Look for the outline most like the sheet, the larger the better; whole ones before those that are cut off.
+
+        Of several sheets beyond doubt the largest is taken, with a remark. Where two outlines of different sizes may be
+        the sheet, none is: a wrong distance is worse than none.
+        """
         check_image(frame)
-        search = SheetSearch(frame.image, self._size, self._min_side_px, lens)
-        bias_px = 0.0 if lens is None else lens.edge_bias_px
+        if prediction is not None and lens is not None:
+            followed = follow(frame.image, prediction, self._size, self._min_side_px, lens)
+            if followed is not None:
+                return self._found(followed, Findings(), lens)
+        search = SheetSearch(frame.image, self._size, self._min_side_px, lens, self._colour)
         near = None if prediction is None else _around(prediction, frame.image)
         if near is not None and prediction is not None:
             findings = search.look(near, prediction)
-            if findings.best is not None:
-                return self._found(findings.best, findings, bias_px)
+            if findings.best is not None and findings.doubt is None:
+                return self._found(findings.best, findings, lens)
         findings = search.look(Region.whole(frame.image))
+        if findings.doubt is not None:
+            return Detection(
+                target=self._name,
+                status=DetectionStatus.NOT_FOUND,
+                reason=f"ambiguous: {findings.doubt}",
+                rejected=findings.rejected(),
+            )
         if findings.best is not None:
-            return self._found(findings.best, findings, bias_px)
+            return self._found(findings.best, findings, lens)
         return self._not_measured(findings)
 
-    def _found(self, best: Candidate, findings: Findings, bias_px: float) -> Detection:
+    def _found(self, best: Candidate, findings: Findings, lens: CameraModel | None) -> Detection:
+        bias_px = 0.0 if lens is None else lens.edge_bias_px
+        if 2 * abs(bias_px) > MOST_BIAS_SHARE * min(width_and_height(best.corners_px)):
+            return self._too_small(best, findings, bias_px)
         corners = _without_bias(best, bias_px)
+        remarks = ("" if lens is not None else other_paper(corners, self._size, None), _others_text(findings))
         width_px, height_px = width_and_height(corners)
         return Detection(
             target=self._name,
             status=DetectionStatus.FOUND,
+            reason="; ".join(filter(None, remarks)),
             outline_px=corners,
             centre_px=diagonals_meet(corners),
             width_px=width_px,
             height_px=height_px,
             size_sigma_px=math.sqrt(2) * best.corner_sigma_px,
             quality=best.quality,
+            rejected=findings.rejected(),
+        )
+
+    def _too_small(self, best: Candidate, findings: Findings, bias_px: float) -> Detection:
+        least_px = min(width_and_height(best.corners_px))
+        return Detection(
+            target=self._name,
+            status=DetectionStatus.NOT_FOUND,
+            reason=f"a sheet {least_px:.0f} px wide; the camera's edge bias of {bias_px:.1f} px leaves too little: "
+            "come nearer, or calibrate the camera again",
             rejected=findings.rejected(),
         )
 
@@ -115,6 +180,12 @@ class SheetDetector:
             most_like = rejected[0]
             reason = f"no sheet; most like one is an outline of {most_like.size_px:.0f} px: {most_like.reason}"
         return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
+
+
+def _others_text(findings: Findings) -> str:
+    """Say that there are several sheets, if there are."""
+    rival = findings.rival
+    return "" if rival is None else f"the largest of several sheets; another one is {rival.where}"
 
 
 def _around(prediction: Prediction, image: Image) -> Region | None:

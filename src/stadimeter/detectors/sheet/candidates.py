@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, RejectedCandidate
-from stadimeter.detectors.sides import longest_sides_px, polygon_area
+from stadimeter.detectors.sides import longest_sides_px, polygon_area, side_lengths
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import rectangle_fit
 
@@ -19,6 +19,18 @@ Which = NDArray[np.bool_]
 
 MOST_REFUSED = 8
 REFUSED_OF_A_KIND = 3
+KEPT_STAGE = 16
+
+LEAST_EVIDENCE = 0.8
+SURE_EVIDENCE = 2.5
+"""Least evidence of what is taken for the sheet, and that beyond which no other one is looked for."""
+
+RIVAL_EVIDENCE = 1.5
+RIVAL_LOG_SIZE = 0.05
+"""Another candidate with at most so much less evidence may be the sheet just as well; its size makes a difference if
+the logarithms of both differ by more."""
+
+SAME_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -29,35 +41,87 @@ class Candidate:
     corner_sigma_px: float  # standard deviation of their coordinates
     is_brighter: bool  # whether it is brighter than what is around it
     quality: float  # from 0, barely a candidate, to 1, as it should look
-    chance: float = 0.0  # the share of outlines of any kind that would fit the sheet as well; 0 where it is not known
+    evidence: float = 0.0  # how much speaks for it being the sheet, see `stadimeter.detectors.sheet.evidence`
 
     @property
     def score(self) -> float:
-        """The larger and the more like the sheet, the better."""
-        return self.quality * math.sqrt(polygon_area(self.corners_px))
+        """The larger and the more like the sheet, the better; of what is beyond doubt, the larger."""
+        return min(self.evidence, SURE_EVIDENCE) + math.log(max(polygon_area(self.corners_px), 1e-9))
+
+    @property
+    def longest_px(self) -> float:
+        """The length of its longest side."""
+        return max(side_lengths(self.corners_px))
+
+    @property
+    def where(self) -> str:
+        """Its size and place, for messages."""
+        return f"{self.longest_px:.0f} px long at ({self.centre_px[0]:.0f}, {self.centre_px[1]:.0f})"
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """The mean of its corners."""
+        x_px, y_px = self.corners_px.mean(axis=0).tolist()
+        return x_px, y_px
 
 
 @dataclass(slots=True, kw_only=True)
 class Findings:
     """Result of a search."""
 
-    best: Candidate | None = None  # the outline that looks most like the sheet; None if none is one
+    # What passed every test but, perhaps, that of the evidence.
+    kept: list[Candidate] = field(default_factory=list)
     # The largest outline that could be one and is cut off by the border, if there is no whole one.
     cut_off: Candidate | None = None
-    refused: list[tuple[int, RejectedCandidate]] = field(default_factory=list)
-    calm: float = 1.0  # how many times as easily an outline may fit by chance, because there are few
+    refused: list[tuple[float, RejectedCandidate]] = field(default_factory=list)
+    outlines: int = 1  # how many outlines of four sides the picture shows at first sight
 
-    def refuse(self, stage: int, corners: Points, failing: Which, why: Callable[[int], str]) -> None:
-        """Note the largest of the candidates, ``(c, 4, 2)``, that fail a test; the later, the more like the sheet."""
+    @property
+    def best(self) -> Candidate | None:
+        """The outline that looks most like the sheet; None if none is one."""
+        return max((each for each in self.kept if each.evidence >= LEAST_EVIDENCE), key=_score, default=None)
+
+    @property
+    def rival(self) -> Candidate | None:
+        """Another one that is about as much like the sheet, and would be at another distance; None if there is none."""
+        best = self.best
+        if best is None:
+            return None
+        least = min(best.evidence, SURE_EVIDENCE) - RIVAL_EVIDENCE
+        others = (each for each in self.kept if each.evidence >= least and _differs(each.longest_px, best.longest_px))
+        return max(others, key=_score, default=None)
+
+    @property
+    def doubt(self) -> str | None:
+        """Which two outlines fit, where neither is beyond doubt; None where it is clear which one is the sheet."""
+        best, rival = self.best, self.rival
+        if best is None or rival is None or min(best.evidence, rival.evidence) >= SURE_EVIDENCE:
+            return None
+        return f"two outlines fit, one {best.where}, one {rival.where}; name its colour, or take the other one away"
+
+    def keep(self, candidate: Candidate) -> None:
+        """Keep what passed all tests, if it is not there already."""
+        same = (np.abs(each.corners_px - candidate.corners_px).max() < SAME_PX for each in self.kept)
+        if not any(same):
+            self.kept.append(candidate)
+
+    def refuse(
+        self, stage: int, corners: Points, failing: Which, why: Callable[[int], str], evidence: Values | None = None
+    ) -> None:
+        """Note the most likely of the candidates, ``(c, 4, 2)``, that fail a test; else the largest.
+
+        The later the test, the more like the sheet they are, and the more the evidence.
+        """
         numbers = np.nonzero(failing)[0]
         if not len(numbers):
             return
         sizes = longest_sides_px(corners[numbers])
-        for which in np.argsort(-sizes, kind="stable")[:REFUSED_OF_A_KIND].tolist():
+        likely = np.log(sizes) / 10 if evidence is None else np.clip(evidence[numbers], -20.0, 20.0) / 2
+        for which in np.argsort(-likely, kind="stable")[:REFUSED_OF_A_KIND].tolist():
             number = int(numbers[which])
             x_px, y_px = corners[number].mean(axis=0).tolist()
             refused = RejectedCandidate(centre_px=(x_px, y_px), size_px=float(sizes[which]), reason=why(number))
-            self.refused.append((stage, refused))
+            self.refused.append((stage + float(likely[which]), refused))
 
     def most_like_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""
@@ -65,13 +129,30 @@ class Findings:
 
     def rejected(self) -> tuple[RejectedCandidate, ...]:
         """Return what was refused, the most like the sheet first, each place once."""
+        best = self.best
+        every = [(KEPT_STAGE + each.evidence, _rejected(each)) for each in self.kept if each is not best or self.doubt]
         kept: list[RejectedCandidate] = []
-        places = [] if self.best is None else [tuple(self.best.corners_px.mean(axis=0).tolist())]
-        for _, each in sorted(self.refused, key=lambda item: (-item[0], -item[1].size_px)):
+        places = [] if best is None or self.doubt else [best.centre_px]
+        for _, each in sorted(every + self.refused, key=lambda item: (-item[0], -item[1].size_px)):
             if all(math.dist(each.centre_px, place) > 0.1 * each.size_px + 2 for place in places):
                 kept.append(each)
                 places.append(each.centre_px)
         return tuple(kept[:MOST_REFUSED])
+
+
+def _score(candidate: Candidate) -> float:
+    return candidate.score
+
+
+def _differs(size_px: float, other_px: float) -> bool:
+    return abs(math.log(size_px / other_px)) > RIVAL_LOG_SIZE
+
+
+def _rejected(candidate: Candidate) -> RejectedCandidate:
+    reason = "fits too, but less well or smaller"
+    if candidate.evidence < LEAST_EVIDENCE:
+        reason = f"too little speaks for it: evidence {candidate.evidence:.1f}, limit {LEAST_EVIDENCE:.1f}"
+    return RejectedCandidate(centre_px=candidate.centre_px, size_px=candidate.longest_px, reason=reason)
 
 
 Values = NDArray[np.float64]

@@ -142,7 +142,10 @@ def _replaced(edges: QuadEdges, which: NDArray[np.intp], again: QuadEdges) -> Qu
 
 def distinct_edges(edges: QuadEdges) -> QuadEdges:
     """Return the candidates whose sides meet, without those that settled on the same sides as one before."""
-    edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
+    if not np.isfinite(edges.corners_px).all():
+        edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
+    if len(edges) < 2:
+        return edges
     apart = np.abs(edges.corners_px[:, None] - edges.corners_px).max(axis=(2, 3), initial=0.0)
     return edges[~np.tril(apart < SAME_PX, -1).any(axis=1)]
 

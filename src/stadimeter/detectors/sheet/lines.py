@@ -64,7 +64,7 @@ def quad_frame(
     along = np.minimum(np.maximum(np.rint(start[..., None] + shares * forward[..., None]), 0), last_along)
     across = at_zero[..., None] + slope[..., None] * along
     if lens is not None and lens.distortion:
-        across = across + _bend(corners_px, flat, along, lens)
+        across = across + bend(corners_px, flat, along, lens)
     most = REACH_SHARE * (areas(corners_px)[:, None] / length_px) / cosine
     reach = np.maximum(np.minimum(np.ceil(reach_px), most), LEAST_REACH_PX).astype(np.int64)
     reach = np.minimum(reach, max((min(height, width) - 1) // 2, 0))
@@ -88,7 +88,7 @@ def _along_first(pairs: Points, flat: NDArray[np.bool_]) -> tuple[Values, Values
     return np.where(flat, x, y), np.where(flat, y, x)
 
 
-def _bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraModel) -> Values:
+def bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraModel) -> Values:
     """Return how far off the straight line between its corners each side appears: it is straight before the lens."""
     count = len(corners)
     ends = lens.directions(corners.reshape(-1, 2)).reshape(count, 4, 1, 2)
@@ -101,8 +101,8 @@ def _bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraM
     part = (seen_along - seen_along[..., :1]) / run
     off = np.nan_to_num(seen_across - first - (last - first) * part)
     wanted = (along - seen_along[..., :1]) / run
-    bend = [np.interp(wanted[i, side], part[i, side], off[i, side]) for i in range(count) for side in range(4)]
-    return np.array(bend).reshape(along.shape)
+    bent = [np.interp(wanted[i, side], part[i, side], off[i, side]) for i in range(count) for side in range(4)]
+    return np.array(bent).reshape(along.shape)
 
 
 BEND_SHARE = 0.004
@@ -137,7 +137,7 @@ def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     widest = np.maximum(LIMITS_PX[1], BEND_SHARE * frame.length_px)
     # Steps of a finger or of what lies behind are no noise but another edge. Least squares would settle between both,
     # so the start is a vote (as in RANSAC, but over fixed pairs: the same picture gives the same line).
-    offset, slope = _most_agreed(along, off, worth > 0, widest / frame.cosine)
+    offset, slope = most_agreed(along, off, worth > 0, widest / frame.cosine)
     limit = widest
     distance = (off - offset - slope * along) * frame.cosine
     for _ in range(ROUNDS):
@@ -166,7 +166,7 @@ def intersections(frame: QuadFrame, lines: QuadLines) -> Points:
     return np.stack((x, y), axis=2)
 
 
-def _most_agreed(along: Values, off: Values, found: NDArray[np.bool_], limit: Values) -> tuple[Values, Values]:
+def most_agreed(along: Values, off: Values, found: NDArray[np.bool_], limit: Values) -> tuple[Values, Values]:
     """Return the line through two steps to which most steps are near; of lines through pairs far from each other."""
     count = along.shape[2]
     half, third = count // 2, (count + 2) // 3

@@ -109,7 +109,8 @@ def find_quadrilaterals(masks: Iterable[tuple[Mask, float]], smallest_side_px: f
         return np.empty((0, 4, 2))
     starts, vectors = np.moveaxis(np.array(pieces), 1, 0)
     rows, corners = _of_pieces(starts, vectors, smallest_side_px)
-    return _distinct(grown(_in_standard_order(corners), np.array(too_small)[rows]))
+    corners = _in_standard_order(corners)
+    return _distinct(grown(corners, np.array(too_small)[rows]) if any(too_small) else corners)
 
 
 def _levels(plane: Mask, which: slice) -> Iterator[tuple[Mask, float]]:
@@ -220,6 +221,8 @@ def _in_standard_order(corners: Points) -> Points:
 def _distinct(corners: Points) -> Points:
     """Leave out outlines whose corners all lie close to those of another, and put the largest first."""
     # Corners rounded to a coarse grid: outlines in one cell of it are the same sheet, found in several masks.
-    _, first = np.unique(np.rint(corners.reshape(-1, 8) / SAME_PX), axis=0, return_index=True)
-    corners = corners[first]
+    cells: dict[tuple[float, ...], int] = {}
+    for number, cell in enumerate(np.rint(corners.reshape(-1, 8) / SAME_PX).tolist()):
+        cells.setdefault(tuple(cell), number)
+    corners = corners[list(cells.values())]
     return np.asarray(corners[np.argsort(-areas(corners), kind="stable")])

@@ -1,9 +1,7 @@
 """The search for a sheet in one picture: candidates, their sides, and what each must pass to be the sheet.
 
-Cheap tests come first and are made on all candidates at once. What decides is the last one: four corners have eight
-coordinates and a pose six degrees of freedom, so a picture of the sheet fulfils two conditions to a few hundredths of a
-pixel, which other outlines do by chance only. How great that chance is follows from how large the candidate is and how
-sharp its edges are.
+Cheap tests come first and are made on all candidates at once. What decides is the last one: how much speaks for a
+candidate being the sheet and not one of the other outlines of the picture, see `stadimeter.detectors.sheet.evidence`.
 """
 
 from __future__ import annotations
@@ -17,9 +15,17 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
+from stadimeter.detectors.ball.hsv import HsvRange
 from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
 from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
-from stadimeter.detectors.sheet.candidates import Candidate, Findings, SheetFit, SheetOutlines
+from stadimeter.detectors.sheet.candidates import (
+    LEAST_EVIDENCE,
+    SURE_EVIDENCE,
+    Candidate,
+    Findings,
+    SheetFit,
+    SheetOutlines,
+)
 from stadimeter.detectors.sheet.edges import (
     QuadEdges,
     distinct_edges,
@@ -27,6 +33,16 @@ from stadimeter.detectors.sheet.edges import (
     measure_edges_closer,
     settle_edges,
 )
+from stadimeter.detectors.sheet.evidence import (
+    Looks,
+    cut_off_evidence,
+    facing_evidence,
+    shape_evidence,
+    sides_evidence,
+    slack_share,
+)
+from stadimeter.detectors.sheet.one_outline import OutlineSides, measure_few
+from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
@@ -67,6 +83,9 @@ pixels, and as measured at the first two looks."""
 SERIOUS_STAGE = 4
 """Candidates that passed this many tests had their sides measured to the end."""
 
+FEW = 3
+"""So few candidates are measured one by one, which is quicker."""
+
 MOST_LOOKED_AT = 64
 MOST_SETTLED = 6
 
@@ -91,36 +110,21 @@ UNEVEN_SHARE = 0.35
 may fall off across a sheet, but it is one thing."""
 
 MISFIT_SIGMAS = 4.0
-FLATNESS_SHARE = 0.0025
-"""Greatest misfit of the corners to those of the sheet: four standard deviations, and what a sheet that is not quite
-flat or cut adds as a share of its size, 0.3 mm of a page."""
+"""Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape."""
 
-TOLERANCE_FACTOR = 0.8
-"""Multiple of the standard deviation of the sheet's sides that is added to it: sides that are wrong by 1 % move the
-corners of a sheet that faces the camera by 0.3 % of its size, three standard deviations by 0.9 %."""
-
-UNKNOWN_LENS_SHARE = 0.01
+UNKNOWN_LENS_SHARE = 0.0022
 """The same while the focal length, or a side, is one of a few that are tried."""
 
-CALM_OUTLINES = 6
-MOST_CALM = 6.0
-"""Where the quickest search shows fewer outlines than this, fewer can fit by chance, so each may do so more easily."""
-
-EXPECTED_TIMES = 8.0
+EXPECTED_EVIDENCE = 2.0
 EXPECTED_SIZES = (0.4, 1.4)
-"""Where a sheet is expected, one of about the expected size, between these factors, is this many times as likely the
-sheet. Turned away it appears smaller than expected."""
+EXPECTED_LOG_SIZE = 0.2
+"""Where a sheet is expected, only one of about the expected size, between these factors, counts. This much more speaks
+for it, less half the square of the logarithm of its size by that expected, in these standard deviations."""
 
 LEAST_QUALITY = 0.5
 LEAST_SHARE = 0.03
 """While the lens, or one side, is not known, what fits badly or is turned far away is not taken for the sheet; while
 the lens is not, neither is what is smaller than this share of the picture."""
-
-GREATEST_CHANCE = 0.015
-CLEAR_CHANCE = 0.004
-"""The share of outlines of any kind that may fit the sheet as well as one that is taken for it. Below the smaller limit
-it may be off by more than its standard deviation tells, and no other one is looked for. Where sides are not seen whole
-the limit shrinks with the fourth power of what is seen: that many sides must be there by chance."""
 
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.012
@@ -139,17 +143,26 @@ clutter, with noise, JPEG, motion blur and too little light."""
 class SheetSearch:
     """Looks for a sheet in one picture; the lens is None if it is not known."""
 
-    def __init__(self, image: Image, size: SheetShape, min_side_px: float, lens: CameraModel | None) -> None:
+    def __init__(
+        self,
+        image: Image,
+        size: SheetShape,
+        min_side_px: float,
+        lens: CameraModel | None,
+        colour: HsvRange | None = None,
+    ) -> None:
         self._image = image
-        self._lens = lens
+        self._colour = colour
+        self._lens, self._size = lens, size
         self._bent = lens if lens is not None and lens.distortion else None
         self._light = light_table("srgb" if lens is None else lens.tone_curve)
         self._min_side_px = min_side_px if lens is not None else max(min_side_px, LEAST_SHARE * max(image.shape[:2]))
         self._aspect = max(size.width_m, size.height_m) / min(size.width_m, size.height_m)
         self._shape = SheetOutlines(size, lens, (image.shape[1], image.shape[0]))
         self._is_strict = lens is not None and size.known_side == "auto"
-        shape_share = FLATNESS_SHARE if self._is_strict else UNKNOWN_LENS_SHARE
-        self._flatness = shape_share + TOLERANCE_FACTOR * size.relative_sigma
+        self._slack = slack_share(size, by_hand=self._is_strict)
+        if not self._is_strict:
+            self._slack = math.hypot(self._slack, UNKNOWN_LENS_SHARE)
 
     def look(self, region: Region, expected: Prediction | None = None) -> Findings:
         """Look for the sheet in a part of the picture; where one is expected, only what is about as large counts."""
@@ -157,6 +170,7 @@ class SheetSearch:
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX
         small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
+        looks = Looks(small, self._colour)
         findings = Findings()
         outlines = np.empty((0, 4, 2))
         for masks in SEARCHES:
@@ -164,29 +178,38 @@ class SheetSearch:
             outlines = find_quadrilaterals(masks(small), smallest_px)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
             if masks is quick_masks:
-                findings.calm = min(max(CALM_OUTLINES / max(len(outlines), 1), 1.0), MOST_CALM)
+                findings.outlines = max(len(outlines), 1)
             on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))
-            self._judge(findings, outlines[~on_border.any(axis=1)], scale, expected)
-            if findings.best is not None and self._is_strict and findings.best.chance < CLEAR_CHANCE:
+            self._judge(findings, outlines[~on_border.any(axis=1)], scale, expected, looks)
+            if findings.best is not None and self._lens is not None and findings.best.evidence >= SURE_EVIDENCE:
                 break
         if findings.best is None:
-            self._judge_cut_off(findings, outlines, on_border, scale)
+            self._judge_cut_off(findings, outlines, on_border, scale, looks)
         return findings
 
-    def _judge(self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None) -> None:
+    def _judge(
+        self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None, looks: Looks
+    ) -> None:
         """Put the candidates through all tests."""
         shaped = self._of_the_shape(findings, outlines)
         fitting = self._fitting(findings, shaped, START_OFF_PX / scale)[:MOST_LOOKED_AT]
         if not len(fitting):
             return
-        edges = measure_edges(self._image, fitting, 2.0 + 1.0 / scale, self._light, self._bent)
+        edges = None
+        if len(fitting) <= FEW:
+            edges = measure_few(self._image, fitting, START_OFF_PX / scale, self._light, self._bent)
+        edges = self._settled(findings, fitting, scale) if edges is None else distinct_edges(edges)
+        if len(edges):
+            self._choose(findings, edges, scale, expected, looks)
+
+    def _settled(self, findings: Findings, outlines: Points, scale: float) -> QuadEdges:
+        """Measure the sides of many candidates, ever more closely, and ever fewer of them."""
+        edges = measure_edges(self._image, outlines, 2.0 + 1.0 / scale, self._light, self._bent)
         edges = self._still_fitting(findings, edges, FIRST_LOOK_OFF_PX)
         if len(edges):
             edges = measure_edges_closer(self._image, edges, self._light, self._bent)
             edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MOST_SETTLED]
-        if len(edges):
-            edges = distinct_edges(settle_edges(self._image, edges, self._light, self._bent))
-            self._choose(findings, edges, scale, expected)
+        return distinct_edges(settle_edges(self._image, edges, self._light, self._bent)) if len(edges) else edges
 
     def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
         """Return the outlines that the sheet may have, whatever their sides look like."""
@@ -223,13 +246,17 @@ class SheetSearch:
     def _fitting(self, findings: Findings, outlines: Points, off_px: float) -> Points:
         """Return the outlines that fit the sheet about as well as they were found."""
         misfit_px = self._shape.fit(outlines).misfit_px
-        limits = off_px / np.sin(quad_shapes(outlines).sharpest_rad) + self._flatness * longest_sides_px(outlines)
+        slack_px = MISFIT_SIGMAS * self._slack * longest_sides_px(outlines)
+        limits = off_px / np.sin(quad_shapes(outlines).sharpest_rad) + slack_px
         good = misfit_px < limits
         findings.refuse(
             1,
             outlines,
             ~good,
-            lambda i: f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px",
+            lambda i: (
+                f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px"
+                + self._other_text(outlines[i])
+            ),
         )
         return outlines[good]
 
@@ -239,55 +266,75 @@ class SheetSearch:
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
         findings.refuse(2, edges.corners_px, ~straight, lambda i: _straight_text(edges, i, FIRST_SUPPORT))
         near = self._shape.fit(edges.corners_px).misfit_px < self._misfit_limits(edges, off_px)
-        findings.refuse(3, edges.corners_px, straight & ~near, lambda i: self._misfit_text(edges[[i]], off_px))
+        findings.refuse(
+            3,
+            edges.corners_px,
+            straight & ~near,
+            lambda i: self._misfit_text(edges[[i]], off_px) + self._other_text(edges.corners_px[i]),
+        )
         return edges[straight & near]
 
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
-        sigmas = MISFIT_SIGMAS * corner_sigmas_px(edges)
-        return np.maximum(off_px, sigmas) + self._flatness * longest_sides_px(edges.corners_px)
+        # The search at half the size is rough, so a sheet that is no exact rectangle either may be off by the sum.
+        slack_px = self._slack * longest_sides_px(edges.corners_px)
+        return np.maximum(off_px, MISFIT_SIGMAS * corner_sigmas_px(edges)) + MISFIT_SIGMAS * slack_px
 
     def _misfit_text(self, edges: QuadEdges, off_px: float = 0.0) -> str:
         misfit_px, limit = self._shape.fit(edges.corners_px).misfit_px[0], self._misfit_limits(edges, off_px)[0]
         return f"corners {misfit_px:.2f} px from those of the sheet, limit {limit:.2f} px"
 
-    def _choose(self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None) -> None:
-        """Put the candidates through the last tests, and take the one that looks most like the sheet."""
-        fit, sigmas = self._shape.fit(edges.corners_px), corner_sigmas_px(edges)
-        # The decisive test. A pose has six degrees of freedom and four corners eight coordinates, so an outline of a
-        # sheet fulfils two conditions exactly. Other outlines do so with a probability that grows with the square of
-        # the allowed misfit; where sides are partly unseen, with the fourth power of the share that is seen.
-        chance = fit.chance_per_square * np.maximum(fit.misfit_px, sigmas) ** 2
-        limits = self._misfit_limits(edges)
+    def _other_text(self, corners: Points) -> str:
+        other = other_paper(corners, self._size, self._lens)
+        return f"; {other}" if other else ""
+
+    def _choose(
+        self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None, looks: Looks
+    ) -> None:
+        """Put the candidates through the last tests, and keep those that may be the sheet."""
+        fit, sigmas, limits = self._shape.fit(edges.corners_px), corner_sigmas_px(edges), self._misfit_limits(edges)
         quality, least_quality = self._qualities(edges, fit, limits), 0.0 if self._is_strict else LEAST_QUALITY
-        exact = fit.misfit_px <= MISFIT_SIGMAS * sigmas
-        chance_limit = GREATEST_CHANCE * findings.calm
-        chance_limits = np.where(exact, chance_limit * edges.support.mean(axis=1) ** 4, CLEAR_CHANCE)
-        if expected is not None:
-            chance_limits *= EXPECTED_TIMES
+        evidence = self._evidence(findings, edges, fit, expected, looks)
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
         tests = (
             *_size_test(edges, expected),
             *self._side_tests(edges),
-            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]])),
+            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]]) + self._other_text(edges.corners_px[i])),
             (
                 quality >= least_quality,
                 lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {least_quality:.2f}",
             ),
-            (chance <= chance_limits, lambda i: _chance_text(float(chance[i]), float(chance_limits[i]))),
         )
-        for stage, (passed, why) in enumerate(tests, 4):
-            findings.refuse(stage, edges.corners_px, good & ~passed, why)
+        for stage, (passed, why) in enumerate(tests, SERIOUS_STAGE):
+            findings.refuse(stage, edges.corners_px, good & ~passed, why, evidence)
             good &= passed
         for number in np.nonzero(good)[0].tolist():
-            candidate = Candidate(
-                corners_px=edges.corners_px[number],
-                corner_sigma_px=math.hypot(sigmas[number], MISFIT_FACTOR * fit.misfit_px[number] * self._is_strict),
-                is_brighter=bool(np.median(edges.contrast[number]) >= 0),
-                quality=float(quality[number]),
-                chance=float(chance[number]),
+            misfit_px = MISFIT_FACTOR * fit.misfit_px[number] * self._is_strict
+            findings.keep(
+                Candidate(
+                    corners_px=edges.corners_px[number],
+                    corner_sigma_px=math.hypot(sigmas[number], misfit_px),
+                    is_brighter=bool(np.median(edges.contrast[number]) >= 0),
+                    quality=float(quality[number]),
+                    evidence=float(evidence[number]),
+                )
             )
-            if findings.best is None or candidate.score > findings.best.score:
-                findings.best = candidate
+
+    def _evidence(
+        self, findings: Findings, edges: QuadEdges, fit: SheetFit, expected: Prediction | None, looks: Looks
+    ) -> Values:
+        """Return how much speaks for each candidate; without the lens all that is known is what must be there."""
+        if self._lens is None:
+            return np.full(len(edges), SURE_EVIDENCE)
+        sigmas, longest_px = corner_sigmas_px(edges), longest_sides_px(edges.corners_px)
+        if self._is_strict:
+            shape = shape_evidence(fit, sigmas, longest_px, self._size)
+        else:
+            shape = facing_evidence(edges.corners_px, np.hypot(sigmas, self._slack * longest_px))
+        evidence = shape + looks.evidence(edges.inside) + sides_evidence(edges) - math.log(findings.outlines)
+        if expected is None:
+            return evidence
+        off = np.log(longest_px / expected.size_px) / EXPECTED_LOG_SIZE
+        return np.asarray(evidence + EXPECTED_EVIDENCE - off**2 / 2)
 
     def _side_tests(self, edges: QuadEdges) -> tuple[tuple[Which, Callable[[int], str]], ...]:
         """Return tests of the sides: which candidates pass, and what to say of one that does not."""
@@ -295,7 +342,7 @@ class SheetSearch:
         contrast, support = edges.colour_contrast.min(axis=1), edges.support
         bends = edges.scatter_px / np.maximum(GREATEST_BEND_PX, GREATEST_BEND_SHARE * shapes.sides_px)
         uneven = np.maximum(edges.unevenness.max(axis=1), _imbalance(edges))
-        even_limit = np.maximum(UNEVEN_LEVELS, UNEVEN_SHARE * edges.colour_contrast.max(axis=1))
+        even_limit = _even_limits(edges)
         return (
             (shapes.shorter_px >= self._min_side_px, lambda i: _small_text(shapes, i, self._min_side_px)),
             (
@@ -325,7 +372,9 @@ class SheetSearch:
         aspect = quad_shapes(edges.corners_px).aspect
         return quality * np.minimum(aspect, self._aspect) / np.maximum(aspect, self._aspect)
 
-    def _judge_cut_off(self, findings: Findings, outlines: Points, on_border: Which, scale: float) -> None:
+    def _judge_cut_off(
+        self, findings: Findings, outlines: Points, on_border: Which, scale: float, looks: Looks
+    ) -> None:
         """Look for a sheet that the border cuts: its sides inside the picture are those of one."""
         shapes = quad_shapes(outlines)
         cuts = on_border.sum(axis=1)
@@ -334,10 +383,13 @@ class SheetSearch:
         if not len(outlines):
             return
         edges = measure_edges(self._image, outlines, 2.0 + 2.0 / scale, self._light, self._bent, free)
+        evidence = cut_off_evidence(edges.corners_px, free) + looks.evidence(edges.inside)
+        evidence = np.nan_to_num(evidence - math.log(findings.outlines), nan=-np.inf)
         straight = np.where(free, 1.0, edges.support).min(axis=1) >= LEAST_CUT_SUPPORT
         clear = np.where(free, np.inf, edges.colour_contrast).min(axis=1) >= LEAST_CONTRAST
+        even = np.where(free, 0.0, edges.unevenness).max(axis=1) <= _even_limits(edges)
         larger = longest_sides_px(outlines) > findings.most_like_px(SERIOUS_STAGE)
-        good = straight & clear & larger & np.isfinite(edges.corners_px).all(axis=(1, 2))
+        good = straight & clear & even & larger & (evidence >= LEAST_EVIDENCE)
         if good.any():
             first = int(np.argmax(good))
             findings.cut_off = Candidate(
@@ -345,20 +397,27 @@ class SheetSearch:
                 corner_sigma_px=float(corner_sigmas_px(edges)[first]),
                 is_brighter=bool(np.median(edges.contrast[first]) >= 0),
                 quality=float(edges.support[first].mean()) / 2,
+                evidence=float(evidence[first]),
             )
 
 
-def corner_sigmas_px(edges: QuadEdges) -> Values:
-    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``."""
+def corner_sigmas_px(edges: QuadEdges | OutlineSides) -> Values:
+    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``; of one, ``()``."""
     of_steps = SIGMA_FACTOR**2 * edges.scatter_px**2 / np.maximum(edges.steps, 1)
     of_blur = (SIGMA_BLUR * np.maximum(edges.edge_px - SHARP_EDGE_PX, 0.0)) ** 2
-    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=1) + SIGMA_FLOOR_PX**2)
+    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=-1) + SIGMA_FLOOR_PX**2)
     return sigmas
 
 
 def _margin_px(scale: float) -> float:
     """Return the distance from the border within which a whole candidate looks like one that is cut off."""
     return 1.0 + 1.0 / scale
+
+
+def _even_limits(edges: QuadEdges) -> Values:
+    """Return by how many levels the inside may differ along the border."""
+    limits: Values = np.maximum(UNEVEN_LEVELS, UNEVEN_SHARE * edges.colour_contrast.max(axis=1))
+    return limits
 
 
 def _imbalance(edges: QuadEdges) -> Values:
@@ -385,7 +444,3 @@ def _small_text(shapes: QuadShapes, number: int, limit_px: float) -> str:
 
 def _straight_text(edges: QuadEdges, number: int, limit: float) -> str:
     return f"a side of which {edges.support[number].min():.0%} is a straight edge, limit {limit:.0%}"
-
-
-def _chance_text(chance: float, limit: float) -> str:
-    return f"{min(chance, 1.0):.1%} of any outlines would fit as well, limit {limit:.1%}"

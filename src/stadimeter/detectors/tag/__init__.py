@@ -25,10 +25,11 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Predic
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import touches_border
-from stadimeter.detectors.sampling import light_table
+from stadimeter.detectors.sampling import grey_of, light_table
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamilyName, tag_family
 from stadimeter.detectors.tag.frame import BentSides
+from stadimeter.detectors.tag.outlines import MOST_OUTLINES
 from stadimeter.detectors.tag.search import ApriltagFinder, Sighting, SmallTagFinder, TagSearch, candidate
 from stadimeter.detectors.tag.sides import TagSides, measure_sides
 from stadimeter.errors import DriverUnavailableError
@@ -134,6 +135,21 @@ class TagDetector:
         near = None if prediction is None else self._near(frame, lens, prediction)
         return near or self._anywhere(frame, lens)
 
+    def detect_all(self, frame: Frame, *, lens: CameraModel | None = None) -> tuple[Detection, ...]:
+        """Look for every tag of the family, in the order of their numbers; only the one that was named, if one was."""
+        check_image(frame)
+        found: dict[int, Detection] = {}
+        sightings = () if self._number is not None else self._search(lens).quickly(grey_of(frame.image))
+        for sighting in sightings:
+            for tag in sighting.tags:
+                if tag.number not in found:
+                    each = self._measured(frame, lens, sighting, tag)
+                    if each.status is DetectionStatus.FOUND:
+                        found[tag.number] = replace(each, reason="")
+        if len(found) < 2:
+            return (self.detect(frame, lens=lens),)
+        return tuple(found[number] for number in sorted(found))
+
     def _search(self, lens: CameraModel | None) -> TagSearch:
         return self._searches["srgb" if lens is None else lens.tone_curve]
 
@@ -182,7 +198,11 @@ class TagDetector:
             return f"no tag {self._number} of {self._family.name}, only {others}"
         outlines = 0 if sighting is None else sighting.outlines
         of_which = f" among {outlines} four-cornered outlines" if outlines else ""
-        return f"no tag of {self._family.name} of at least {self._min_side_px:g} px{of_which}"
+        least_px = max(self._min_side_px, 0.0 if sighting is None else sighting.left_out_px / 4)
+        missing = f"no tag of {self._family.name} of at least {least_px:.3g} px{of_which}"
+        if least_px == self._min_side_px:
+            return missing
+        return f"{missing}; smaller ones were not looked for: more than {MOST_OUTLINES} outlines"
 
     def _measured(self, frame: Frame, lens: CameraModel | None, sighting: Sighting, tag: SeenTag) -> Detection:
         """Measure a tag's sides, in the part of the picture in which it was seen."""
@@ -219,6 +239,7 @@ class TagDetector:
             target=self._name,
             status=DetectionStatus.FOUND,
             reason=self._choice(tag, tags),
+            number=tag.number,
             outline_px=corners,
             centre_px=diagonals_meet(corners),
             width_px=width_px,

@@ -10,44 +10,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.detectors.region import Region
-from stadimeter.detectors.sampling import Light, grey_of, reduced, to_full_scale
+from stadimeter.detectors.sampling import Light, grey_of
 from stadimeter.detectors.sides import side_lengths
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamily, Unread, read_tag
+from stadimeter.detectors.tag.outlines import LEAST_PICTURE_PX, Outlines, find_outlines
 from stadimeter.detectors.tag.sides import measure_sides
 
 Plane = NDArray[np.uint8]
-
-ONE_WINDOW = (13, 13)
-"""Pixels are compared with the mean of a square around them; one size is enough for most tags."""
-
-THREE_WINDOWS = (3, 23)
-"""OpenCV's own choice: squares of 3, 13 and 23 pixels."""
-
-LEAST_PICTURE_PX = 8
-"""No tag fits into a smaller picture."""
-
-SAME_PX = 1.5
-"""Outlines whose corners are all nearer to each other are one."""
-
-OBLIQUE = np.array((0.8, 0.6))
-NEAR_PX = SAME_PX * (0.8 + 0.6)
-"""A direction, and how far apart along it the centres of two outlines that are one may be."""
-
-INSET_PX = 0.85
-"""Distance of OpenCV's outline inside the edge of a black tag: through the middles of the outermost dark pixels."""
-
-ROUND = np.array((1, 2, 3, 0))
-"""The corner after each corner."""
 
 LEAST_MARGIN = 20.0
 """Least difference of the cells from the threshold between black and white, in levels: noise reaches about 10."""
@@ -76,79 +53,6 @@ SIGMAS = 3.0
 SMALL_CELL_PX = 5.0
 """Corners of an outline are good to a pixel or two. Where cells are smaller than this, the sides are measured before
 the code is given up."""
-
-
-def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> Points:
-    """Return outlines of four corners that differ from what is around, clockwise, ``(k, 4, 2)``; the largest first.
-
-    What costs time is what is found, so small ones are left out early: OpenCV's limit is a share of the picture's long
-    side and its default, 0.03, means nothing in a small part of a picture.
-
-    Args:
-        smallest_perimeter_px: Outlines that are shorter than this around are left out.
-        long_side_px: The picture is searched with its long side reduced to this.
-        thorough: Whether three window sizes are tried instead of one.
-    """
-    if min(grey.shape) < LEAST_PICTURE_PX:
-        return np.zeros((0, 4, 2))
-    small, scale = reduced(grey, long_side_px, cv2.INTER_LINEAR)
-    rate = smallest_perimeter_px * scale / max(small.shape)
-    parameters = _parameters(THREE_WINDOWS if thorough else ONE_WINDOW, rate)
-    named, _, others = cv2.aruco.ArucoDetector(_no_dictionary(), parameters).detectMarkers(small)
-    found = (*named, *others)
-    if not found:
-        return np.zeros((0, 4, 2))
-    return distinct(_around_dark(np.concatenate(found), scale))
-
-
-def _around_dark(corners: NDArray[np.float32], scale: float) -> Points:
-    """Return where outlines of a reduced picture lead around what is dark, in the full picture, the largest first."""
-    around_px = np.abs(corners.take(ROUND, axis=1) - corners).reshape(-1, 8).sum(axis=1, dtype=np.float64)
-    # Of a square, each edge is an eighth of the way around from the centre.
-    growth = (1 + 8 * INSET_PX / around_px) / scale
-    centre = corners.sum(axis=1, keepdims=True) / 4
-    grown = to_full_scale(centre, scale) + (corners - centre) * growth[:, None, None]
-    return np.asarray(grown if len(grown) == 1 else grown[np.argsort(-around_px, kind="stable")])
-
-
-def _parameters(windows: tuple[int, int], rate: float) -> cv2.aruco.DetectorParameters:
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = windows
-    parameters.minMarkerPerimeterRate = max(rate, 1e-3)
-    parameters.minDistanceToBorder = 0
-    parameters.perspectiveRemovePixelPerCell = 1
-    # An outline inside another, such as a tag on its paper, would hide behind it.
-    parameters.minMarkerDistanceRate = 0.0
-    return parameters
-
-
-@cache
-def _no_dictionary() -> cv2.aruco.Dictionary:
-    """Return a dictionary of a single small tag: OpenCV returns what it does not recognise as well."""
-    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    return cv2.aruco.Dictionary(np.asarray(family.bytesList)[:1], family.markerSize, 0)
-
-
-def distinct(outlines: Points) -> Points:
-    """Leave out what was found twice: of two outlines that are one, the later, shape ``(k, 4, 2)``.
-
-    Only neighbours along an oblique line are compared: a table of all with all would fill the memory where a floor or a
-    grille shows thousands. The line is oblique since their rows and columns would meet in one place of an axis.
-    """
-    if len(outlines) == 1:
-        return outlines
-    along = outlines.mean(axis=1) @ OBLIQUE
-    order = np.argsort(along)
-    along = along[order]
-    is_left = np.ones(len(outlines), np.bool_)
-    for step in range(1, len(outlines)):
-        near = np.flatnonzero(along[step:] - along[:-step] < NEAR_PX)
-        if not len(near):
-            break
-        one, other = order[near], order[near + step]
-        is_same = np.abs(outlines[one] - outlines[other]).reshape(-1, 8).max(axis=1) < SAME_PX
-        is_left[np.maximum(one, other)[is_same]] = False
-    return outlines[is_left]
 
 
 class ApriltagFinder:
@@ -203,6 +107,7 @@ class Sighting:
     left_top_px: Points  # where its first pixel is in the picture
     tags: tuple[SeenTag, ...]  # the tags of the family, the largest first, with their corners in `grey`
     outlines: int  # how many outlines of four corners there were
+    left_out_px: float = 0.0  # outlines with a shorter perimeter were left out, since there are too many
     # Outlines that show no tag of the family, shape ``(4, 2)`` in `grey` each, and why.
     unread: Sequence[tuple[Points, Unread]] = ()
 
@@ -240,19 +145,23 @@ class TagSearch:
         outlines = find_outlines(grey, 4 * TURNED_SHARE * least_px, long_side_px, thorough=False)
         height, width = grey.shape
         last = (width - 1 - MARGIN_PX / 2, height - 1 - MARGIN_PX / 2)
-        whole = outlines[((outlines > MARGIN_PX / 2) & (outlines < last)).reshape(-1, 8).all(axis=1)]
-        return self._sighting(grey, left_top, whole, len(outlines))
+        corners = outlines.corners_px
+        whole = corners[((corners > MARGIN_PX / 2) & (corners < last)).reshape(-1, 8).all(axis=1)]
+        return self._sighting(grey, left_top, outlines._replace(corners_px=whole), len(corners))
 
     def everywhere(self, image: Image) -> Iterator[Sighting]:
         """Yield what the whole picture shows, each time looking harder and longer: the caller may stop early."""
         grey = grey_of(image)
-        sizes = self._long_sides(max(grey.shape))
-        for long_side_px in sizes:
-            yield self._look(grey, long_side_px, thorough=False)
-        yield self._look(grey, sizes[-1], thorough=True)
+        yield from self.quickly(grey)
+        yield self._look(grey, self._long_sides(max(grey.shape))[-1], thorough=True)
         if self.small_tags is not None:
             tags = sorted(self.small_tags.find(grey), key=lambda tag: tag.side_px, reverse=True)
             yield Sighting(grey=grey, left_top_px=np.zeros(2), tags=tuple(tags), outlines=len(tags))
+
+    def quickly(self, grey: Plane) -> Iterator[Sighting]:
+        """Yield what the whole picture shows at each scale, the smallest first; enough for tags that are well seen."""
+        for long_side_px in self._long_sides(max(grey.shape)):
+            yield self._look(grey, long_side_px, thorough=False)
 
     def _long_sides(self, full_px: int) -> list[int]:
         """Return the sizes of the picture that are searched: each time twice as large."""
@@ -264,19 +173,26 @@ class TagSearch:
         scale = long_side_px / max(grey.shape)
         least_px = max(self.min_side_px, LEAST_READ_PX / scale)
         outlines = find_outlines(grey, 4 * TURNED_SHARE * least_px, long_side_px, thorough=thorough)
-        return self._sighting(grey, np.zeros(2), outlines, len(outlines))
+        return self._sighting(grey, np.zeros(2), outlines, len(outlines.corners_px))
 
-    def _sighting(self, grey: Plane, left_top: Points, outlines: Points, count: int) -> Sighting:
+    def _sighting(self, grey: Plane, left_top: Points, outlines: Outlines, count: int) -> Sighting:
         """Read the code in outlines; each tag of the picture counts once."""
         tags: list[SeenTag] = []
         unread: list[tuple[Points, Unread]] = []
-        for corners in outlines:
+        for corners in outlines.corners_px:
             tag = self._read(grey, corners)
             if isinstance(tag, Unread):
                 unread.append((corners, tag))
             elif not any(_same(tag, other) for other in tags):
                 tags.append(tag)
-        return Sighting(grey=grey, left_top_px=left_top, tags=tuple(tags), outlines=count, unread=unread)
+        return Sighting(
+            grey=grey,
+            left_top_px=left_top,
+            tags=tuple(tags),
+            outlines=count,
+            left_out_px=outlines.left_out_px,
+            unread=unread,
+        )
 
     def _read(self, grey: Plane, corners: Points) -> SeenTag | Unread:
         """Read a code, and once more between measured sides where a cell is hardly larger than an outline's error."""

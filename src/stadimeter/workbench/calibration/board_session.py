@@ -10,10 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.app.capture import Capture, capture_for
-from stadimeter.app.clock import MonotonicClock, SteppedClock
-from stadimeter.cameras.protocol import Camera
-from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import (
@@ -27,18 +23,13 @@ from stadimeter.ranging.board_calibration import (
     edges_away,
     in_common,
 )
-
-WINDOW_SHARE = 0.3
-"""Half the window around a corner, as a share of the distance to the nearest other corner."""
-
-WINDOW_MIN_PX, WINDOW_MAX_PX = 2, 30
+from stadimeter.workbench.calibration.corner_refinement import refined
 
 SEARCH_LONGEST_PX = 2048
 """Larger pictures are searched at a smaller scale; the corners are refined at full scale."""
 
 CHARUCO_CORNERS_MIN = 6
 
-_REFINED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
 _CLASSIC = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
 
 
@@ -60,14 +51,11 @@ class Chessboard:
         rough = self._rough(grey)
         if rough is None:
             return f"no chessboard of {self.columns}x{self.rows} inner corners"
-        spacing_px = _smallest_spacing_px(rough.reshape(self.rows, self.columns, 2))
-        window = int(np.clip(WINDOW_SHARE * spacing_px, WINDOW_MIN_PX, WINDOW_MAX_PX))
-        corners = cv2.cornerSubPix(grey, rough.astype(np.float32), (window, window), (-1, -1), _REFINED)
         across, along = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
         return BoardView(
             picture=picture,
             board_m=(np.column_stack((across.ravel(), along.ravel())) * self.square_m).astype(np.float64),
-            corners_px=corners.reshape(-1, 2).astype(np.float64),
+            corners_px=refined(grey, rough, self.columns, self.rows),
         )
 
     def _rough(self, grey: NDArray[Any]) -> NDArray[Any] | None:
@@ -140,12 +128,6 @@ class CharucoBoard:
 Board = Chessboard | CharucoBoard
 
 
-def _smallest_spacing_px(grid: NDArray[Any]) -> float:
-    """Return the least distance between neighbours in a grid of corners, shape (rows, columns, 2)."""
-    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2) for axis in (0, 1)]
-    return float(min(step.min() for step in steps))
-
-
 VIEWS_ENOUGH = 10
 """So many views at least; fewer may fit by chance."""
 
@@ -167,33 +149,6 @@ NEW_PLACE_SHARE = 0.1
 NEW_SHAPE_SHARE = 0.08
 """A view is new if the board is elsewhere than in every other, by this share of the picture's width, or looks other,
 by this share of its size: its corners have moved about their middle, since it was tilted, turned or brought nearer."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
-    """Where the frames come from.
-
-    Attributes:
-        is_live: Whether a person holds a board in front of it; of a recording every frame counts for itself.
-    """
-
-    capture: Capture
-    is_live: bool
-
-
-def open_source(choice: DriverChoice) -> Source:
-    """Build a camera without a lens and without anything else. Touches no hardware.
-
-    Raises:
-        DriverError: It cannot be built.
-    """
-    clock = SteppedClock()
-    camera: Camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=clock))
-    if not camera.is_live:
-        return Source(capture=capture_for(camera, clock), is_live=False)
-    live_clock = MonotonicClock()
-    camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=live_clock))
-    return Source(capture=capture_for(camera, live_clock), is_live=True)
 
 
 class BoardSession:

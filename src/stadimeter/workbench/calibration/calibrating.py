@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -11,9 +12,6 @@ from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.untrusted_file import open_untrusted
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import DetectionStatus
-from stadimeter.core.frame import Frame
-from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance
@@ -58,10 +56,22 @@ def known_distance(
         picture=str(path),
         width_px=frame.width_px,
         height_px=frame.height_px,
-        detection=target.detector.detect(frame, lens=camera_model and camera_model.scaled_to(*_size_px(frame))),
+        detection=target.detector.detect(frame, lens=camera_model and camera_model.for_frame(frame)),
         size=target.detector.target_shape,
         depth_m=depth_m,
     )
+
+
+def looked_at_again(
+    known: Sequence[KnownDistance], choices: Sequence[DriverChoice], model: CameraModel
+) -> tuple[KnownDistance, ...]:
+    """Look again through a camera model, as `measure` will: with it a detector knows shapes and edges better.
+
+    Raises:
+        StadimeterError: A picture can no longer be read.
+    """
+    (target,) = build_detectors(choices, model)
+    return tuple(known_distance(Path(each.picture), each.depth_m, target, model) for each in known)
 
 
 def with_bias_undone(
@@ -70,27 +80,21 @@ def with_bias_undone(
     """Look again with a camera model that has an edge bias, to see what an edge bias changes.
 
     Args:
-        known: Pictures in which the target was found whole, all of one resolution.
+        known: Pictures in which the target was found whole through the rough model.
         rough: A camera model that was made from them, without an edge bias.
 
     Raises:
         StadimeterError: A picture can no longer be read.
     """
-    (target,) = build_detectors(choices, rough)
-    return tuple(_asked_twice(each, target.detector, rough) for each in known)
+    biased = looked_at_again(known, choices, replace(rough, edge_bias_px=BIAS_STEP_PX))
+    return tuple(replace(each, less_bias=less.detection) for each, less in zip(known, biased, strict=True))
 
 
-def _asked_twice(known: KnownDistance, detector: Detector, rough: CameraModel) -> KnownDistance:
-    frame = open_picture(Path(known.picture))
-    found = detector.detect(frame, lens=rough)
-    if found.status is not DetectionStatus.FOUND:
-        return known
-    biased = detector.detect(frame, lens=replace(rough, edge_bias_px=BIAS_STEP_PX))
-    return replace(known, detection=found, less_bias=biased)
-
-
-def _size_px(frame: Frame) -> tuple[int, int]:
-    return frame.width_px, frame.height_px
+def is_elsewhere(known: KnownDistance, again: KnownDistance) -> bool:
+    """Return whether another thing was taken for the target: its centre is off by more than half its size."""
+    (x_px, y_px), (to_x_px, to_y_px) = known.detection.centre_px, again.detection.centre_px
+    size_px = max(known.detection.width_px, known.detection.height_px)
+    return math.hypot(to_x_px - x_px, to_y_px - y_px) > size_px / 2
 
 
 def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:

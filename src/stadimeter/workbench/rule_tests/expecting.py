@@ -21,12 +21,12 @@ from stadimeter.workbench.rule_tests.synthetic_track import where
 from stadimeter.workbench.rule_tests.watching import (
     AlwaysWatch,
     CountWatch,
+    Cycle,
     EndWatch,
     FirstWatch,
     MomentWatch,
     PeakWatch,
     Subject,
-    Turn,
     Watch,
     WithinWatch,
 )
@@ -65,27 +65,27 @@ class _RuleWatches:
         yield from self._moments()
         yield from self._ends()
 
-    def _trace(self, turn: Turn) -> RuleTrace:
-        return turn.decision.rules[self.index]
+    def _trace(self, cycle: Cycle) -> RuleTrace:
+        return cycle.decision.rules[self.index]
 
-    def _is_active(self, turn: Turn) -> bool:
-        return self._trace(turn).active is True
+    def _is_active(self, cycle: Cycle) -> bool:
+        return self._trace(cycle).active is True
 
-    def _doing(self, turn: Turn) -> str:
-        return explain(turn.decision, self.rule.name).sentence
+    def _doing(self, cycle: Cycle) -> str:
+        return explain(cycle.decision, self.rule.name).sentence
 
     def _about(self, key: str) -> Subject:
         return Subject(name=self.rule.name, key=key, doing=self._doing)
 
-    def _events(self, kinds: frozenset[EventKind]) -> Callable[[Turn], list[Event]]:
+    def _events(self, kinds: frozenset[EventKind]) -> Callable[[Cycle], list[Event]]:
         name = self.rule.name
-        return lambda turn: [event for event in turn.decision.events if event.source == name and event.kind in kinds]
+        return lambda cycle: [event for event in cycle.decision.events if event.source == name and event.kind in kinds]
 
-    def _told(self, turn: Turn) -> list[Event]:
-        return [event for event in self._events(_TOLD_OF)(turn) if event.notify]
+    def _told(self, cycle: Cycle) -> list[Event]:
+        return [event for event in self._events(_TOLD_OF)(cycle) if event.notify]
 
-    def _sent(self, turn: Turn) -> list[Event]:
-        return [notice.event for notice in turn.decision.notices if notice.rule == self.rule.name]
+    def _sent(self, cycle: Cycle) -> list[Event]:
+        return [notice.event for notice in cycle.decision.notices if notice.rule == self.rule.name]
 
     def _counts(self) -> Iterator[Watch]:
         expected = self.expected
@@ -101,7 +101,7 @@ class _RuleWatches:
             yield self._count("transitions_per_min_max", transitions, lambda took_s: (0, rate * took_s / 60), noun)
 
     def _exactly(
-        self, key: str, count: int | None, counted: Callable[[Turn], list[Event]], noun: tuple[str, str]
+        self, key: str, count: int | None, counted: Callable[[Cycle], list[Event]], noun: tuple[str, str]
     ) -> Iterator[Watch]:
         if count is not None:
             yield self._count(key, counted, lambda _: (count, count), noun)
@@ -109,12 +109,12 @@ class _RuleWatches:
     def _count(
         self,
         key: str,
-        counted: Callable[[Turn], Iterable[Event]],
+        counted: Callable[[Cycle], Iterable[Event]],
         limits: Callable[[float], tuple[float, float]],
         noun: tuple[str, str],
     ) -> Watch:
         near = RuleStatus.CLEARING if key == "cleared" else RuleStatus.PENDING
-        return CountWatch(self._about(key), counted, limits, noun, lambda turn: self._trace(turn).status is near)
+        return CountWatch(self._about(key), counted, limits, noun, lambda cycle: self._trace(cycle).status is near)
 
     def _firsts(self) -> Iterator[Watch]:
         for kind in (EventKind.RAISED, EventKind.CLEARED):
@@ -146,7 +146,7 @@ class _RuleWatches:
         if (moments := self.expected.active_at) is not None:
             yield MomentWatch(self._about("active_at"), [(at, "active", self._is_active) for at in moments])
         if (moments := self.expected.inactive_at) is not None:
-            inactive = [(at, "not active", lambda turn: not self._is_active(turn)) for at in moments]
+            inactive = [(at, "not active", lambda cycle: not self._is_active(cycle)) for at in moments]
             yield MomentWatch(self._about("inactive_at"), inactive)
 
     def _ends(self) -> Iterator[Watch]:
@@ -154,15 +154,15 @@ class _RuleWatches:
             yield EndWatch(
                 self._about("status"),
                 status.value,
-                lambda turn: self._trace(turn).status is status,
-                lambda turn: self._trace(turn).status.value,
+                lambda cycle: self._trace(cycle).status is status,
+                lambda cycle: self._trace(cycle).status.value,
             )
         if (acknowledged := self.expected.acknowledged) is not None:
             yield EndWatch(
                 self._about("acknowledged"),
                 _acknowledged(is_so=acknowledged),
-                lambda turn: self._trace(turn).acknowledged is acknowledged,
-                lambda turn: _acknowledged(is_so=self._trace(turn).acknowledged),
+                lambda cycle: self._trace(cycle).acknowledged is acknowledged,
+                lambda cycle: _acknowledged(is_so=self._trace(cycle).acknowledged),
             )
 
 
@@ -179,28 +179,28 @@ class _Truth:
         self._before: Track | None = None
         self._has_begun = False
 
-    def begins(self, turn: Turn) -> bool:
-        """Return whether the condition begins to hold. Shown every turn, since a target may pass through a band."""
-        return self._holds(turn, is_on=False)
+    def begins(self, cycle: Cycle) -> bool:
+        """Return whether the condition begins to hold. Shown every cycle, since a target may pass through a band."""
+        return self._holds(cycle, is_on=False)
 
-    def ends(self, turn: Turn) -> bool:
+    def ends(self, cycle: Cycle) -> bool:
         """Return whether the condition ends, having held."""
         if not self._has_begun:
-            self._has_begun = self._holds(turn, is_on=False)
+            self._has_begun = self._holds(cycle, is_on=False)
             return False
-        return not self._holds(turn, is_on=True)
+        return not self._holds(cycle, is_on=True)
 
-    def _holds(self, turn: Turn, *, is_on: bool) -> bool:
+    def _holds(self, cycle: Cycle, *, is_on: bool) -> bool:
         target = self._condition.target
-        track = next(track for track in turn.decision.tracks if track.target == target)
+        track = next(track for track in cycle.decision.tracks if track.target == target)
         if not self._path or not track.is_valid:
             return is_on
-        true = where(self._path, turn.at_s)
+        true = where(self._path, cycle.at_s)
         depth_m = true.distance_m * math.cos(true.bearing_rad) * math.cos(true.elevation_rad)
         track = replace(track, distance_m=true.distance_m, depth_m=depth_m)
         before = {} if self._before is None else {target: self._before}
         self._before = track
-        inputs = RuleInputs(tracks={target: track}, now_s=turn.at_s, before=before)
+        inputs = RuleInputs(tracks={target: track}, now_s=cycle.at_s, before=before)
         return conditions.judge(self._condition, inputs, (), is_active=is_on).value is True
 
 
@@ -221,30 +221,30 @@ class _OutputWatches:
         yield from self._speeds()
         yield from self._moments()
 
-    def _command(self, turn: Turn) -> Command:
-        return turn.decision.commands[self.index]
+    def _command(self, cycle: Cycle) -> Command:
+        return cycle.decision.commands[self.index]
 
-    def _level(self, turn: Turn) -> float:
-        command = self._command(turn)
+    def _level(self, cycle: Cycle) -> float:
+        command = self._command(cycle)
         return command.level if isinstance(command, LevelCommand) else 0.0
 
-    def _speed_mps(self, turn: Turn) -> float:
-        command = self._command(turn)
+    def _speed_mps(self, cycle: Cycle) -> float:
+        command = self._command(cycle)
         return 0.0 if isinstance(command, LevelCommand) else abs(command.linear_mps)
 
-    def _is_stopped(self, turn: Turn) -> bool:
-        command, safe = self._command(turn), safe_command(self.output)
+    def _is_stopped(self, cycle: Cycle) -> bool:
+        command, safe = self._command(cycle), safe_command(self.output)
         if isinstance(command, LevelCommand):
             return isinstance(safe, LevelCommand) and command.level == safe.level
         return (command.linear_mps, command.angular_radps) == (0.0, 0.0)
 
-    def _doing(self, turn: Turn) -> str:
-        command, trace = self._command(turn), turn.decision.outputs[self.index]
+    def _doing(self, cycle: Cycle) -> str:
+        command, trace = self._command(cycle), cycle.decision.outputs[self.index]
         if isinstance(command, LevelCommand):
             does = f"level {command.level:.2f}"
         else:
             does = f"{command.linear_mps:.2f} m/s, {math.degrees(command.angular_radps):.0f} deg/s"
-        why = trace.reason or turn.decision.reasons.get(trace.winner, "")
+        why = trace.reason or cycle.decision.reasons.get(trace.winner, "")
         return f"{does}, commanded by {trace.winner}: {why}"
 
     def _about(self, key: str) -> Subject:
@@ -257,23 +257,23 @@ class _OutputWatches:
             yield AlwaysWatch(
                 self._about("level_max"),
                 f"never above level {most:.2f}",
-                lambda turn: self._level(turn) <= most,
-                lambda turn: f"level {self._level(turn):.2f}",
+                lambda cycle: self._level(cycle) <= most,
+                lambda cycle: f"level {self._level(cycle):.2f}",
             )
         if (least := self.expected.level_reaches) is not None:
             yield PeakWatch(self._about("level_reaches"), least, self._level)
 
-    def _level_at(self, at_s: float, low: float, high: float) -> tuple[float | SpanTable, str, Callable[[Turn], bool]]:
+    def _level_at(self, at_s: float, low: float, high: float) -> tuple[float | SpanTable, str, Callable[[Cycle], bool]]:
         words = f"level from {max(0.0, low):.2f} to {min(1.0, high):.2f}"
-        return at_s, words, lambda turn: low <= self._level(turn) <= high
+        return at_s, words, lambda cycle: low <= self._level(cycle) <= high
 
     def _speeds(self) -> Iterator[Watch]:
         if (most_mps := self.expected.speed_max) is not None:
             yield AlwaysWatch(
                 self._about("speed_max"),
                 f"never faster than {most_mps:.2f} m/s",
-                lambda turn: self._speed_mps(turn) <= most_mps,
-                lambda turn: f"{self._speed_mps(turn):.2f} m/s",
+                lambda cycle: self._speed_mps(cycle) <= most_mps,
+                lambda cycle: f"{self._speed_mps(cycle):.2f} m/s",
             )
         if (least_mps := self.expected.speed_reaches) is not None:
             yield PeakWatch(self._about("speed_reaches"), least_mps, self._speed_mps, " m/s")
@@ -284,5 +284,5 @@ class _OutputWatches:
                 self._about("stopped_at"), [(at, "at its safe value", self._is_stopped) for at in moments]
             )
         if (moments := self.expected.acts_at) is not None:
-            acts = [(at, "not at its safe value", lambda turn: not self._is_stopped(turn)) for at in moments]
+            acts = [(at, "not at its safe value", lambda cycle: not self._is_stopped(cycle)) for at in moments]
             yield MomentWatch(self._about("acts_at"), acts)

@@ -18,7 +18,7 @@ from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterErro
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.rule_tests.expecting import watches
 from stadimeter.workbench.rule_tests.synthetic_track import Nuisances, SensorModel, SyntheticTrack, sensor_models
-from stadimeter.workbench.rule_tests.watching import Failure, Turn, Watch
+from stadimeter.workbench.rule_tests.watching import Cycle, Failure, Watch
 
 RATE_HZ = 30.0
 """The frame rate where neither the test nor the camera names one."""
@@ -181,22 +181,22 @@ class RuleTests:
 
     def _run(self, test: RuleTest) -> RuleTestResult:
         plan, watching = self._configuration.plan, list(_watches(test, self._configuration.plan))
-        state, start_s, turn = initial_state(plan), None, None
+        state, start_s, cycle = initial_state(plan), None, None
         events: list[tuple[float, Event]] = []
         cycles = 0
         for observation in observations(test.input, self._configuration, self._known_sensors(test)):
             state, decision = decide(state, observation)
             start_s = observation.now_s if start_s is None else start_s
-            turn = Turn(at_s=observation.now_s - start_s, start_s=start_s, decision=decision)
+            cycle = Cycle(at_s=observation.now_s - start_s, start_s=start_s, decision=decision)
             events += [(event.at_s - start_s, event) for event in decision.events]
             for watch in watching:
-                watch.see(turn)
+                watch.see(cycle)
             cycles += 1
         return RuleTestResult(
             test=test,
             failures=tuple(failure for watch in watching for failure in watch.failures()),
             events=tuple(events),
-            took_s=turn.at_s if turn else 0.0,
+            took_s=cycle.at_s if cycle else 0.0,
             cycles=cycles,
         )
 

@@ -1,6 +1,6 @@
 """Watching one expectation of a test while it runs.
 
-A watch is shown every turn once and remembers only what it needs to say in the end what was expected, what came
+A watch is shown every cycle once and remembers only what it needs to say in the end what was expected, what came
 instead, when, and why: the rule's own reason of that moment. So a test over an hour of recording needs little memory.
 """
 
@@ -19,7 +19,7 @@ _ROUNDING_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Turn:
+class Cycle:
     """One cycle of a test.
 
     Attributes:
@@ -52,12 +52,12 @@ class Failure:
 class Watch(Protocol):
     """Watches one expectation."""
 
-    def see(self, turn: Turn) -> None:
-        """Take in the next turn."""
+    def see(self, cycle: Cycle) -> None:
+        """Take in the next cycle."""
         ...
 
     def failures(self) -> Iterator[Failure]:
-        """Yield what was not met, after the last turn."""
+        """Yield what was not met, after the last cycle."""
         ...
 
 
@@ -66,16 +66,16 @@ class Subject:
     """What an expectation is about.
 
     Attributes:
-        doing: Says what the rule or output does in a turn, and why.
+        doing: Says what the rule or output does in a cycle, and why.
     """
 
     name: str
     key: str
-    doing: Callable[[Turn], str]
+    doing: Callable[[Cycle], str]
 
-    def failure(self, expected: str, got: str, turn: Turn | None = None) -> Failure:
-        """Return a failure of it, at a turn if there is one."""
-        at_s, why = (None, "") if turn is None else (turn.at_s, self.doing(turn))
+    def failure(self, expected: str, got: str, cycle: Cycle | None = None) -> Failure:
+        """Return a failure of it, at a cycle if there is one."""
+        at_s, why = (None, "") if cycle is None else (cycle.at_s, self.doing(cycle))
         return Failure(subject=self.name, key=self.key, expected=expected, got=got, at_s=at_s, why=why)
 
 
@@ -87,17 +87,17 @@ class MomentWatch:
     """
 
     def __init__(
-        self, subject: Subject, moments: Iterable[tuple[float | SpanTable, str, Callable[[Turn], bool]]]
+        self, subject: Subject, moments: Iterable[tuple[float | SpanTable, str, Callable[[Cycle], bool]]]
     ) -> None:
         self._subject = subject
         self._open = list(moments)
-        self._before: Turn | None = None
+        self._before: Cycle | None = None
         self._failures: list[Failure] = []
 
-    def see(self, turn: Turn) -> None:
-        """Take in the next turn: it ends the one before, whose moments can be judged now."""
-        self._judge(turn.at_s)
-        self._before = turn
+    def see(self, cycle: Cycle) -> None:
+        """Take in the next cycle: it ends the one before, whose moments can be judged now."""
+        self._judge(cycle.at_s)
+        self._before = cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield what was not met."""
@@ -115,24 +115,24 @@ class MomentWatch:
             self._open = [each for each in self._open if self._is_open(self._before, next_s, *each)]
 
     def _is_open(
-        self, turn: Turn, next_s: float, moment: float | SpanTable, expected: str, is_met: Callable[[Turn], bool]
+        self, cycle: Cycle, next_s: float, moment: float | SpanTable, expected: str, is_met: Callable[[Cycle], bool]
     ) -> bool:
-        """Judge a moment in the turn that is current then; return whether it must be looked at again."""
+        """Judge a moment in the cycle that is current then; return whether it must be looked at again."""
         start_s, end_s = (moment.start, moment.end_s) if isinstance(moment, SpanTable) else (moment, moment)
         if next_s <= start_s + _ROUNDING_S:
             return True
-        if not is_met(turn):
+        if not is_met(cycle):
             when = f"at {start_s:.2f} s" if start_s == end_s else f"from {start_s:.2f} s to {end_s:.2f} s"
-            self._failures.append(self._subject.failure(f"{expected} {when}", f"not so at {turn.at_s:.2f} s", turn))
+            self._failures.append(self._subject.failure(f"{expected} {when}", f"not so at {cycle.at_s:.2f} s", cycle))
             return False
         return next_s <= end_s - _ROUNDING_S
 
 
 class AlwaysWatch:
-    """Expects something in every turn."""
+    """Expects something in every cycle."""
 
     def __init__(
-        self, subject: Subject, expected: str, is_met: Callable[[Turn], bool], got: Callable[[Turn], str]
+        self, subject: Subject, expected: str, is_met: Callable[[Cycle], bool], got: Callable[[Cycle], str]
     ) -> None:
         self._subject = subject
         self._expected = expected
@@ -140,14 +140,14 @@ class AlwaysWatch:
         self._got = got
         self._failure: Failure | None = None
 
-    def see(self, turn: Turn) -> None:
-        """Take in the next turn."""
-        if self._failure is None and not self._is_met(turn):
-            got = f"{self._got(turn)} at {turn.at_s:.2f} s"
-            self._failure = self._subject.failure(self._expected, got, turn)
+    def see(self, cycle: Cycle) -> None:
+        """Take in the next cycle."""
+        if self._failure is None and not self._is_met(cycle):
+            got = f"{self._got(cycle)} at {cycle.at_s:.2f} s"
+            self._failure = self._subject.failure(self._expected, got, cycle)
 
     def failures(self) -> Iterator[Failure]:
-        """Yield the first turn in which it was not met."""
+        """Yield the first cycle in which it was not met."""
         if self._failure is not None:
             yield self._failure
 
@@ -155,42 +155,42 @@ class AlwaysWatch:
 class PeakWatch:
     """Expects a figure to be reached at some time."""
 
-    def __init__(self, subject: Subject, least: float, figure: Callable[[Turn], float], unit: str = "") -> None:
+    def __init__(self, subject: Subject, least: float, figure: Callable[[Cycle], float], unit: str = "") -> None:
         self._subject = subject
         self._least = least
         self._figure = figure
         self._unit = unit
-        self._peak: tuple[float, Turn] | None = None
+        self._peak: tuple[float, Cycle] | None = None
 
-    def see(self, turn: Turn) -> None:
-        """Take in the next turn."""
-        figure = self._figure(turn)
+    def see(self, cycle: Cycle) -> None:
+        """Take in the next cycle."""
+        figure = self._figure(cycle)
         if self._peak is None or figure > self._peak[0]:
-            self._peak = figure, turn
+            self._peak = figure, cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield the highest figure if it is too low."""
         if self._peak is not None and self._peak[0] < self._least - _ROUNDING_S:
-            peak, turn = self._peak
-            got = f"{peak:.2f}{self._unit} at most, at {turn.at_s:.2f} s"
-            yield self._subject.failure(f"{self._least:.2f}{self._unit} reached", got, turn)
+            peak, cycle = self._peak
+            got = f"{peak:.2f}{self._unit} at most, at {cycle.at_s:.2f} s"
+            yield self._subject.failure(f"{self._least:.2f}{self._unit} reached", got, cycle)
 
 
 class EndWatch:
-    """Expects something in the last turn."""
+    """Expects something in the last cycle."""
 
     def __init__(
-        self, subject: Subject, expected: str, is_met: Callable[[Turn], bool], got: Callable[[Turn], str]
+        self, subject: Subject, expected: str, is_met: Callable[[Cycle], bool], got: Callable[[Cycle], str]
     ) -> None:
         self._subject = subject
         self._expected = expected
         self._is_met = is_met
         self._got = got
-        self._last: Turn | None = None
+        self._last: Cycle | None = None
 
-    def see(self, turn: Turn) -> None:
-        """Take in the next turn."""
-        self._last = turn
+    def see(self, cycle: Cycle) -> None:
+        """Take in the next cycle."""
+        self._last = cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield what is wrong at the end."""
@@ -204,16 +204,16 @@ class CountWatch:
     Args:
         limits: The least and the greatest number that will do, given how many seconds the test took.
         noun: What is counted, in words: one, and several.
-        is_near: Tells whether a turn came near to such an event, for saying why there was not one more.
+        is_near: Tells whether a cycle came near to such an event, for saying why there was not one more.
     """
 
     def __init__(
         self,
         subject: Subject,
-        counted: Callable[[Turn], Iterable[Event]],
+        counted: Callable[[Cycle], Iterable[Event]],
         limits: Callable[[float], tuple[float, float]],
         noun: tuple[str, str],
-        is_near: Callable[[Turn], bool],
+        is_near: Callable[[Cycle], bool],
     ) -> None:
         self._subject = subject
         self._counted = counted
@@ -222,19 +222,19 @@ class CountWatch:
         self._is_near = is_near
         self._count = 0
         self._shown: list[tuple[float, str]] = []
-        self._near: Turn | None = None
-        self._last: Turn | None = None
+        self._near: Cycle | None = None
+        self._last: Cycle | None = None
 
-    def see(self, turn: Turn) -> None:
-        """Take in the next turn."""
-        if self._is_near(turn):
-            self._near = turn
-        for event in self._counted(turn):
+    def see(self, cycle: Cycle) -> None:
+        """Take in the next cycle."""
+        if self._is_near(cycle):
+            self._near = cycle
+        for event in self._counted(cycle):
             self._count += 1
             self._near = None
             if len(self._shown) < SHOWN_EVENTS:
-                self._shown.append((event.at_s - turn.start_s, f"{event.kind.value}: {event.reason}"))
-        self._last = turn
+                self._shown.append((event.at_s - cycle.start_s, f"{event.kind.value}: {event.reason}"))
+        self._last = cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield the count if it is wrong, with the first event too many, or the moment that came nearest."""
@@ -270,7 +270,7 @@ class FirstWatch:
     def __init__(
         self,
         subject: Subject,
-        counted: Callable[[Turn], Iterable[Event]],
+        counted: Callable[[Cycle], Iterable[Event]],
         verb: str,
         stretch_s: tuple[float, float],
         expected: str,
@@ -280,26 +280,26 @@ class FirstWatch:
         self._verb = verb
         self._not_before_s, self._by_s = stretch_s
         self._expected = expected
-        self._first: tuple[float, Turn] | None = None
-        self._at_limit: Turn | None = None
+        self._first: tuple[float, Cycle] | None = None
+        self._at_limit: Cycle | None = None
 
-    def see(self, turn: Turn) -> None:
-        """Take in the next turn."""
+    def see(self, cycle: Cycle) -> None:
+        """Take in the next cycle."""
         if self._first is None:
-            event = next(iter(self._counted(turn)), None)
-            self._first = (event.at_s - turn.start_s, turn) if event else None
-        if turn.at_s <= self._by_s + _ROUNDING_S:
-            self._at_limit = turn
+            event = next(iter(self._counted(cycle)), None)
+            self._first = (event.at_s - cycle.start_s, cycle) if event else None
+        if cycle.at_s <= self._by_s + _ROUNDING_S:
+            self._at_limit = cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield when it happened, if that is not within the stretch; and what was so at its end."""
         if self._first is None:
             yield self._subject.failure(self._expected, f"never {self._verb}", self._at_limit)
             return
-        at_s, turn = self._first
+        at_s, cycle = self._first
         got = f"{self._verb} at {at_s:.2f} s"
         if at_s < self._not_before_s - _ROUNDING_S:
-            yield self._subject.failure(self._expected, got, turn)
+            yield self._subject.failure(self._expected, got, cycle)
         elif at_s > self._by_s + _ROUNDING_S:
             late = f"{got}, {at_s - self._by_s:.2f} s late"
             yield self._subject.failure(self._expected, late, self._at_limit)
@@ -309,16 +309,16 @@ class WithinWatch(FirstWatch):
     """Expects the first event of a kind soon after something is so.
 
     Args:
-        is_met: Whether it is so in a turn. Asked in every turn, until it is.
+        is_met: Whether it is so in a cycle. Asked in every cycle, until it is.
     """
 
     def __init__(
         self,
         subject: Subject,
-        counted: Callable[[Turn], Iterable[Event]],
+        counted: Callable[[Cycle], Iterable[Event]],
         verb: str,
         within_s: float,
-        is_met: Callable[[Turn], bool],
+        is_met: Callable[[Cycle], bool],
         words: str,
     ) -> None:
         super().__init__(subject, counted, verb, (0.0, math.inf), "")
@@ -327,14 +327,14 @@ class WithinWatch(FirstWatch):
         self._words = words
         self._met_at_s: float | None = None
 
-    def see(self, turn: Turn) -> None:
-        """Take in the next turn."""
-        if self._met_at_s is None and self._is_met(turn):
-            self._met_at_s = turn.at_s
-            self._by_s = turn.at_s + self._within_s
-            when = f"{turn.at_s:.2f} s, where its condition truly {self._words}"
+    def see(self, cycle: Cycle) -> None:
+        """Take in the next cycle."""
+        if self._met_at_s is None and self._is_met(cycle):
+            self._met_at_s = cycle.at_s
+            self._by_s = cycle.at_s + self._within_s
+            when = f"{cycle.at_s:.2f} s, where its condition truly {self._words}"
             self._expected = f"{self._verb} within {self._within_s:.2f} s of {when}"
-        super().see(turn)
+        super().see(cycle)
 
     def failures(self) -> Iterator[Failure]:
         """Yield when it happened, if that is too late, or that it never had to happen."""

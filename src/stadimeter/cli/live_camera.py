@@ -1,0 +1,35 @@
+"""The option ``--live``: a camera, named by a configuration or by its driver."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from stadimeter.cli.target_options import key_and_value
+from stadimeter.config.findings import findings_of
+from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
+from stadimeter.config.untrusted_file import is_file
+from stadimeter.errors import ConfigError, Problem
+
+
+def camera_choice(live: str) -> DriverChoice:
+    """Return the camera of a configuration, or a camera driver with its options, such as ``opencv,device=0``.
+
+    Raises:
+        ConfigError: There is no such configuration, or an option is wrong.
+        DriverError: There is no such driver.
+    """
+    if Path(live).suffix.lower() == ".toml" or is_file(Path(live)):
+        from stadimeter.config.loader import load_camera_choice  # noqa: PLC0415 - most of a start, and rarely needed
+
+        return load_camera_choice(Path(live))
+    driver, *options = live.split(",")
+    plugin = load_plugin(CAMERAS, driver)
+    table = dict(map(key_and_value, options))
+    try:
+        return DriverChoice(name="camera", driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
+    except ValidationError as error:
+        found = findings_of(error, plugin.options, table, ())
+        hint = f"write it such as --live {driver},KEY=VALUE, or write a configuration and give that"
+        raise ConfigError([Problem(f"{driver}: {each.message}", key="--live", hint=hint) for each in found]) from error

@@ -1,0 +1,171 @@
+"""Ranges of colours, such as ``"29,86,6:64,255,255"``: which pixels have the ball's colour."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator
+
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.detectors.ball.circles import Circle
+
+Mask = NDArray[np.uint8]
+
+CHANNELS = (("hue", 179), ("saturation", 255), ("value", 255))
+LEAST_CHROMA = 8
+"""Where the channels of a pixel differ by fewer levels, their noise decides its hue: black shows every hue."""
+
+DARK_VALUE = 32
+"""Where the least saturation of a range reaches that difference at this value or less, all darker pixels are left out,
+those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours."""
+
+GRID = 16
+"""Pixels each way from which the share of a circle with the ball's colour is estimated."""
+
+MORE_OF_DARK, LEAST_OF_DARK = 1.1, 4
+"""Pixels that are dark are looked at if there are as many more of them with the colour: by this factor, and number."""
+
+LEAST_TOLD_APART = 64
+"""Among fewer pixels there is nothing to tell apart."""
+
+EXAMPLE = "29,86,6:64,255,255"
+
+
+@dataclass(frozen=True, slots=True)
+class HsvRange:
+    """Colours between two limits, both included.
+
+    Hue runs from 0 to 179, half a degree each, as OpenCV has it; saturation and value from 0 to 255. A lower hue above
+    the upper one wraps through 0, which is red: ``"170,120,70:10,255,255"``.
+    """
+
+    lower: tuple[int, int, int]
+    upper: tuple[int, int, int]
+    # Whether pixels count that are dark, but saturated enough to have a hue, which takes a look at each.
+    keeps_dark: bool = False
+
+    def mask(self, image: Image) -> Mask:
+        """Return which pixels have such a colour: 255 where one has, 0 elsewhere, shape ``(height, width)``.
+
+        A pixel that is all but grey has no hue, so it counts only where every hue does.
+        """
+        hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
+        if (self.lower[0], self.upper[0]) == (0, 179):
+            return _between(hsv, self.lower, self.upper)
+        least_value = math.ceil(LEAST_CHROMA * 255 / max(self.lower[1], 1))
+        if self.keeps_dark or least_value > DARK_VALUE or self.upper[2] < 2 * DARK_VALUE:
+            return np.asarray(cv2.bitwise_and(self._between_hues(hsv, self.lower[2]), _has_hue(hsv)), np.uint8)
+        return self._between_hues(hsv, max(self.lower[2], least_value))
+
+    def _between_hues(self, hsv: cv2.typing.MatLike, least_value: int) -> Mask:
+        """Return which pixels are between the limits, with another lower limit of the value."""
+        (low_hue, saturation, _), (high_hue, *most) = self.lower, self.upper
+        if low_hue <= high_hue:
+            return _between(hsv, (low_hue, saturation, least_value), self.upper)
+        below_red = _between(hsv, (low_hue, saturation, least_value), (179, *most))
+        above_red = _between(hsv, (0, saturation, least_value), self.upper)
+        return np.asarray(cv2.bitwise_or(below_red, above_red), np.uint8)
+
+    def __str__(self) -> str:
+        """Return it as it is written."""
+        return ":".join(",".join(str(part) for part in limit) for limit in (self.lower, self.upper))
+
+
+def parse_hsv_range(text: object) -> HsvRange:
+    """Read a range of colours such as ``"29,86,6:64,255,255"``: lower and upper limit of hue, saturation and value.
+
+    Raises:
+        ValueError: It is no such text, or a number is outside its channel.
+    """
+    if isinstance(text, HsvRange):
+        return text
+    if not isinstance(text, str):
+        raise ValueError(f"{text!r} is not a range of colours; write it as text, such as {EXAMPLE!r}")
+    limits = text.split(":")
+    if len(limits) != 2:
+        raise ValueError(
+            f"{text!r} has {len(limits)} limits, not 2; write the lower and the upper one such as {EXAMPLE!r}"
+        )
+    lower, upper = (_parse_limit(limit, text) for limit in limits)
+    for (name, _), low, high in zip(CHANNELS[1:], lower[1:], upper[1:], strict=True):
+        if low > high:
+            raise ValueError(f"{text!r}: the lower {name} {low} is above the upper one {high}, so no colour fits")
+    return HsvRange(lower, upper)
+
+
+def _parse_limit(limit: str, text: str) -> tuple[int, int, int]:
+    parts = limit.split(",")
+    if len(parts) != 3:
+        raise ValueError(
+            f"{text!r}: {limit!r} has {len(parts)} numbers, not 3 for hue, saturation and value, such as {EXAMPLE!r}"
+        )
+    numbers = []
+    for part, (name, most) in zip(parts, CHANNELS, strict=True):
+        number = part.strip()
+        if not (number.isascii() and number.removeprefix("-").isdigit()):
+            raise ValueError(f"{text!r}: {name} {number!r} is not a whole number")
+        if not 0 <= int(number) <= most:
+            raise ValueError(f"{text!r}: {name} {number} is outside 0 to {most}")
+        numbers.append(int(number))
+    return numbers[0], numbers[1], numbers[2]
+
+
+def _has_hue(hsv: cv2.typing.MatLike) -> cv2.typing.MatLike:
+    """Return where the channels differ by `LEAST_CHROMA` levels: saturation is their difference as a share of value."""
+    chroma = cv2.multiply(cv2.extractChannel(hsv, 1), cv2.extractChannel(hsv, 2), scale=1 / 255)
+    return cv2.threshold(chroma, LEAST_CHROMA - 1, 255, cv2.THRESH_BINARY)[1]
+
+
+def _between(hsv: cv2.typing.MatLike, lower: tuple[int, ...], upper: tuple[int, ...]) -> Mask:
+    return np.asarray(cv2.inRange(hsv, lower, upper), np.uint8)
+
+
+HsvRangeText = Annotated[HsvRange, BeforeValidator(parse_hsv_range)]
+
+
+def other_ranges(image: Image, colour: HsvRange) -> Iterator[HsvRange]:
+    """Yield ranges that may show a ball where its own shows none.
+
+    First with the darkest pixels. Then the more saturated of the pixels in the range, and the brighter of them: a range
+    that holds the ball may hold the floor or a hand as well, but hardly anything is exactly as vivid.
+    """
+    mask, with_dark = colour.mask(image), replace(colour, keeps_dark=True)
+    if cv2.countNonZero(with_dark.mask(image)) > MORE_OF_DARK * cv2.countNonZero(mask) + LEAST_OF_DARK:
+        yield with_dark
+    pixels = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[mask > 0]
+    if len(pixels) < LEAST_TOLD_APART:
+        return
+    for channel in (1, 2):
+        least, _ = cv2.threshold(pixels[None, :, channel].copy(), 0, 255, cv2.THRESH_OTSU)
+        lower = list(colour.lower)
+        lower[channel] = max(lower[channel], int(least) + 1)
+        yield replace(colour, lower=(lower[0], lower[1], lower[2]))
+
+
+def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
+    """Return how much of a circle has a colour, 0 to 1, from a grid of the pixels in its inner square."""
+    half_px = max(1.0, circle.radius_px * math.sqrt(0.5))
+    left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
+    right, bottom = max(int(circle.x_px + half_px + 1), 0), max(int(circle.y_px + half_px + 1), 0)
+    part = image[top:bottom, left:right]
+    if part.size == 0:
+        return 0.0
+    grid = np.asarray(cv2.resize(part, (GRID, GRID), interpolation=cv2.INTER_NEAREST), np.uint8)
+    return cv2.countNonZero(colour.mask(grid)) / (GRID * GRID)
+
+
+def colour_share_beside(image: Image, points_px: Points, centre_px: Points, off_px: float, colour: HsvRange) -> float:
+    """Return at how many of the points, this much further from a centre, a colour is seen: 0 to 1."""
+    out = points_px - centre_px
+    out *= 1 + off_px / np.maximum(np.hypot(out[:, :1], out[:, 1:]), 1.0)
+    places = np.rint(np.nan_to_num(centre_px + out))
+    inside = ((places >= 0) & (places < (image.shape[1], image.shape[0]))).all(axis=1)
+    x, y = places[inside].astype(np.intp).T
+    return cv2.countNonZero(colour.mask(image[None, y, x])) / len(points_px) if len(x) else 0.0

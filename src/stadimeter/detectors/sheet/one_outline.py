@@ -1,0 +1,372 @@
+"""The four sides of one outline that is known to a few pixels, quickly.
+
+The edges are those of `stadimeter.detectors.sheet.edges`, measured in the same way: half way, in light, between the
+colours on both sides of each step. What differs is the way there. One look far across, in few places, finds each side
+by a vote; a second, narrow one, in many places, measures it. For a single outline the sides are described by plain
+numbers, and only what is read of the picture is in arrays: the pixels across first, then the sides, then the steps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points
+from stadimeter.core.frame import Image
+from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.sheet.edges import (
+    CLEAR_PX,
+    LEAST_DROP,
+    MOST_STEPS,
+    PLATEAU_PX,
+    REACHES_PX,
+    SMOOTH,
+    QuadEdges,
+)
+from stadimeter.detectors.sheet.lines import BEND_SHARE, REACH_SHARE, bend
+from stadimeter.detectors.sides import CORNER_SHARE, LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA
+
+Values = NDArray[np.float64]
+Profiles = NDArray[np.float32]
+OfSides = list[float]
+
+LEAST_STEPS = 12
+
+LEAST_LIGHT = 1e-3
+"""Two sides whose light differs by less, times the levels of their codes, are one."""
+
+SHORTEST_PX = 4.0
+"""Along a shorter side steps would be in the same pixels."""
+
+LEAST_REACH_PX = 3
+"""Less than this across leaves no room for both levels beside an edge."""
+
+USUAL_EDGE_PX = 2.6
+"""Width of an edge before it is measured."""
+
+FAR_SIGMAS = 3.0
+"""Sides are looked for within one standard deviation first, and within this many of them only if they are not there."""
+
+SUPPORTED = 0.7
+"""Sides are there where this share of each lies on its line."""
+
+NARROW_LOOKS = 3
+SLACK_PX = 0.4
+"""A look is enough where it reaches the level beside the edge, but for this."""
+
+CALM = 0.12
+"""Beside the edge a profile is level to this share of the contrast; less calm sides are looked at once more, narrowly,
+so that what is beside them does not count."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class OutlineSides:
+    """Measured sides of one outline; each field as in `QuadEdges`, which has them for many."""
+
+    corners_px: Points
+    contrast: Values
+    colour_contrast: Values
+    support: Values
+    scatter_px: Values
+    steps: NDArray[np.int64]
+    edge_px: Values
+    codes_inside: NDArray[np.uint8]  # the two outermost pixels inside each step, ``(2, 4, n, 3)``
+    reach_px: float  # how far across was looked
+    rough: float  # how far beside the edges profiles usually are from level, as a share of the contrast
+
+    def as_edges(self) -> QuadEdges:
+        """Return them as candidates' sides, of one candidate."""
+        codes = self.codes_inside.astype(np.float32).mean(axis=0).transpose(0, 2, 1)
+        inside = median(codes)
+        uneven = median(np.abs(codes - inside).max(axis=1))
+        return QuadEdges(
+            corners_px=self.corners_px[None],
+            contrast=self.contrast[None],
+            colour_contrast=self.colour_contrast[None],
+            support=self.support[None],
+            scatter_px=self.scatter_px[None],
+            steps=self.steps[None],
+            edge_px=self.edge_px[None],
+            inside=inside[None, :, :, 0].astype(np.float64),
+            unevenness=uneven[None, :, 0].astype(np.float64),
+        )
+
+
+class _Side(NamedTuple):
+    """A side as expected: across = at_zero + slope * along."""
+
+    flat: bool
+    slope: float
+    at_zero: float
+    cosine: float
+    length_px: float
+
+
+class _Frame(NamedTuple):
+    """Where the sides are looked for. Arrays are of shape ``(4, n)`` or ``(4, 1)``."""
+
+    sides: list[_Side]
+    middle: OfSides  # along each side
+    from_middle: Values
+    off_pixel: Values  # how far across from the pixel the side is expected
+    outward: Values  # which way across leads out, 1 or -1
+    cosine: Values
+    reach: int
+    codes: NDArray[np.uint8]  # the pixels across, from the inside to the outside, ``(2 reach + 1, 4, n, 3)``
+
+
+def measure_outline(
+    image: Image, corners_px: Points, sigma_px: float, light: Light, lens: CameraModel | None = None
+) -> OutlineSides | None:
+    """Measure the sides of an outline; None where it has none near by, or they reach the border of the picture.
+
+    Args:
+        corners_px: About where the corners are, clockwise on the screen, shape ``(4, 2)``.
+        sigma_px: How far from there the true sides may be, a standard deviation.
+        lens: The lens, if it bends what is straight.
+    """
+    sides = None
+    for off_px in (sigma_px, FAR_SIGMAS * sigma_px):
+        sides = _look(image, corners_px, off_px + USUAL_EDGE_PX / 2 + PLATEAU_PX, light, lens)
+        if sides is not None and sides.support.min() >= SUPPORTED:
+            break
+    if sides is None:
+        return None
+    expected_px = corners_px
+    for _ in range(NARROW_LOOKS):
+        needed_px = min(max(float(sides.edge_px.max()) / 2 + PLATEAU_PX, REACHES_PX[0]), REACHES_PX[1])
+        off_px = float(np.abs(sides.corners_px - expected_px).max())
+        if sides.reach_px >= off_px + needed_px - SLACK_PX and (sides.rough <= CALM or sides.reach_px < needed_px + 1):
+            return sides
+        expected_px = sides.corners_px
+        sides = _look(image, expected_px, needed_px, light, lens)
+        if sides is None:
+            return None
+    return sides
+
+
+def measure_few(
+    image: Image, outlines_px: Points, sigma_px: float, light: Light, lens: CameraModel | None = None
+) -> QuadEdges | None:
+    """Measure the sides of a few outlines, ``(c, 4, 2)``; None where one of them is not seen whole at once."""
+    every = []
+    for corners_px in outlines_px:
+        sides = measure_outline(image, corners_px, sigma_px, light, lens)
+        if sides is None or sides.support.min() < SUPPORTED:
+            return None
+        every.append(sides.as_edges())
+    if len(every) == 1:
+        return every[0]
+    return QuadEdges(**{name: np.concatenate([getattr(each, name) for each in every]) for name in QuadEdges.__slots__})
+
+
+def _look(
+    image: Image, corners_px: Points, reach_px: float, light: Light, lens: CameraModel | None
+) -> OutlineSides | None:
+    frame = _frame(image, corners_px, reach_px, lens)
+    return None if frame is None else _measured(frame, light)
+
+
+def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel | None) -> _Frame | None:
+    """Read the picture across the sides; None for no outline, or one that leaves no room across, or to the border."""
+    height, width = image.shape[:2]
+    corners = corners_px.tolist()
+    sides, rows, middle, extents = [], [], [], []
+    for (x, y), (next_x, next_y) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        right, down = next_x - x, next_y - y
+        flat = abs(right) >= abs(down)
+        start, level, forward, sideways = (x, y, right, down) if flat else (y, x, down, right)
+        if not abs(forward) > SHORTEST_PX:
+            return None
+        slope, length_px = sideways / forward, math.hypot(right, down)
+        sides.append(_Side(flat, slope, level - slope * start, abs(forward) / length_px, length_px))
+        outward = -1 if (forward > 0) == flat else 1
+        apart, beside = (width, 1) if flat else (1, width)
+        rows.append((start, forward, slope, sides[-1].at_zero, sides[-1].cosine, apart, beside, outward))
+        first, last = round(start + CORNER_SHARE * forward), round(start + (1 - CORNER_SHARE) * forward)
+        middle.append((first + last) / 2)
+        extents.append(abs(forward))
+    reach = _reach(corners, extents, reach_px, height, width)
+    if reach < LEAST_REACH_PX:
+        return None
+    steps = int(min(max((1 - 2 * CORNER_SHARE) * max(extents), LEAST_STEPS), MOST_STEPS))
+    start, forward, slope, at_zero, cosine, apart, beside, outward = np.array(rows).T[:, :, None]
+    along = np.rint(start + _shares(steps) * forward)
+    across = along * slope + at_zero
+    if lens is not None and lens.distortion:
+        flat = np.array([[side.flat for side in sides]])
+        across += bend(corners_px[None], flat, along[None], lens)[0]
+    pixel = np.rint(across)
+    places = (pixel * apart + along * beside + (apart * outward) * _beside(reach)).astype(np.intp)
+    return _Frame(
+        sides=sides,
+        middle=middle,
+        from_middle=along - np.array(middle)[:, None],
+        off_pixel=across - pixel,
+        outward=outward,
+        cosine=cosine,
+        reach=reach,
+        codes=image.reshape(-1, image.shape[2]).take(places, axis=0),
+    )
+
+
+def _reach(corners: list[list[float]], extents: OfSides, reach_px: float, height: int, width: int) -> int:
+    """Return how far across can be looked: not beyond the border, and not near the opposite side."""
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners
+    area = abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2
+    x_room = min(ax, bx, cx, dx, width - 1 - max(ax, bx, cx, dx))
+    y_room = min(ay, by, cy, dy, height - 1 - max(ay, by, cy, dy))
+    room_px = min(x_room, y_room) - 1
+    if not room_px > 0:
+        return 0
+    return int(min(math.ceil(reach_px), REACH_SHARE * area / max(extents), room_px))
+
+
+@cache
+def _shares(steps: int) -> Values:
+    return np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
+
+
+@cache
+def _beside(reach: int) -> Values:
+    return np.arange(-reach, reach + 1.0)[:, None, None]
+
+
+@cache
+def _columns(sides: int, steps: int) -> NDArray[np.intp]:
+    return np.arange(sides * steps).reshape(sides, steps)
+
+
+def _crossing(share: Profiles) -> tuple[Profiles, Values]:
+    """Return how much profiles drop where they pass half way from the inside to the outside, and where that is."""
+    is_in = share >= 0
+    drops = share[:-1] - share[1:]
+    drops *= is_in[:-1] > is_in[1:]
+    best = drops.argmax(axis=0)
+    place = best * best.size + _columns(*best.shape)
+    drop = drops.take(place)
+    return drop, best + share.take(place) / np.maximum(drop, LEAST_DROP)
+
+
+def _measured(frame: _Frame, light: Light) -> OutlineSides | None:
+    """Find the edge in each place, and fit a line to each side."""
+    codes = frame.codes
+    count = codes.shape[2]
+    difference = np.subtract(codes[0], codes[-1], dtype=np.float32)
+    contrasts = np.add.reduce(difference, axis=1, dtype=np.float64) / count
+    off, worth, drop, rough = _steps(frame, contrasts, light)
+    line = _fit_lines(frame, off, worth)
+    corners = _intersections(frame, line.offset, line.slope)
+    if corners is None:
+        return None
+    return OutlineSides(
+        corners_px=corners,
+        contrast=contrasts.sum(axis=1) / 3,
+        colour_contrast=np.abs(contrasts).max(axis=1),
+        support=line.steps / count,
+        scatter_px=line.scatter_px,
+        steps=line.steps,
+        edge_px=1 / np.maximum(median(drop), LEAST_DROP)[:, 0].astype(np.float64),
+        codes_inside=codes[:2],
+        reach_px=frame.reach,
+        rough=rough,
+    )
+
+
+def _steps(frame: _Frame, contrasts: Values, light: Light) -> tuple[Values, Profiles, Profiles, float]:
+    """Return how far off the edge is in each place, how much that counts, how steep it is, and how rough it is beside.
+
+    A step is a mixture of the two colours beside it, in light. So half way between them is half way along any direction
+    in which they differ: here the one in which both sides of a side of the outline differ on the whole.
+    """
+    lights = np.einsum("pskx,sx->psk", light.take(frame.codes), contrasts.astype(np.float32))
+    inside, outside = lights[0] + lights[1], lights[-2] + lights[-1]
+    contrast = inside - outside
+    share = lights * 2
+    share -= (inside + outside) / 2
+    share /= np.where(np.abs(contrast) > LEAST_LIGHT, contrast, np.inf)
+    drop, beyond = _crossing(share)
+    apart = np.abs(_rows(frame.reach) - beyond)
+    np.abs(share, out=share)
+    share -= np.float32(0.5)
+    np.abs(share, out=share)
+    share *= apart > CLEAR_PX
+    rough = share.max(axis=0)
+    usual = median(rough)
+    rough /= np.maximum(usual, SMOOTH)
+    worth = np.minimum(contrast / np.maximum(median(contrast), LEAST_LIGHT), 1) / (1 + rough * rough)
+    worth *= (drop > LEAST_DROP) & (contrast > 0)
+    return frame.outward * (beyond - frame.reach) - frame.off_pixel, worth, drop, float(usual.max())
+
+
+@cache
+def _rows(reach: int) -> Profiles:
+    return np.arange(2 * reach + 1, dtype=np.float32)[:, None, None]
+
+
+class _Lines(NamedTuple):
+    """A line for each side, as a difference from where it was expected: offset + slope * from_middle."""
+
+    offset: OfSides
+    slope: OfSides
+    scatter_px: Values
+    steps: NDArray[np.int64]  # how many steps lie on it
+
+
+def _fit_lines(frame: _Frame, off: Values, worth: Profiles) -> _Lines:
+    """Fit lines by least squares with Tukey's weights, from lines through medians, which outliers do not move."""
+    along, cosine = frame.from_middle, frame.cosine
+    # The slope is the median over pairs of steps half a side apart (Theil and Sen, with fixed pairs), so up to a
+    # quarter of the steps may be outliers, and no iteration is needed.
+    half = off.shape[1] // 2
+    slope = median((off[:, -half:] - off[:, :half]) / (along[:, -half:] - along[:, :half]))
+    rest = off - slope * along
+    distance = np.abs(rest - median(rest)) * cosine
+    widest = np.array([[max(LIMITS_PX[1], BEND_SHARE * side.length_px)] for side in frame.sides])
+    limit = np.minimum(np.maximum(3 * MAD_TO_SIGMA * median(distance), LIMITS_PX[0]), widest)
+    distance /= limit
+    terms = np.empty((5, *off.shape))
+    weight = np.maximum(1 - distance * distance, 0, out=terms[0])
+    weight *= weight
+    weight *= worth
+    np.multiply(weight, along, out=terms[1])
+    np.multiply(terms[1], along, out=terms[2])
+    np.multiply(terms[:2], off, out=terms[3:])
+    lines = np.array([_line(sums) for sums in np.add.reduce(terms, axis=2).T.tolist()])
+    distance = off - lines[:, 1:] * along
+    distance -= lines[:, :1]
+    distance *= cosine
+    offset, slope = lines.T.tolist()
+    used = (np.abs(distance) < limit) & (worth > 0)
+    steps = np.add.reduce(used, axis=1)
+    scatter_px = np.sqrt(np.add.reduce(distance * distance * used, axis=1) / np.maximum(steps - 2, 1))
+    return _Lines(offset, slope, scatter_px, steps)
+
+
+def _line(sums: OfSides) -> tuple[float, float]:
+    total, first, second, height, together = sums
+    total = max(total, 1e-9)
+    slope = (together - first * height / total) / max(second - first * first / total, 1e-9)
+    return (height - slope * first) / total, slope
+
+
+def _intersections(frame: _Frame, offset: OfSides, slope: OfSides) -> Points | None:
+    """Return the corners between neighbouring lines, ``(4, 2)``; None where two of them are all but parallel."""
+    lines = []
+    for side, off, steeper, middle in zip(frame.sides, offset, slope, frame.middle, strict=True):
+        steep, level = side.slope + steeper, side.at_zero + off - steeper * middle
+        lines.append((-steep, 1.0, level) if side.flat else (1.0, -steep, level))
+    met = []
+    for number in range(4):
+        (a, b, c), (d, e, f) = lines[number - 1], lines[number]
+        determinant = a * e - b * d
+        if not abs(determinant) > LEAST_SINE * math.hypot(a, b) * math.hypot(d, e):
+            return None
+        met.append(((c * e - b * f) / determinant, (a * f - c * d) / determinant))
+    return np.array(met)

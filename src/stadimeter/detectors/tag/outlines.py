@@ -1,0 +1,154 @@
+"""Outlines of four corners in a picture, which may be those of tags.
+
+`cv2.aruco` finds them, and compares each with each: a fine chequer of ten thousand squares would take it minutes. So
+where outlines are many, only the largest are looked for.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.detection import Points
+from stadimeter.detectors.sampling import reduced, to_full_scale
+
+Plane = NDArray[np.uint8]
+
+ONE_WINDOW = (13, 13)
+"""Pixels are compared with the mean of a square around them; one size is enough for most tags."""
+
+THREE_WINDOWS = (3, 23)
+"""OpenCV's own choice: squares of 3, 13 and 23 pixels."""
+
+LEAST_PICTURE_PX = 8
+"""No tag fits into a smaller picture."""
+
+SAME_PX = 1.5
+"""Outlines whose corners are all nearer to each other are one."""
+
+OBLIQUE = np.array((0.8, 0.6))
+NEAR_PX = SAME_PX * (0.8 + 0.6)
+"""A direction, and how far apart along it the centres of two outlines that are one may be."""
+
+INSET_PX = 0.85
+"""Distance of OpenCV's outline inside the edge of a black tag: through the middles of the outermost dark pixels."""
+
+ROUND = np.array((1, 2, 3, 0))
+"""The corner after each corner."""
+
+MOST_OUTLINES = 250
+"""Number of outlines that a look may show: rooms show ten, shelves and keyboards a hundred."""
+
+COUNTED_FROM_PX = 400
+"""Pictures with a shorter long side than this have no room for so many outlines that it would take long."""
+
+COUNTING_SCALE = 2
+"""Outlines are counted at a half of the size that they are looked for at, which takes a twentieth of the time."""
+
+COUNTING_ERROR = 1.1
+"""At full size an outline is at most so many times as long as at half, and a pixel a side: a floor's are all alike."""
+
+HOLLOW = 0.25
+"""Outlines with less than this share of the area of a square of their length are no tags, and do not count."""
+
+
+class Outlines(NamedTuple):
+    """What a look found."""
+
+    corners_px: Points  # clockwise, the largest first, shape ``(k, 4, 2)``
+    left_out_px: float = 0.0  # outlines of a shorter perimeter than this were left out since there are too many
+
+
+def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> Outlines:
+    """Return outlines of four corners that differ from what is around.
+
+    What costs time is what is found, so small ones are left out early: OpenCV's limit is a share of the picture's long
+    side and its default, 0.03, means nothing in a small part of a picture.
+
+    Args:
+        smallest_perimeter_px: Outlines that are shorter than this around are left out.
+        long_side_px: The picture is searched with its long side reduced to this.
+        thorough: Whether three window sizes are tried instead of one.
+    """
+    nothing = np.zeros((0, 4, 2))
+    if min(grey.shape) < LEAST_PICTURE_PX:
+        return Outlines(nothing)
+    small, scale = reduced(grey, long_side_px, cv2.INTER_LINEAR)
+    crowded_px = _crowded_px(small, smallest_perimeter_px * scale)
+    rate = max(smallest_perimeter_px * scale, crowded_px) / max(small.shape)
+    parameters = _parameters(THREE_WINDOWS if thorough else ONE_WINDOW, rate)
+    named, _, others = cv2.aruco.ArucoDetector(_no_dictionary(), parameters).detectMarkers(small)
+    found = (*named, *others)
+    outlines = distinct(_around_dark(np.concatenate(found), scale)) if found else nothing
+    return Outlines(outlines[:MOST_OUTLINES], crowded_px / scale)
+
+
+def _crowded_px(grey: Plane, smallest_perimeter_px: float) -> float:
+    """Return which perimeter no more than `MOST_OUTLINES` outlines exceed; 0 if no more have the smallest one."""
+    if max(grey.shape) < COUNTED_FROM_PX:
+        return 0.0
+    half, scale = reduced(grey, max(grey.shape) // COUNTING_SCALE, cv2.INTER_LINEAR)
+    window, below = ONE_WINDOW[0] // COUNTING_SCALE | 1, _parameters(ONE_WINDOW, 0.0).adaptiveThreshConstant
+    dark = cv2.adaptiveThreshold(half, 1, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, window, below)
+    contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    long = [each for each in contours if len(each) > scale * smallest_perimeter_px]
+    if len(long) <= MOST_OUTLINES:
+        return 0.0
+    full = [len(each) for each in long if cv2.contourArea(each) > HOLLOW * (len(each) / 4) ** 2]
+    if len(full) <= MOST_OUTLINES:
+        return 0.0
+    return COUNTING_ERROR * (sorted(full, reverse=True)[MOST_OUTLINES] + 4) / scale
+
+
+def _around_dark(corners: NDArray[np.float32], scale: float) -> Points:
+    """Return where outlines of a reduced picture lead around what is dark, in the full picture, the largest first."""
+    around_px = np.abs(corners.take(ROUND, axis=1) - corners).reshape(-1, 8).sum(axis=1, dtype=np.float64)
+    # Of a square, each edge is an eighth of the way around from the centre.
+    growth = (1 + 8 * INSET_PX / around_px) / scale
+    centre = corners.sum(axis=1, keepdims=True) / 4
+    grown = to_full_scale(centre, scale) + (corners - centre) * growth[:, None, None]
+    return np.asarray(grown if len(grown) == 1 else grown[np.argsort(-around_px, kind="stable")])
+
+
+def _parameters(windows: tuple[int, int], rate: float) -> cv2.aruco.DetectorParameters:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = windows
+    parameters.minMarkerPerimeterRate = max(rate, 1e-3)
+    parameters.minDistanceToBorder = 0
+    parameters.perspectiveRemovePixelPerCell = 1
+    # An outline inside another, such as a tag on its paper, would hide behind it.
+    parameters.minMarkerDistanceRate = 0.0
+    return parameters
+
+
+@cache
+def _no_dictionary() -> cv2.aruco.Dictionary:
+    """Return a dictionary of a single small tag: OpenCV returns what it does not recognise as well."""
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    return cv2.aruco.Dictionary(np.asarray(family.bytesList)[:1], family.markerSize, 0)
+
+
+def distinct(outlines: Points) -> Points:
+    """Leave out what was found twice: of two outlines that are one, the later, shape ``(k, 4, 2)``.
+
+    Only neighbours along an oblique line are compared: a table of all with all would fill the memory where a floor or a
+    grille shows thousands. The line is oblique since their rows and columns would meet in one place of an axis.
+    """
+    if len(outlines) == 1:
+        return outlines
+    along = outlines.mean(axis=1) @ OBLIQUE
+    order = np.argsort(along)
+    along = along[order]
+    is_left = np.ones(len(outlines), np.bool_)
+    for step in range(1, len(outlines)):
+        near = np.flatnonzero(along[step:] - along[:-step] < NEAR_PX)
+        if not len(near):
+            break
+        one, other = order[near], order[near + step]
+        is_same = np.abs(outlines[one] - outlines[other]).reshape(-1, 8).max(axis=1) < SAME_PX
+        is_left[np.maximum(one, other)[is_same]] = False
+    return outlines[is_left]

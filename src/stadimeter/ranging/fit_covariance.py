@@ -1,0 +1,96 @@
+"""How well a calibration with boards determines all parameters of a lens together.
+
+The inverse of the fit's normal matrix is the covariance of its parameters, if every corner errs by itself (R. Hartley
+and A. Zisserman, "Multiple View Geometry", section 5.2). Of each board only its own pose is unknown besides; it is
+eliminated by the Schur complement, which leaves nine unknowns. OpenCV has the diagonal of this matrix only, and the
+parameters are highly correlated: k1, k2 and k3 can all change much while no corner moves.
+
+But the corners of one board err together, by its warp or the blur of its picture. What that does shows in how the pull
+of each board on the parameters scatters: the covariance that is robust against such clusters, with the correction that
+makes it exact where corners err by themselves (R. Bell and D. McCaffrey, "Bias reduction in standard errors for linear
+regression with multi-stage samples", Survey Methodology 28, 2002). The larger of both counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Matrix = NDArray[np.float64]
+
+_OF_POSE = 6
+_OF_LENS = slice(_OF_POSE, _OF_POSE + 9)
+_LEAST_EIGENVALUE = 1e-13
+"""As a share of the largest: smaller ones are rounding errors."""
+
+_MOST_LEVERAGE = 0.9999
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PlacedBoard:
+    """A board as a fit has it."""
+
+    board_m: Matrix  # its corners, shape (n, 3)
+    corners_px: Matrix  # where they were seen, shape (n, 2)
+    turn: Matrix  # its rotation vector, shape (3, 1)
+    shift: Matrix  # its position, shape (3, 1)
+
+
+def lens_covariance(boards: Sequence[PlacedBoard], lens: Matrix) -> Matrix:
+    """Return the covariance of fx, fy, cx, cy, k1, k2, p1, p2 and k3; zero for k3 if that is zero."""
+    fitted = slice(0, 9 if lens[8] else 8)
+    seen = [_without_pose(board, lens) for board in boards]
+    jacobians, residuals_px = [each[:, fitted] for each, _ in seen], [each for _, each in seen]
+    root = _inverse_root(np.sum([each.T @ each for each in jacobians], axis=0))
+    freedom = sum(map(len, residuals_px)) - _OF_POSE * len(boards) - len(root)
+    variance_px2 = float(sum(each @ each for each in residuals_px)) / max(freedom, 1)
+    observed = np.sum([_pull(one @ root, two) for one, two in zip(jacobians, residuals_px, strict=True)], axis=0)
+    covariance = np.zeros((9, 9))
+    covariance[fitted, fitted] = root @ root.T * max(variance_px2, _largest(root, observed))
+    return covariance
+
+
+def _without_pose(board: PlacedBoard, lens: Matrix) -> tuple[Matrix, Matrix]:
+    """Return how corners move with the lens while the board's pose makes up for what it can, and how far they are off.
+
+    Shapes are (2n, 9) and (2n,).
+    """
+    camera = np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
+    there_px, jacobian = cv2.projectPoints(board.board_m, board.turn, board.shift, camera, lens[4:])
+    of_pose, _ = np.linalg.qr(jacobian[:, :_OF_POSE])
+    off_px = board.corners_px.ravel() - np.asarray(there_px, np.float64).ravel()
+    both = np.column_stack((np.asarray(jacobian, np.float64)[:, _OF_LENS], off_px))
+    both = np.asarray(both - of_pose @ (of_pose.T @ both), np.float64)
+    return both[:, :-1], both[:, -1]
+
+
+def _inverse_root(normal: Matrix) -> Matrix:
+    """Return a matrix R with ``R R^T`` the inverse of the normal matrix.
+
+    It is found in units in which the diagonal is 1, since coefficients of high powers differ by orders of magnitude.
+    """
+    scale = 1 / np.sqrt(np.diag(normal).clip(1e-300))
+    values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vectors / np.sqrt(values.clip(_LEAST_EIGENVALUE * values[-1])))
+
+
+def _pull(jacobian: Matrix, residuals_px: Matrix) -> Matrix:
+    """Return the square of a board's pull on parameters in which the normal matrix is 1."""
+    left, leverage, right = np.linalg.svd(jacobian, full_matrices=False)
+    factor = leverage / np.sqrt(1 - np.minimum(leverage**2, _MOST_LEVERAGE))
+    pull = (left.T @ residuals_px * factor) @ right
+    return np.outer(pull, pull)
+
+
+def _largest(root: Matrix, observed: Matrix) -> float:
+    """Return the variance of a corner that explains the pulls of boards: on the mean, and on each focal length.
+
+    The mean over all parameters is far surer than a single one, of which few boards say little. But every distance
+    rests on the focal length.
+    """
+    of_focal = [float(row @ observed @ row / (row @ row)) for row in root[:2]]
+    return max(float(np.trace(observed)) / len(root), *of_focal)

@@ -1,0 +1,63 @@
+"""Frames of a camera at a desk: without a lens and without anything else of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from stadimeter.app.capture import Capture, capture_for
+from stadimeter.app.clock import MonotonicClock, SteppedClock
+from stadimeter.cameras.protocol import Camera
+from stadimeter.config.plugins import DriverChoice, DriverContext
+from stadimeter.core.frame import Frame
+from stadimeter.errors import CaptureTimeoutError, EndOfFramesError
+
+FRAME_WAIT_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """Where the frames come from.
+
+    Attributes:
+        is_live: Whether they come at the camera's own pace; of a recording every frame counts.
+    """
+
+    capture: Capture
+    is_live: bool
+
+    def frames(self, note: Callable[[str], None]) -> Iterator[Frame]:
+        """Yield the frames of the open source until they end; of a live camera the newest, without an end.
+
+        Args:
+            note: Takes a sentence while none comes, each time that it changes.
+
+        Raises:
+            PictureError: A recording is damaged at this point.
+        """
+        said = ""
+        while True:
+            try:
+                yield self.capture.latest(FRAME_WAIT_S)
+                said = ""
+            except CaptureTimeoutError as error:
+                if str(error) != said:
+                    said = str(error)
+                    note(said)
+            except EndOfFramesError:
+                return
+
+
+def open_source(choice: DriverChoice) -> Source:
+    """Build a camera. Touches no hardware.
+
+    Raises:
+        DriverError: It cannot be built.
+    """
+    clock = SteppedClock()
+    camera: Camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=clock))
+    if not camera.is_live:
+        return Source(capture=capture_for(camera, clock), is_live=False)
+    live_clock = MonotonicClock()
+    camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=live_clock))
+    return Source(capture=capture_for(camera, live_clock), is_live=True)
