@@ -94,8 +94,8 @@ TABLES = {
         "least, tilted by up to 45°, taken by cameras of random quality. ±1 mm: each place of a side (of tape: of an "
         "end) is off by up to 1 mm, evenly spread, 0.58 mm rms, smoothly along it. Cards are plain, drawn on, shaded, "
         "or curled at a corner. Large: A4, 60–300 px. Of two strips beside each other, either is right, and so is to "
-        "say that it is ambiguous. A scene counts in a row of each group. The 95 % interval is that of measurements "
-        "of the target."
+        "say that it is ambiguous. A scene counts in a row of each group. Where its colour is "
+        "given, that is a range around it. The 95 % interval is that of measurements of the target."
     ),
     LENS: "Cards ±1 mm, 20–120 px, through a lens whose distortion (k1 up to ±0.08) the detector is not told.",
     DISC: "Discs of 12 cm, 20–240 px, tilted by up to 60°. Wrong is what lies outside of the disc in the picture.",
@@ -147,6 +147,11 @@ def _cut(seed: int) -> Iterable[FlatSample]:
         own = seed + number * APART
         yield _flat(CUT, CARD, hard_flats.hard_sheet(own, MM, backdrop=backdrop))
         yield _flat(CUT, TAPE, hard_flats.hard_tape(own, MM, backdrop=backdrop, pairs=0.0))
+    for kind, flat in (
+        (CARD, hard_flats.hard_sheet(seed, MM, backdrop=turn)),
+        (TAPE, hard_flats.hard_tape(seed, MM, backdrop=turn, pairs=0.0)),
+    ):
+        yield _flat(CUT, f"{kind}, its colour given", flat, colour=flat.hsv)
     yield _flat(CUT, "card ±0", hard_flats.hard_sheet(seed, 0.0, backdrop=turn))
     yield _flat(CUT, "card ±2 mm", hard_flats.hard_sheet(seed, 2 * MM, backdrop=turn))
     yield _flat(CUT, "tape ±2 mm", hard_flats.hard_tape(seed, 2 * MM, backdrop=turn, pairs=0.0))
@@ -189,11 +194,12 @@ def _troubles(target: str) -> dict[str, Callable[[Scene], Scene]]:
     return CONDITIONS | HIDDEN if target == "disc" else CONDITIONS
 
 
-def _flat(name: str, kind: str, flat: HardFlat) -> FlatSample:
+def _flat(name: str, kind: str, flat: HardFlat, colour: str | None = None) -> FlatSample:
     """Measure a sheet or a strip with what a user would say of it."""
     options = {
         "width": f"{flat.width_m} m",
         "height": f"{flat.height_m} m",
+        "colour": colour,
         "min_side_px": hard_flats.LEAST_SIDE_PX,
         "tolerance": f"{flat.cut_m * SIGMAS_OF_A_CUT} m" if flat.cut_m > 0 else None,
     }

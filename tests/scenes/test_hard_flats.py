@@ -137,6 +137,15 @@ def test_a_drawn_target_is_whole_and_not_smaller_than_asked_for(make) -> None:
             assert np.linalg.norm(np.roll(places, -1, 0) - places, axis=1).min() >= hard_flats.LEAST_SIDE_PX
 
 
+@pytest.mark.parametrize("bgr", hard_flats.SHEET_BGRS + hard_flats.TAPE_BGRS)
+def test_the_range_that_a_user_picks_holds_the_colour_of_the_target(bgr) -> None:
+    flat = replace(hard_flats.hard_sheet(1), bgr=bgr)
+    low, high = (np.array(part.split(","), int) for part in flat.hsv.split(":"))
+    colour = cv2.cvtColor(np.array([[bgr]], np.uint8), cv2.COLOR_BGR2HSV)[0, 0]
+    assert (low <= colour).all()
+    assert (colour <= high).all()
+
+
 def test_tape_has_straight_sides_and_cut_ends() -> None:
     flat = hard_flats.hard_tape(3, 0.002, pairs=0.0)
     cut = flat.scene.target.cut

@@ -18,7 +18,7 @@ from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
 from support.scenes.blur import Blur
 from support.scenes.cut_sheet import Curl, CutSheetTarget, GroupTarget, HandCut
 from support.scenes.floor import FloorBackdrop, Ground
-from support.scenes.hard_balls import GROUNDS, hard_sensor
+from support.scenes.hard_balls import GROUNDS, hard_sensor, picked_range
 from support.scenes.lens import Lens
 from support.scenes.plane import PAPER_BGR, DiscTarget, Pose, TagTarget
 from support.scenes.room import RoomBackdrop
@@ -41,6 +41,9 @@ TAPE_BGRS: tuple[Colour, ...] = ((250, 255, 252), (225, 232, 230), (120, 240, 13
 
 STRAIGHT_M = 0.0003
 """The most by which the long sides of tape deviate: they are made by a machine."""
+
+PALE_SPREAD = 40
+"""A colour whose parts differ by less is white or grey to a user."""
 
 LEAST_SIDE_PX = 8.0
 """No side of a sheet or a strip is shorter in the picture: less is not asked of the detector."""
@@ -81,6 +84,12 @@ class HardFlat:
     height_m: float
     twins: int = 0
     bgr: Colour = PAPER_BGR
+
+    @property
+    def hsv(self) -> str:
+        """The range of colours that a user picks for it: of white things all that is pale and not dark."""
+        pale = max(self.bgr) - min(self.bgr) < PALE_SPREAD
+        return f"0,0,{max(self.bgr) // 2}:179,70,255" if pale else picked_range(self.bgr)
 
 
 def hard_sheet(
