@@ -3,52 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
+from flat_goals import FLAT_GOALS
+from goal import Facts, Goal, percent, times
 from part import table
-
-Facts = dict[str, float]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Goal:
-    """A row of the table.
-
-    Attributes:
-        what: What is measured.
-        reach: What was asked for, in words.
-        facts: The names of the figures.
-        limits: The least or greatest value of each figure, in its own unit.
-        most: Whether the limits are the greatest values; else the least.
-        show: How to write a figure.
-    """
-
-    what: str
-    reach: str
-    facts: Sequence[str]
-    limits: Sequence[float]
-    most: bool
-    show: Callable[[float], str]
-
-    def line(self, facts: Facts) -> tuple[str, str, str, str]:
-        """Return what, what was asked for, what was reached, and whether that is enough."""
-        values = [facts.get(name, math.nan) for name in self.facts]
-        if all(math.isnan(value) for value in values):
-            return self.what, self.reach, "not measured", "–"
-        reached = " / ".join("–" if math.isnan(value) else self.show(value) for value in values)
-        pairs = zip(values, self.limits, strict=True)
-        held = all(value <= limit if self.most else value >= limit for value, limit in pairs)
-        return self.what, self.reach, reached, "yes" if held else "**no**"
-
-
-def _percent(value: float) -> str:
-    return f"{100 * value:.2f} %"
-
-
-def _times(value: float) -> str:
-    return f"{value:.1f} ×"
-
 
 HEIGHTS = (480, 720, 1080)
 
@@ -59,7 +17,7 @@ GOALS = (
         facts=[f"ball stadimeter {height} speed-up" for height in HEIGHTS],
         limits=(10, 10, 10),
         most=False,
-        show=_times,
+        show=times,
     ),
     Goal(
         what="ball, tracking, against the tutorial",
@@ -67,7 +25,7 @@ GOALS = (
         facts=[f"ball stadimeter, tracking {height} speed-up" for height in HEIGHTS],
         limits=(20, 25, 45),
         most=False,
-        show=_times,
+        show=times,
     ),
     Goal(
         what="ball, full detection, against HSV + `inRange` alone at 720 and 1080",
@@ -83,7 +41,7 @@ GOALS = (
         facts=["ball clean large", "ball jpeg 80 large", "ball hidden 40 % large", "ball blur 10 large"],
         limits=(0.0015, 0.0025, 0.002, 0.005),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="ball error, radius 5–10 px, clean, median",
@@ -91,7 +49,7 @@ GOALS = (
         facts=["ball small"],
         limits=(0.015,),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="empty clutter taken for a ball",
@@ -99,7 +57,7 @@ GOALS = (
         facts=["alarms stadimeter ball clutter"],
         limits=(0.005,),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="ball found at 40 % hidden (with an error below 30 %)",
@@ -107,7 +65,7 @@ GOALS = (
         facts=["ball hidden 40 % found"],
         limits=(0.85,),
         most=False,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="sheet, tilt 0–60°, plain: median / p95",
@@ -115,7 +73,7 @@ GOALS = (
         facts=["sheet plain median", "sheet plain p95"],
         limits=(0.0015, 0.004),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="sheet, tilt 0–60°, clutter: found",
@@ -123,7 +81,7 @@ GOALS = (
         facts=["sheet clutter found"],
         limits=(0.95,),
         most=False,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="sheet, tilt 0–60°, clutter: gross (> 5 %)",
@@ -131,7 +89,7 @@ GOALS = (
         facts=["sheet clutter gross"],
         limits=(0.01,),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="empty clutter taken for a sheet",
@@ -139,7 +97,7 @@ GOALS = (
         facts=["alarms stadimeter sheet clutter"],
         limits=(0.02,),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="tag of 48 / 100 px, median",
@@ -147,7 +105,7 @@ GOALS = (
         facts=["tag 48 px", "tag 100 px"],
         limits=(0.003, 0.0015),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="tag at 640, tracking: search alone / with sides and pose / full frame, against `cv2.aruco` defaults",
@@ -159,7 +117,7 @@ GOALS = (
         ],
         limits=(30, 30, 4),
         most=False,
-        show=_times,
+        show=times,
     ),
     Goal(
         what="everything but vision, 100 rules, journal on, a cycle",
@@ -183,7 +141,7 @@ GOALS = (
         facts=["hard ball large median", "hard ball large p95"],
         limits=(0.005, 0.02),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="hard world: ball > 20 px: found",
@@ -191,7 +149,7 @@ GOALS = (
         facts=["hard ball large found"],
         limits=(0.97,),
         most=False,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="hard world: 95 % interval of the ball, least of all rows: > 20 px / 5–10 px / single troubles",
@@ -199,7 +157,7 @@ GOALS = (
         facts=[f"hard ball {name} held least" for name in ("large", "small", "conditions")],
         limits=(0.9, 0.9, 0.9),
         most=False,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="ball: another thing measured: 12 dots of its colour / small, blurred, expected",
@@ -207,15 +165,16 @@ GOALS = (
         facts=["hard ball dots gross", "hard ball blurred gross"],
         limits=(0.01, 0.02),
         most=True,
-        show=_percent,
+        show=percent,
     ),
+    *FLAT_GOALS,
     Goal(
         what="empty clutter of the ball's hue taken for a ball",
         reach="≤ 2 % of frames",
         facts=["alarms stadimeter ball clutter of the ball's colour"],
         limits=(0.02,),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="real: video of a striped ball: frames tracked, of 1004",
@@ -239,7 +198,7 @@ GOALS = (
         facts=["real sheet worst"],
         limits=(0.03,),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="real: sheet, inside the stated interval with the tape's ±1 in",
@@ -247,7 +206,7 @@ GOALS = (
         facts=["real sheet inside"],
         limits=(1.0,),
         most=False,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="real: tennis ball, given intrinsics: median / 90th percentile",
@@ -255,7 +214,7 @@ GOALS = (
         facts=["real ball median", "real ball p90"],
         limits=(0.008, 0.017),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="real: tennis ball, measured of those that are whole",
@@ -263,7 +222,7 @@ GOALS = (
         facts=["real ball measured"],
         limits=(1.0,),
         most=False,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="real: tennis ball, refused where the border cuts it off",
@@ -271,7 +230,7 @@ GOALS = (
         facts=["real ball cut off"],
         limits=(1.0,),
         most=False,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="real: chessboards left and right, RMS",
@@ -287,7 +246,7 @@ GOALS = (
         facts=["real left focal", "real right focal"],
         limits=(0.005, 0.005),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="real: `tags/visp` found of 12",
@@ -303,7 +262,7 @@ GOALS = (
         facts=["real visp median"],
         limits=(0.005,),
         most=True,
-        show=_percent,
+        show=percent,
     ),
     Goal(
         what="real: `tags/duckietown`, largest deviation of the range from its mean",
@@ -311,7 +270,7 @@ GOALS = (
         facts=["real duckietown spread"],
         limits=(0.02,),
         most=True,
-        show=_percent,
+        show=percent,
     ),
 )
 

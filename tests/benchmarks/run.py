@@ -19,6 +19,7 @@ import cv2
 import false_alarms
 import flat_accuracy
 import hard_balls
+import hard_flats
 import machinery
 import numpy as np
 import real_pictures
@@ -41,6 +42,7 @@ def _accuracy(run: Callable[[int, int, int], Part], frames: int) -> Job:
 JOBS: dict[str, Job] = {
     "ball": _accuracy(ball_accuracy.run, 150),
     "hard balls": _accuracy(hard_balls.run, 1600),
+    "hard flats": _accuracy(hard_flats.run, 200),
     "sheet": _accuracy(flat_accuracy.run_sheet, 60),
     "disc": _accuracy(flat_accuracy.run_disc, 60),
     "tag": _accuracy(tag_accuracy.run, 48),

@@ -59,6 +59,17 @@ def test_a_short_run_writes_a_report_with_every_trouble_and_every_goal(tmp_path)
 
 
 @pytest.mark.long
+def test_flat_things_as_they_are_met_have_figures_for_each_of_their_goals() -> None:
+    from flat_goals import FLAT_GOALS
+
+    printed = run_benchmarks("--only", "hard flats", "--frames", "1")
+    measured = [line for line in printed.splitlines() if "not measured" not in line]
+    for goal in FLAT_GOALS[:4]:
+        assert any(f"| {goal.what} |" in line for line in measured), goal.what
+    assert "sheet, JPEG 80, clutter | 1 |" in printed
+
+
+@pytest.mark.long
 def test_every_part_runs_and_has_figures_for_the_goals_of_what_exists(tmp_path) -> None:
     parts = ("sheet", "disc", "tag", "empty", "speed")
     printed = run_benchmarks("--only", *parts, "--frames", "1", "--rounds", "1")

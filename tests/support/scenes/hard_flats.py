@@ -18,7 +18,7 @@ from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
 from support.scenes.blur import Blur
 from support.scenes.cut_sheet import Curl, CutSheetTarget, GroupTarget, HandCut
 from support.scenes.floor import FloorBackdrop, Ground
-from support.scenes.hard_balls import GROUNDS, hard_sensor
+from support.scenes.hard_balls import GROUNDS, hard_sensor, picked_range
 from support.scenes.lens import Lens
 from support.scenes.plane import PAPER_BGR, DiscTarget, Pose, TagTarget
 from support.scenes.room import RoomBackdrop
@@ -41,6 +41,9 @@ TAPE_BGRS: tuple[Colour, ...] = ((250, 255, 252), (225, 232, 230), (120, 240, 13
 
 STRAIGHT_M = 0.0003
 """The most by which the long sides of tape deviate: they are made by a machine."""
+
+PALE_SPREAD = 40
+"""A colour whose parts differ by less is white or grey to a user."""
 
 LEAST_SIDE_PX = 8.0
 """No side of a sheet or a strip is shorter in the picture: less is not asked of the detector."""
@@ -70,6 +73,7 @@ class HardFlat:
         width_m: The side along the target's own x axis, or its diameter.
         height_m: The other one.
         twins: How many others of the same kind are in the picture, as far away.
+        bgr: Its colour.
     """
 
     scene: Scene
@@ -79,6 +83,13 @@ class HardFlat:
     width_m: float
     height_m: float
     twins: int = 0
+    bgr: Colour = PAPER_BGR
+
+    @property
+    def hsv(self) -> str:
+        """The range of colours that a user picks for it: of white things all that is pale and not dark."""
+        pale = max(self.bgr) - min(self.bgr) < PALE_SPREAD
+        return f"0,0,{max(self.bgr) // 2}:179,70,255" if pale else picked_range(self.bgr)
 
 
 def hard_sheet(
@@ -116,7 +127,9 @@ def hard_sheet(
     sheet = _placed(rng, made, max(side_m), sizes_px, tilts_deg)
     sheet, behind = _troubled(rng, sheet, what, backdrop_of(rng, kind, bgr))
     scene = _taken(rng, seed, sheet, behind)
-    return HardFlat(scene=scene, backdrop=kind, surface=what, cut_m=cut_m, width_m=side_m[0], height_m=side_m[1])
+    return HardFlat(
+        scene=scene, backdrop=kind, surface=what, cut_m=cut_m, width_m=side_m[0], height_m=side_m[1], bgr=bgr
+    )
 
 
 def hard_tape(
@@ -179,7 +192,7 @@ def hard_disc(seed: int, tilts_deg: tuple[float, float] = (0.0, 60.0), *, backdr
 
     disc = _placed(rng, made, draw.DISC_M, (20.0, 240.0), tilts_deg)
     scene = _taken(rng, seed, disc, backdrop_of(rng, kind, bgr))
-    return HardFlat(scene=scene, backdrop=kind, width_m=draw.DISC_M, height_m=draw.DISC_M)
+    return HardFlat(scene=scene, backdrop=kind, width_m=draw.DISC_M, height_m=draw.DISC_M, bgr=bgr)
 
 
 def hard_tag(seed: int, tilts_deg: tuple[float, float] = (0.0, 60.0), *, backdrop: str | None = None) -> HardFlat:

@@ -56,7 +56,7 @@ class RoomBackdrop:
         """Return its linear light; it is the same with and without a target."""
         view = _View(width_px, height_px, np.random.default_rng((seed, 90)), self.like_target)
         _walls(view)
-        kinds = (_cupboard, _shelf, _tiles, _window, _poster, _chair, _cube, _cube, _keyboard, _cloth)
+        kinds = (_cupboard, _shelf, _tiles, _window, _poster, _chair, _cube, _cube, _keyboard, _cloth, _cushion)
         for kind in view.rng.integers(0, len(kinds), self.things):
             kinds[kind](view)
         for _ in range(self.round_things):
@@ -193,7 +193,7 @@ def _tiles(view: _View) -> None:
     at, rng = view.frame(0.7), view.rng
     side, stretch = rng.uniform(0.05, 0.2), float(rng.choice([1.0, 1.0, 2.0, 3.0]))
     across, down = int(rng.integers(3, 9)), int(rng.integers(3, 9))
-    while _is_like_paper(across * stretch, down):
+    while paperlike(across * stretch, down):
         down += 1
     view.draw(at.box(0, 0, across * side * stretch, down * side), view.pick(GREYS))
     first, second = view.colour(), view.colour()
@@ -208,12 +208,12 @@ def _tiles(view: _View) -> None:
 def _window(view: _View) -> None:
     """Draw a bright window with a frame and bars."""
     at, (w, h), rng = view.frame(1.5, 0.8), view.sides(float(view.rng.uniform(0.6, 1.8))), view.rng
-    edge = 0.05 if not _is_like_paper(w + 0.1, h + 0.1) else 0.005
+    edge = 0.05 if not paperlike(w + 0.1, h + 0.1) else 0.005
     view.draw(at.box(-w / 2 - edge, -h / 2 - edge, w / 2 + edge, h / 2 + edge), view.pick(GREYS[:2]))
     view.draw(at.box(-w / 2, -h / 2, w / 2, h / 2), (255, 252, 246) if rng.random() < 0.5 else view.pick(GREYS))
     for k in range(1, int(rng.integers(1, 4))):
         x = -w / 2 + w * k / 6
-        if _is_like_paper(w * (1 - k / 6), h) or _is_like_paper(w / 6, h):
+        if paperlike(w * (1 - k / 6), h) or paperlike(w / 6, h):
             break
         view.draw(at.box(x - 0.015, -h / 2, x + 0.015, h / 2), view.pick(GREYS[:2]))
 
@@ -225,7 +225,7 @@ def _poster(view: _View) -> None:
     if rng.random() < 0.6:
         share = rng.uniform(0.85, 0.97)
         inner = (w * share, h - w * (1 - share)) if w < h else (w - h * (1 - share), h * share)
-        if not _is_like_paper(*inner):
+        if not paperlike(*inner):
             view.draw(at.box(-inner[0] / 2, -inner[1] / 2, inner[0] / 2, inner[1] / 2), view.colour())
     for _ in range(int(rng.integers(0, 14))):
         x, y, long = rng.uniform(-0.4, 0.1) * w, rng.uniform(-0.4, 0.4) * h, rng.uniform(0.1, 0.3) * w
@@ -305,6 +305,23 @@ def _cloth(view: _View) -> None:
         view.draw(at.seen(np.vstack((sides[0], sides[1][::-1]))), (shaded[0], shaded[1], shaded[2]), CLOTH)
 
 
+def _cushion(view: _View) -> None:
+    """Draw what is rounded but no disc from any side: a cushion, an egg shape, a half-moon."""
+    at, rng, radius = view.frame(0.5, 0.6), view.rng, float(view.rng.uniform(0.03, 0.25))
+    angles = np.linspace(0, 2 * math.pi, 96, endpoint=False)
+    cosine, sine = np.cos(angles), np.sin(angles)
+    kind = rng.random()
+    if kind < 0.5:
+        power = 2 / rng.uniform(3.0, 6.0)
+        x, y = (np.sign(part) * np.abs(part) ** power for part in (cosine, sine))
+    elif kind < 0.75:
+        x, y = cosine, sine * (1 + rng.uniform(0.25, 0.5) * cosine)
+    else:
+        x, y = np.maximum(cosine, -rng.uniform(0.0, 0.6)), sine
+    outline = np.column_stack((x, y * rng.uniform(0.6, 1.0), 0 * x)) * radius
+    view.draw(at.seen(outline), view.colour(), int(rng.choice([SMOOTH, CLOTH])))
+
+
 def _round_thing(view: _View) -> None:
     """Draw a plate, a clock or a lid: a disc, perhaps with a rim."""
     at, radius = view.frame(0.5), float(view.rng.uniform(0.03, 0.2))
@@ -345,7 +362,8 @@ def _about(axis: int, angle_rad: float) -> Floats:
     return turn
 
 
-def _is_like_paper(width: float, height: float) -> bool:
+def paperlike(width: float, height: float) -> bool:
+    """Return whether a rectangle has about the aspect of letter or A4 paper."""
     low, high = SHEETLIKE_ASPECTS
     return low < max(width, height) / min(width, height) < high
 
