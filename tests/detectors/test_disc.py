@@ -408,6 +408,15 @@ def test_most_discs_are_found_before_clutter() -> None:
     assert len(true) >= 6
 
 
+def test_colour_at_half_the_resolution_makes_the_size_less_certain() -> None:
+    frame, camera = Frame(picture(ellipse(50, 40)), 0.0, 0), CAMERA
+    full, halved = (
+        detector(replace(camera, subsampling=each)).detect(frame).size_sigma_px for each in ("4:4:4", "4:2:0")
+    )
+    assert halved > full > 0
+    assert halved > 0.02
+
+
 def test_the_picture_is_not_changed_and_the_same_picture_gives_the_same_answer() -> None:
     image = picture(ellipse(40, 30))
     image.setflags(write=False)

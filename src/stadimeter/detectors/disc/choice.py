@@ -122,7 +122,7 @@ def colour_share(image: Image, colour: HsvRange | None) -> float:
         return 1.0
     thinned = np.ascontiguousarray(image[::COLOUR_STEP, ::COLOUR_STEP])
     share = int(np.count_nonzero(colour.mask(thinned))) / (thinned.shape[0] * thinned.shape[1])
-    return max(share, LEAST_COLOUR_SHARE)
+    return max(float(share), LEAST_COLOUR_SHARE)
 
 
 def colour_trouble(image: Image, ellipse: Ellipse, lens: Lens, colour: HsvRange) -> Trouble | None:
