@@ -26,6 +26,9 @@ EVIDENCE_PER_OUTLINE = 4.5
 """Least evidence for a disc for each other outline in the picture. Chosen on rendered clutter of which one shape in
 five is an ellipse: another one is taken in 2 to 3 % of the pictures then."""
 
+MOST_OUTLINES = 100
+"""More outlines than this are texture, which is not elliptical, instead of more things."""
+
 RIVAL_SHARE = 0.75
 """Another disc with this share of the evidence may as well be the one."""
 
@@ -95,7 +98,7 @@ def doubt(disc: Disc, judged: Judged, lens: Lens, colour_share: float) -> str:
     advice = "name its colour" if colour_share == 1.0 else "look closer"
     if rival is not None:
         return f"ambiguous: 2 discs fit, {_placed(disc, lens)} and {_placed(rival, lens)}; {advice}"
-    limit = EVIDENCE_PER_OUTLINE * judged.outlines * colour_share
+    limit = EVIDENCE_PER_OUTLINE * min(judged.outlines, MOST_OUTLINES) * colour_share
     if disc.evidence < limit:
         return (
             f"ambiguous: {_placed(disc, lens)} may be any ellipse among {judged.outlines} outlines: evidence "
