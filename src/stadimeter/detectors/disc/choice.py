@@ -22,7 +22,7 @@ from stadimeter.detectors.disc.search import LEAST_ASPECT, LEAST_FILL, Outline, 
 
 MOST_REJECTED = 8
 
-EVIDENCE_PER_OUTLINE = 4.5
+EVIDENCE_PER_OUTLINE = 5.2
 """Least evidence for a disc for each other outline in the picture. Chosen on rendered clutter of which one shape in
 five is an ellipse: another one is taken in 2 to 3 % of the pictures then."""
 
