@@ -24,6 +24,7 @@ MODEL = CameraModel(
     distortion=(-0.28, 0.07, 1e-4, -2e-5, 0.0),
     tone_curve="linear",
     edge_bias_px=-0.125,
+    edge_bias_sigma_px=0.0625,
     focal_relative_sigma=0.0123,
     subsampling="4:2:2",
     uncertainty=LensUncertainty(sigmas=(0.5,) * 9, correlations=tuple(number / 300 for number in range(36))),

@@ -125,7 +125,9 @@ def test_any_ellipse_is_found_where_it_is_bright_or_dark(a, aspect, turned, x, y
     found = seen(picture(ellipse(a, a * aspect, turned, (x, y)), *levels))
     assert found.status is DetectionStatus.FOUND, found.reason
     assert found.centre_px == pytest.approx((x, y), abs=0.05)
-    assert (found.width_px, found.height_px) == pytest.approx((2 * a, 2 * a * aspect), abs=0.1)
+    # Grain alone moves the pointed ends of a small flat ellipse by 0.03 px, and a search for the worst finds more.
+    off_px = max(0.1, 5 * found.size_sigma_px)
+    assert (found.width_px, found.height_px) == pytest.approx((2 * a, 2 * a * aspect), abs=off_px)
 
 
 SHAPES = {
@@ -194,6 +196,62 @@ def test_the_disc_that_stands_out_more_is_taken_and_the_other_one_named() -> Non
     assert found.rejected[0].centre_px == pytest.approx((440, 240), abs=0.5)
     assert found.rejected[0].size_px == pytest.approx(80, abs=1)
     assert re.fullmatch(r"stands out less than the disc that was taken: \d+, limit \d+", found.rejected[0].reason)
+
+
+TWINS = picture(1.0 * ellipse(40, 40, centre=(200, 240)) + 0.95 * ellipse(40, 36, centre=(440, 240)))
+
+
+def test_two_discs_that_fit_as_well_are_ambiguous_and_both_are_named() -> None:
+    found = seen(TWINS)
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert re.fullmatch(
+        r"ambiguous: 2 discs fit, 80 px at 200, 240 and 80 px at 440, 240; name its colour", found.reason
+    )
+    assert {round(each.centre_px[0], -1) for each in found.rejected[:2]} == {200, 440}
+
+
+def test_of_two_discs_that_fit_as_well_the_one_at_the_prediction_is_taken() -> None:
+    found = seen(TWINS, Prediction(centre_px=(442.0, 238.0), size_px=82, sigma_px=3))
+    assert found.status is DetectionStatus.FOUND
+    assert found.centre_px == pytest.approx((440, 240), abs=0.1)
+
+
+def triangles(count: int) -> np.ndarray:
+    """Draw triangles all around, none of them in the middle."""
+    cover = np.zeros(X.shape, np.uint8)
+    places = [(x, y) for y in range(40, 460, 50) for x in range(40, 620, 50) if math.dist((x, y), CENTRE) > 110]
+    for x, y in places[:count]:
+        corners = np.array(((x - 15, y - 12), (x + 15, y - 8), (x - 3, y + 16)))
+        cv2.fillPoly(cover, [np.rint(((corners + 0.5) * FINER - 0.5) * 16).astype(np.int32)], 1, shift=4)
+    return cover
+
+
+def test_a_faint_flat_ellipse_is_the_disc_on_a_wall_and_ambiguous_among_a_hundred_shapes() -> None:
+    faint = 0.15 * ellipse(50, 20)
+    assert seen(picture(faint)).status is DetectionStatus.FOUND
+    among = seen(picture(faint + triangles(100)))
+    assert among.status is DetectionStatus.NOT_FOUND
+    assert re.search(r"ambiguous: .* among \d+ outlines: evidence \d+, limit \d+; name its colour", among.reason)
+
+
+def coloured(*discs: tuple[np.ndarray, tuple[float, float, float]]) -> Image:
+    """Draw shapes, each in its colour (blue, green and red light), over dark triangles on grey."""
+    share = [cv2.resize(each.astype(np.float32), (640, 480), interpolation=cv2.INTER_AREA) for each, _ in discs]
+    light = np.full((480, 640, 3), 0.2, np.float32)
+    light -= 0.15 * cv2.resize(triangles(100).astype(np.float32), (640, 480), interpolation=cv2.INTER_AREA)[:, :, None]
+    for cover, (_, colour) in zip(share, discs, strict=True):
+        light += cover[:, :, None] * (np.array(colour, np.float32) - light)
+    return np.clip(np.rint(encode(cv2.GaussianBlur(light, (0, 0), 0.8), Tone.SRGB)), 0, 255).astype(np.uint8)
+
+
+def test_a_colour_that_is_named_tells_the_disc_from_others() -> None:
+    green, red = (0.1, 0.6, 0.1), (0.2, 0.2, 0.9)
+    image = coloured((ellipse(30, 22, centre=(290, 240)), green), (ellipse(30, 22, centre=(370, 240)), red))
+    assert seen(image, colour="40,100,60:80,255,255").centre_px == pytest.approx((290, 240), abs=0.1)
+    assert seen(image, colour="170,100,60:10,255,255").centre_px == pytest.approx((370, 240), abs=0.1)
+    blue = seen(image, colour="110,100,60:130,255,255")
+    assert blue.status is DetectionStatus.NOT_FOUND
+    assert any("has the disc's colour on 0% of it, limit 60%" in each.reason for each in blue.rejected)
 
 
 def test_the_disc_at_the_prediction_is_kept_though_another_one_stands_out_more() -> None:
@@ -350,6 +408,15 @@ def test_most_discs_are_found_before_clutter() -> None:
         if abs(seen(each.image).width_px / ellipse_through(each.truth.outline_px).axes()[0] - 2) < 0.02
     ]
     assert len(true) >= 6
+
+
+def test_colour_at_half_the_resolution_makes_the_size_less_certain() -> None:
+    frame, camera = Frame(picture(ellipse(50, 40)), 0.0, 0), CAMERA
+    full, halved = (
+        detector(replace(camera, subsampling=each)).detect(frame).size_sigma_px for each in ("4:4:4", "4:2:0")
+    )
+    assert halved > full > 0
+    assert halved > 0.02
 
 
 def test_the_picture_is_not_changed_and_the_same_picture_gives_the_same_answer() -> None:

@@ -258,6 +258,15 @@ def test_a_large_tag_on_a_chequered_floor_is_found() -> None:
     assert worst_px(seen(picture), square(490, 390, 120)) < 0.1
 
 
+def test_colour_at_half_the_resolution_makes_the_size_less_certain() -> None:
+    frame, camera = Frame(pasted((3, 200, 200, 120)), 0.0, 0), CameraModel.with_focal_length(600.0, 640, 480)
+    full, halved = (
+        detector(replace(camera, subsampling=each)).detect(frame).size_sigma_px for each in ("4:4:4", "4:2:0")
+    )
+    assert halved > full > 0
+    assert halved > 0.02
+
+
 def test_the_picture_is_not_changed_and_the_same_picture_gives_the_same_answer() -> None:
     picture = pasted((3, 200, 200, 120))
     before, finder = picture.copy(), detector()

@@ -136,3 +136,15 @@ def test_a_detector_that_reports_no_size_is_an_error_not_a_distance(camera: Came
         measured = measure(seen_sheet(size, size, (10, 10)), LETTER, camera, 0.0)
         assert measured.status is MeasurementStatus.ERROR
         assert measured.distance_m is None
+
+
+@given(sigma_px=st.floats(0.01, 0.5), width_px=st.floats(20, 400))
+def test_an_edge_bias_that_is_not_known_counts_at_both_edges_and_is_no_noise(
+    camera: CameraModel, seen_sheet: Seen, sigma_px: float, width_px: float
+) -> None:
+    seen = seen_sheet(width_px, width_px * 8.5 / 11, (320.0, 240.0))
+    known, unknown = (measure(seen, LETTER, replace(camera, edge_bias_sigma_px=each), 0.0) for each in (0.0, sigma_px))
+    assert unknown.distance_m == known.distance_m
+    assert unknown.noise_m == known.noise_m
+    added_m = math.sqrt(unknown.sigma_m**2 - known.sigma_m**2)
+    assert added_m == pytest.approx(2 * sigma_px / width_px * known.distance_m, rel=1e-3)

@@ -66,6 +66,8 @@ class CameraTable(BaseModel):
     """How code values follow from light: as in sRGB, or in proportion to it."""
     edge_bias_px: Annotated[float, Field(ge=-MOST_EDGE_BIAS_PX, le=MOST_EDGE_BIAS_PX, strict=True)] = 0.0
     """How far outwards each edge of a bright target is measured."""
+    edge_bias_sigma_px: Annotated[float, Field(ge=0, le=MOST_EDGE_BIAS_PX, strict=True)] = 0.0
+    """Its standard deviation: about 0.1 for a camera of whose tone curve and sharpening nothing is known."""
     focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
     """Standard deviation of the focal length, as a share of it."""
     lens_sigmas: tuple[SigmaOfParameter, ...] = ()
@@ -94,6 +96,7 @@ class CameraTable(BaseModel):
             distortion=self.distortion,
             tone_curve=self.tone_curve,
             edge_bias_px=self.edge_bias_px,
+            edge_bias_sigma_px=self.edge_bias_sigma_px,
             focal_relative_sigma=self.focal_relative_sigma,
             subsampling=self.subsampling,
             uncertainty=self._uncertainty(),
@@ -166,6 +169,9 @@ tone_curve = {_quoted(model.tone_curve)}
 
 # How far outwards each edge of a bright target is measured, in pixels.
 edge_bias_px = {model.edge_bias_px!r}
+
+# Its standard deviation: about 0.1 for a camera of whose tone curve and sharpening nothing is known.
+edge_bias_sigma_px = {model.edge_bias_sigma_px!r}
 
 # Standard deviation of the focal length as a share of it: {100 * model.focal_relative_sigma:.2g} %.
 focal_relative_sigma = {model.focal_relative_sigma!r}

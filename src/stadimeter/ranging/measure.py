@@ -35,7 +35,9 @@ def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captu
         reason = f"the detector reports an apparent size of {detection.width_px:g}x{detection.height_px:g} px"
         return _without_figures(detection, MeasurementStatus.ERROR, reason, captured_at_s)
     reading = shape.locate(detection, camera)
-    lasting_share = math.hypot(_lens_share(camera, reading.position_m), shape.relative_sigma)
+    # Both edges of a target move, in opposite directions.
+    bias_share = 2 * camera.edge_bias_sigma_px / max(detection.width_px, detection.height_px)
+    lasting_share = math.hypot(_lens_share(camera, reading.position_m), shape.relative_sigma, bias_share)
     return _with_figures(detection, captured_at_s, reading, lasting_share)
 
 

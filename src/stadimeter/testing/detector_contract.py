@@ -29,6 +29,9 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError, PictureError
 from stadimeter.ranging.measure import measure
 
+AMBIGUOUS = "ambiguous: "
+"""So begins the reason of a detector that sees the target more than once and cannot tell which one it is."""
+
 SIGMAS = 4.0
 """A distance may be wrong by this many of the standard deviations stated with it."""
 
@@ -167,9 +170,12 @@ class DetectorContract:
             check_reason(found.reason)
 
     def test_of_two_targets_alike_one_is_measured(self, rig: DetectorRig) -> None:
-        """It is one of the two, not something between them."""
+        """It is one of the two, not something between them; or none, if the reason says that this is ambiguous."""
         frame = _two(rig)
-        rig.check_distance(rig.detect(frame), frame, *rig.both)
+        found = rig.detect(frame)
+        if found.status is DetectionStatus.NOT_FOUND and found.reason.startswith(AMBIGUOUS):
+            return
+        rig.check_distance(found, frame, *rig.both)
 
     @pytest.mark.parametrize("expected", [0, 1], ids=["first", "second"])
     def test_of_two_targets_alike_the_expected_one_is_taken(self, rig: DetectorRig, expected: int) -> None:

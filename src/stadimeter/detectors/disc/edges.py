@@ -72,6 +72,9 @@ BEND_PX, BEND_SHARE = 0.12, 0.003
 """The outline may differ from an ellipse by the sum of these pixels and share of the diameter: an octagon does by
 1.1 % of its diameter, a regular polygon of twelve corners by 0.5 %."""
 
+EXACT_PX = 0.05
+"""The outline of a true disc is this far from an ellipse in a good picture."""
+
 MOST_UNEVEN = 0.12
 """The light inside may differ from that along the rim by this share of the contrast: that of a ball does by more."""
 
@@ -370,11 +373,11 @@ def quality(edges: EllipseEdges) -> float:
     return edges.support * (1 - edges.unevenness / MOST_UNEVEN) * (1 - edges.scatter_px / most_scatter_px(edges) / 2)
 
 
-def prominence(edges: EllipseEdges, light: Light) -> float:
-    """Return how much a disc stands out among others.
+def evidence(edges: EllipseEdges, light: Light) -> float:
+    """Return how much an outline speaks for the disc among others that are elliptical.
 
-    That is the root of contrast times size, since the disc is not always the largest thing, times how round it appears,
-    since who measures a disc turns it about towards the camera, times how like a disc it is.
+    That is contrast, since a disc is put up to be seen, times the square of how round it appears, since who measures a
+    disc turns it about towards the camera, over how far it is from an ellipse: the closer, the rarer by chance.
     """
     larger, smaller = diameters_px(edges)
-    return math.sqrt(levels_out(edges, light) * larger) * (smaller / larger) * quality(edges)
+    return levels_out(edges, light) * (smaller / larger) ** 2 * edges.support / (edges.bend_px + EXACT_PX)

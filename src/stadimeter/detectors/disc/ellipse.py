@@ -135,6 +135,11 @@ class Lens:
         return light_table("srgb" if self.camera is None else self.camera.tone_curve)
 
     @property
+    def is_compressed(self) -> bool:
+        """Whether pictures store colour at a lower resolution than brightness, as JPEG does."""
+        return self.camera is not None and self.camera.chroma_pitch_px != (1, 1)
+
+    @property
     def bend(self) -> Bend | None:
         """The lens's distortion; None if it has none."""
         return self.bent if self.camera is not None and self.camera.distortion else None

@@ -47,15 +47,19 @@ LEAST_SUPPORT = 0.5
 LEAST_CONTRAST = 0.02
 """Least difference in light between the white around a tag and its black: a share of the most that a picture holds."""
 
-SIGMA_FACTOR = 2.0
-SIGMA_FLOOR_PX = 0.012
-SIGMA_CROWDING_PX = 0.14
-"""The standard deviation of a side is ``hypot(2 s / sqrt(n), 0.012, 0.14 (e / c)²)`` pixels, for n steps that scatter
-by s, an edge that takes e pixels from black to white, and cells of c pixels.
+SIGMA_FACTOR = 2.4
+SIGMA_FLOOR_PX = 0.007
+SIGMA_CROWDING_PX, CROWDING_POWER = 0.32, 3.5
+SIGMA_COMPRESSED_PX = 0.02
+SHARPEST_PX = 1.8
+"""The standard deviation of a side is ``hypot(2.4 s / sqrt(n), 0.007, 0.32 (e / c)^3.5, q)`` pixels, for n steps that
+scatter by s, an edge that takes e pixels from black to white, and cells of c pixels; q is 0.02 where colour is stored
+at a lower resolution, as in JPEG and MJPEG, whose blocks move whole sides.
 
-Steps beside each other err together, hence the factor. The last term is for blurred edges that run into each other
-across a cell. Fitted on rendered tags of 30 to 180 px, clean, with noise, JPEG, defocus and motion blur. A camera whose
-tone curve differs from what its model says errs by more, in all frames alike, see `CameraModel.edge_bias_px`.
+Steps beside each other err together, hence the factor. The third term is for blurred edges that run into each other
+across a cell; e counts as 1.8 at least, since in the smallest cells it cannot be seen. Fitted on rendered tags of 16 to
+200 px, clean, with noise, JPEG and motion blur. A camera whose tone
+curve differs from what its model says errs by more, in all frames alike, see `CameraModel.edge_bias_sigma_px`.
 """
 
 
@@ -218,7 +222,9 @@ class TagDetector:
             return self._unmeasured(tag, DetectionStatus.NOT_FOUND, trouble)
         if lens and lens.edge_bias_px:
             corners = _without_bias(corners, sides, lens.edge_bias_px)
-        return self._found(tag, sides, corners, sighting.tags)
+        compressed = (frame.chroma_pitch_px if lens is None else lens.chroma_pitch_px) != (1, 1)
+        sigma_px = _size_sigma_px(sides, min(width_and_height(corners)) / self._family.cells, compressed=compressed)
+        return self._found(tag, sides, corners, sigma_px, sighting.tags)
 
     def _trouble(self, sides: TagSides) -> str:
         """Return why the sides are not those of a tag; an empty string if they are."""
@@ -233,7 +239,9 @@ class TagDetector:
             return f"has a side of which {straight:.0%} is straight, limit {LEAST_SUPPORT:.0%}"
         return ""
 
-    def _found(self, tag: SeenTag, sides: TagSides, corners: Points, tags: Sequence[SeenTag]) -> Detection:
+    def _found(
+        self, tag: SeenTag, sides: TagSides, corners: Points, sigma_px: float, tags: Sequence[SeenTag]
+    ) -> Detection:
         width_px, height_px = width_and_height(corners)
         return Detection(
             target=self._name,
@@ -244,7 +252,7 @@ class TagDetector:
             centre_px=diagonals_meet(corners),
             width_px=width_px,
             height_px=height_px,
-            size_sigma_px=_size_sigma_px(sides, min(width_px, height_px) / self._family.cells),
+            size_sigma_px=sigma_px,
             quality=min(sides.support) * (1 - tag.errors / (2 * self._family.most_errors + 1)),
         )
 
@@ -284,12 +292,12 @@ def _without_bias(corners: Points, sides: TagSides, edge_bias_px: float) -> Poin
     return np.asarray(grown(corners[None], outwards_px)[0])
 
 
-def _size_sigma_px(sides: TagSides, cell_px: float) -> float:
+def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> float:
     """Return the standard deviation of a side's length."""
     variances_px2 = [scatter**2 / max(steps, 1) for scatter, steps in zip(sides.scatter_px, sides.steps, strict=True)]
     of_steps = SIGMA_FACTOR * math.sqrt(sum(variances_px2) / len(variances_px2))
-    of_crowding = SIGMA_CROWDING_PX * (max(sides.edge_px) / cell_px) ** 2
-    return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding)
+    of_crowding = SIGMA_CROWDING_PX * (max(*sides.edge_px, SHARPEST_PX) / cell_px) ** CROWDING_POWER
+    return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding, SIGMA_COMPRESSED_PX * compressed)
 
 
 def _build(options: TagOptions, context: DriverContext) -> TagDetector:
