@@ -29,7 +29,7 @@ KEEPS_FOR_S = 1.2
 
 _SURELY = 1e-3
 """No filter is ever written off more than this: a target may change at any time."""
-_MOST_EXPONENT = 50.0
+_exp, _sqrt = math.exp, math.sqrt
 
 TRUSTED_SQUARE = 4.0
 """A measurement whose normalised square is larger pulls the first two filters no further than one of that size: Huber's
@@ -171,29 +171,20 @@ def update(state: MotionState, noise_m: float, innovation: Innovation) -> Motion
     swaying_square = swaying_m * swaying_m / swaying_var
     manoeuvring_square = manoeuvring_m * manoeuvring_m / manoeuvring_var
     least = min(constant_square, swaying_square, manoeuvring_square)  # one likelihood stays above zero
-    constant = state.constant_share * _likelihood(constant_square - least, constant_var)
-    swaying = state.swaying_share * _likelihood(swaying_square - least, swaying_var)
-    manoeuvring = state.manoeuvring_share * _likelihood(manoeuvring_square - least, manoeuvring_var)
-    surely = _SURELY * (constant + swaying + manoeuvring)
-    constant, swaying, manoeuvring = constant + surely, swaying + surely, manoeuvring + surely
-    total = constant + swaying + manoeuvring
-    after = MotionState(
-        _pulled(state.constant, noise_m, constant_m, constant_var, constant_square),
-        _pulled(state.swaying, noise_m, swaying_m, swaying_var, swaying_square),
-        kalman.update(state.manoeuvring, noise_m, manoeuvring_m, manoeuvring_var),
-        constant / total,
-        swaying / total,
-        manoeuvring / total,
-    )
-    return after._replace(together=after.estimate())
-
-
-def _likelihood(square: float, var_m2: float) -> float:
-    """Return the likelihood of a normalised square, up to a factor that is the same for all filters."""
-    return math.exp(-0.5 * min(square, 2 * _MOST_EXPONENT)) / math.sqrt(var_m2)
-
-
-def _pulled(state: FilterState, noise_m: float, error_m: float, var_m2: float, square: float) -> FilterState:
-    return kalman.update(
-        state, noise_m, error_m, var_m2 * square / TRUSTED_SQUARE if square > TRUSTED_SQUARE else var_m2
-    )
+    constant_share = state.constant_share * _exp(0.5 * (least - constant_square)) / _sqrt(constant_var)
+    swaying_share = state.swaying_share * _exp(0.5 * (least - swaying_square)) / _sqrt(swaying_var)
+    manoeuvring_share = state.manoeuvring_share * _exp(0.5 * (least - manoeuvring_square)) / _sqrt(manoeuvring_var)
+    total = constant_share + swaying_share + manoeuvring_share
+    constant_share = (constant_share / total + _SURELY) / (1.0 + 3.0 * _SURELY)
+    swaying_share = (swaying_share / total + _SURELY) / (1.0 + 3.0 * _SURELY)
+    if constant_square > TRUSTED_SQUARE:
+        constant_var *= constant_square / TRUSTED_SQUARE
+    if swaying_square > TRUSTED_SQUARE:
+        swaying_var *= swaying_square / TRUSTED_SQUARE
+    constant = kalman.update(state.constant, noise_m, constant_m, constant_var)
+    swaying = kalman.update(state.swaying, noise_m, swaying_m, swaying_var)
+    manoeuvring = kalman.update(state.manoeuvring, noise_m, manoeuvring_m, manoeuvring_var)
+    changing = kalman.mixed(swaying, manoeuvring, swaying_share / (1.0 - constant_share))
+    together = kalman.mixed(constant, changing, constant_share)
+    manoeuvring_share = 1.0 - constant_share - swaying_share
+    return MotionState(constant, swaying, manoeuvring, constant_share, swaying_share, manoeuvring_share, together)

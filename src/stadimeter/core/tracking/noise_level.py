@@ -92,14 +92,16 @@ def learn(noise: Noise, innovation_sigmas: float, line: Line | None, step_s: flo
     """
     if settings.noise_factor_max <= 1.0:
         return noise
+    # Like 1 - exp(-x), and cheaper.
+    slow, quick = step_s / (step_s + CORRELATION_WITHIN_S), step_s / (step_s + LEVEL_WITHIN_S)
     sigmas = min(max(innovation_sigmas, -_MOST_SIGMAS), _MOST_SIGMAS)
-    less = noise.less_correlated + noise.innovation_sigmas * sigmas * (1.0 - math.exp(-step_s / CORRELATION_WITHIN_S))
+    less = noise.less_correlated + noise.innovation_sigmas * sigmas * slow
     less = min(max(less, _LEAST_CORRELATION - settings.correlation), 0.0)
     level = noise.level
     if line is not None:
         is_outlier = abs(innovation_sigmas) > settings.gate_sigmas
         change = _surprise(line, level, MOST_SQUARE / 2 if is_outlier else MOST_SQUARE)
-        level += change * (1.0 - math.exp(-step_s / LEVEL_WITHIN_S))
+        level += change * quick
         level = min(max(level, LEAST_LEVEL), 2.0 * math.log(settings.noise_factor_max))
     return Noise(level, less, sigmas)
 
