@@ -22,9 +22,9 @@ from stadimeter.core.tracking.filter import FilterState
 
 CONSTANT_VELOCITY_SHARE, SWAYING_SHARE, MANOEUVRING_SHARE = 0.025, 0.3, 2.0
 """Process noise of each model, as a share of the configured acceleration."""
-USUAL = (0.88, 0.1, 0.02)
+USUAL = (0.83, 0.15, 0.02)
 """The share of time that targets keep to each model."""
-KEEPS_FOR_S = 1.2
+KEEPS_FOR_S = 2.0
 """The mean time after which a target takes a model anew, which may be the same."""
 
 _SURELY = 1e-3
