@@ -129,7 +129,7 @@ def sigma_m(distance_m: float) -> float:
 
 def measure(true_m: Distances, random: np.random.Generator) -> Distances:
     """Return what is measured of true distances, a frame each; NaN where there is no box."""
-    noise_px = NOISE_PX * _correlated(len(true_m), random)
+    noise_px = NOISE_PX * correlated(len(true_m), random)
     box_px = FOCAL_PX * OBJECT_M / true_m + noise_px
     least, most = np.log(GROSS_FACTORS)
     wrong_by = np.exp(random.uniform(least, most, len(true_m)) * random.choice((-1.0, 1.0), len(true_m)))
@@ -138,7 +138,8 @@ def measure(true_m: Distances, random: np.random.Generator) -> Distances:
     return np.where(random.random(len(true_m)) < DROPOUTS, np.nan, measured_m)
 
 
-def _correlated(count: int, random: np.random.Generator) -> Distances:
+def correlated(count: int, random: np.random.Generator) -> Distances:
+    """Return noise of unit variance that keeps `CORRELATION` of itself from frame to frame."""
     fresh = random.normal(size=count)
     fresh[1:] *= math.sqrt(1 - CORRELATION**2)
     noise = np.empty(count)
@@ -181,9 +182,9 @@ PEERS: dict[str, Callable[[Distances, Distances, float], Iterator[Turn]]] = {
 }
 
 
-def plan_for(limit_m: float) -> tuple[Plan, dict[str, str]]:
+def plan_for(limit_m: float, policies: Sequence[str] = tuple(OURS)) -> tuple[Plan, dict[str, str]]:
     """Return our rules for a threshold, and what the table calls each."""
-    names = {f"rule-{number}": what for number, what in enumerate(OURS)}
+    names = {f"rule-{number}": what for number, what in enumerate(policies)}
     rules = "\n".join(f"[rules.{name}]\n{OURS[what] % {'limit': f'{limit_m} m'}}" for name, what in names.items())
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policies.toml"

@@ -11,6 +11,8 @@ import platform
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import false_raises
+import following
 import numpy as np
 import replay_speed
 import rule_policies
@@ -47,6 +49,30 @@ GOALS = (
         limits=(0.05, 0.05),
         most=True,
         show=lambda value: f"{value:.3f}",
+    ),
+    Goal(
+        what="the same over 200 minutes at 8 m: white / correlated / heavy tails / outliers",
+        reach="≤ 0.05 each",
+        facts=[f"rules raises {kind}" for kind in false_raises.JUDGED],
+        limits=(0.05,) * len(false_raises.JUDGED),
+        most=True,
+        show=lambda value: f"{value:.3f}",
+    ),
+    Goal(
+        what="upper end of the 95 % interval of that",
+        reach="≤ 0.1 each",
+        facts=[f"rules raises at most {kind}" for kind in false_raises.JUDGED],
+        limits=(0.1,) * len(false_raises.JUDGED),
+        most=True,
+        show=lambda value: f"{value:.3f}",
+    ),
+    Goal(
+        what="a leap, 10 / 15 frames a second: how late",
+        reach="≤ 0.2 s",
+        facts=["leap late 10 Hz", "leap late 15 Hz"],
+        limits=(0.2, 0.2),
+        most=True,
+        show=_seconds,
     ),
     Goal(
         what="coming at 2 m/s: how late, on average",
@@ -95,6 +121,8 @@ def jobs(*, is_whole_hour: bool) -> dict[str, Callable[[], Part]]:
     """Return the parts by name, in the order of the report."""
     return {
         "policies": lambda: rule_policies.run(rule_policies.RUNS, draw.REPORT_SEEDS.start),
+        "raises": lambda: false_raises.run(false_raises.MINUTES, draw.REPORT_SEEDS.start),
+        "following": lambda: following.run(following.RUNS, draw.REPORT_SEEDS.start),
         "scale": rule_scale.part,
         "replay": lambda: replays(is_whole_hour=is_whole_hour),
     }

@@ -99,6 +99,21 @@ def test_what_is_proposed_can_be_put_into_the_rule(app, config, recording, quick
     assert near.off_delay_s == told["proposed"]["off_delay_s"]
 
 
+def test_a_target_that_is_noisier_than_stated_gets_a_noise_factor_proposed(app, config, recording, tmp_path, quick):
+    from stadimeter.config.loader import load_configuration
+
+    assert "noise_factor" not in run(app, "near", recording, "--config", config).output
+    noise = KnownNoise(stated_per_m2=0.002)
+    noisy = write_noisy_journal(tmp_path / "noisy.jsonl", lambda _: 3.0, noise, seconds=60)
+    lines = run(app, "near", noisy, "--config", config).output.splitlines()
+    (proposed,) = (line for line in lines if line.startswith("noise_factor = "))
+    config.write_text(f"{CONFIGURATION}[tracking]\n{proposed}\n")
+    assert load_configuration(config).plan.tracking.noise_factor == pytest.approx(3.0, abs=0.6)
+    assert not any(
+        line.startswith("noise_factor") for line in run(app, "near", noisy, "--config", config).output.splitlines()
+    )
+
+
 def test_as_json_all_that_was_tried_is_told(app, config, recording, quick):
     done = run(app, "near", recording, "--config", config, "--json", "--closing-speed", "1 m/s")
     told = json.loads(done.output)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from stadimeter.core.condition import AllOf, DirectionCondition, DistanceCondition, Not
@@ -173,3 +174,13 @@ def test_a_decision_that_was_read_from_a_file_has_no_reasons():
     decision = replace(rehearse().see(1.0), reasons={})
     with pytest.raises(TypeError, match="decide again"):
         explain(decision, "near")
+
+
+def test_a_target_that_was_found_to_be_noisier_than_stated_is_said_to_be():
+    run = rehearse()
+    errors_m = np.random.default_rng(3).normal(size=60)
+    assert "times as noisy" not in said(run.see(*[2.5 + 0.002 * each for each in errors_m], sigma_m=0.002))
+    noisy = Rehearsal(replace(run.state.plan, tracking=Tracking()))
+    assert "times as noisy as its measurements state" in said(
+        noisy.see(*[2.5 + 0.05 * each for each in errors_m], sigma_m=0.01)
+    )

@@ -1,4 +1,4 @@
-"""Two filters side by side."""
+"""Three filters side by side."""
 
 import math
 
@@ -83,7 +83,7 @@ def test_it_states_its_true_error(speed_mps):
 
 
 @given(distances, noises, st.floats(0, 0.95), st.lists(st.tuples(distances, noises, st.floats(0, 100)), max_size=20))
-def test_whatever_is_measured_the_figures_stay_finite_and_both_filters_possible(distance, noise, correlation, seen):
+def test_whatever_is_measured_the_figures_stay_finite_and_all_filters_possible(distance, noise, correlation, seen):
     state = motion.start(distance, noise)
     for measured, sigma, step in seen:
         state = motion.predict(state, step, 2.0, correlation)
@@ -97,9 +97,49 @@ def test_whatever_is_measured_the_figures_stay_finite_and_both_filters_possible(
 
 
 def test_after_a_long_time_a_target_is_as_calm_as_targets_usually_are():
-    for share in (0.01, 0.99):
-        state = motion.start(2.0, 0.01)._replace(constant_share=share)
-        later = motion.predict(state, 1000.0, 2.0, 0.6)
-        assert later.constant_share == pytest.approx(
-            motion.CONSTANT_VELOCITY_FOR_S / (motion.CONSTANT_VELOCITY_FOR_S + motion.MANOEUVRING_FOR_S), abs=1e-6
+    for shares in ((0.01, 0.01, 0.98), (0.98, 0.01, 0.01)):
+        state = motion.start(2.0, 0.01)._replace(
+            constant_share=shares[0], swaying_share=shares[1], manoeuvring_share=shares[2]
         )
+        later = motion.predict(state, 1000.0, 2.0, 0.6)
+        assert (later.constant_share, later.swaying_share, later.manoeuvring_share) == pytest.approx(motion.USUAL)
+
+
+def sway(amplitude_m, hz, frames=20_000, at_m=4.0):
+    """Return the distances of a target that sways."""
+    return [at_m + amplitude_m * math.sin(2 * math.pi * hz * FRAME_S * frame) for frame in range(frames)]
+
+
+def errors_of(distances_m, settle=50):
+    """Return the errors in metres, and in stated standard deviations, once the filters have settled."""
+    estimates = [state.estimate() for state in follow(distances_m)]
+    errors_m = np.array([each.distance_m for each in estimates])[settle:] - distances_m[settle:]
+    return errors_m, errors_m / np.sqrt([each.var_distance_m2 for each in estimates][settle:])
+
+
+def test_a_target_that_sways_is_followed_with_an_error_as_stated():
+    _, sigmas = errors_of(sway(0.4, 0.25))
+    assert 0.63 <= np.mean(np.abs(sigmas) < 1) <= 0.74
+    assert 0.86 <= np.mean(np.abs(sigmas) < 1.645) <= 0.94
+
+
+def test_two_filters_without_the_one_between_them_would_be_too_sure_of_a_target_that_sways(monkeypatch):
+    monkeypatch.setattr(motion, "USUAL", (0.979, 0.001, 0.02))
+    monkeypatch.setattr(motion, "SWAYING_SHARE", motion.CONSTANT_VELOCITY_SHARE)
+    _, sigmas = errors_of(sway(0.4, 0.25))
+    assert np.mean(np.abs(sigmas) < 1.645) < 0.84
+
+
+def test_single_errors_far_from_the_rest_hardly_pull_a_target_at_rest(monkeypatch):
+    def pulled_m():
+        state = motion.start(4.0, NOISE_M)
+        for _ in range(60):
+            state = motion.predict(state, FRAME_S, ACCELERATION_MPS2, CORRELATION)
+            state = motion.update(state, NOISE_M, motion.compare(state, 4.0, NOISE_M))
+        state = motion.predict(state, FRAME_S, ACCELERATION_MPS2, CORRELATION)
+        state = motion.update(state, NOISE_M, motion.compare(state, 4.0 - 4 * NOISE_M, NOISE_M))
+        return 4.0 - state.constant.distance_m
+
+    trusted_m = pulled_m()
+    monkeypatch.setattr(motion, "TRUSTED_SQUARE", math.inf)
+    assert 0 < trusted_m < 0.8 * pulled_m()

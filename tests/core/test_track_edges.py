@@ -29,19 +29,67 @@ def tracked(distance_m=2.0, frames=20, **settings):
     return see(new_track("ball"), *[distance_m] * frames, settings=replace(SETTINGS, **settings))
 
 
+FAR_APART_M = (50.0, 100.0, 7.0, 70.0, 30.0, 90.0)
+
+
 @pytest.mark.parametrize("outliers_max", [1, 2, 3, 5])
 def test_as_many_outliers_as_allowed_are_refused_and_one_more_is_believed(outliers_max):
     settings = replace(SETTINGS, outliers_max=outliers_max, coast_s=10.0)
     state = tracked(outliers_max=outliers_max, coast_s=10.0)
-    for number in range(1, outliers_max + 1):
-        state = see(state, 7.0, settings=settings)
+    for number, distance_m in enumerate(FAR_APART_M[:outliers_max], start=1):
+        state = see(state, distance_m, settings=settings)
         assert state.track.status is TrackStatus.COASTING
         assert state.track.rejected == number
         assert state.track.distance_m == pytest.approx(2.0, abs=0.05)
-    state = see(state, 7.0, settings=settings)
+    state = see(state, FAR_APART_M[outliers_max], settings=settings)
     assert state.track.status is TrackStatus.TRACKING
-    assert state.track.distance_m == pytest.approx(7.0, abs=0.05)
+    assert state.track.distance_m == pytest.approx(FAR_APART_M[outliers_max], abs=0.05)
     assert state.track.rejected == 0
+
+
+def test_outliers_that_agree_with_each_other_for_three_frames_are_the_target():
+    settings = replace(SETTINGS, coast_s=10.0, outliers_max=5)
+    state = tracked(coast_s=10.0, outliers_max=5)
+    for number, distance_m in enumerate((7.0, 7.02), start=1):
+        state = see(state, distance_m, settings=settings)
+        assert (state.track.status, state.track.rejected) == (TrackStatus.COASTING, number)
+    state = see(state, 6.99, settings=settings)
+    assert (state.track.status, state.track.rejected) == (TrackStatus.TRACKING, 0)
+    assert state.track.distance_m == pytest.approx(7.0, abs=0.05)
+
+
+def test_frames_without_the_target_between_outliers_that_agree_do_not_count_against_them():
+    settings = replace(SETTINGS, coast_s=10.0, outliers_max=5)
+    state = see(tracked(coast_s=10.0, outliers_max=5), 7.0, None, 7.0, None, 7.0, settings=settings)
+    assert state.track.distance_m == pytest.approx(7.0, abs=0.05)
+
+
+def test_outliers_that_the_target_is_seen_between_are_forgotten():
+    settings = replace(SETTINGS, coast_s=10.0, outliers_max=5)
+    state = see(tracked(coast_s=10.0, outliers_max=5), 7.0, 7.0, 2.0, 7.0, 7.0, settings=settings)
+    assert state.track.status is TrackStatus.COASTING
+    assert state.track.distance_m == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("speed_mps", [-30.0, -12.0, 12.0, 30.0])
+def test_a_very_fast_target_is_confirmed_by_three_frames_on_a_line(speed_mps):
+    settings = replace(SETTINGS, confirm_frames=2)
+    distances_m = [15.0 + speed_mps * FRAME_S * number for number in range(4)]
+    assert see(new_track("ball"), *distances_m[:2], settings=settings).track.status is TrackStatus.SEARCHING
+    state = see(new_track("ball"), *distances_m[:3], settings=settings)
+    assert state.track.status is TrackStatus.TRACKING
+    assert state.track.closing_mps == pytest.approx(-speed_mps, abs=0.5)
+    assert see(state, distances_m[3], settings=settings).track.distance_m == pytest.approx(distances_m[3], abs=0.05)
+
+
+def test_three_sights_that_are_on_no_line_are_no_target():
+    settings = replace(SETTINGS, confirm_frames=2)
+    assert see(new_track("ball"), 12.0, 14.0, 12.5, settings=settings).track.status is TrackStatus.SEARCHING
+
+
+def test_a_line_that_no_target_is_fast_enough_for_is_none():
+    settings = replace(SETTINGS, confirm_frames=2)
+    assert see(new_track("ball"), 5.0, 10.0, 15.0, settings=settings).track.status is TrackStatus.SEARCHING
 
 
 def test_a_target_counts_in_exactly_the_frame_that_completes_the_row():

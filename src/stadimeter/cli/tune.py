@@ -164,7 +164,7 @@ def _tell(proposal: Proposal, configuration: Configuration) -> None:
     console = Console()
     console.print(_begin_table(proposal))
     console.print(_end_table(proposal))
-    for line in (*_toml(proposal), "", *_claims(proposal)):
+    for line in (*_toml(proposal), *_tracking_toml(proposal, configuration), "", *_claims(proposal)):
         typer.echo(line)
 
 
@@ -255,6 +255,14 @@ def _toml(proposal: Proposal) -> Iterator[str]:
     yield f'off_delay = "{settings.off_delay_s:g} s"'
 
 
+def _tracking_toml(proposal: Proposal, configuration: Configuration) -> Iterator[str]:
+    """Propose what is better known from a recording than learnt anew in each run."""
+    factor = proposal.noise.factor
+    if factor not in (1.0, configuration.plan.tracking.noise_factor):
+        yield "For [tracking], so that the noise need not be learnt anew in each run:"
+        yield f"noise_factor = {factor:g}"
+
+
 def _when(tuned: Tuned, settings: Settings) -> Iterator[str]:
     condition = tuned.condition
     if condition.above_m is not None and condition.below_m is not None:
@@ -320,6 +328,7 @@ def _figures(proposal: Proposal) -> dict[str, Any]:
             "frame_s": noise.frame_s,
             "sigma_at_limit_m": noise.true_m(proposal.tuned.threshold_m),
             "ratio_to_stated": noise.ratio,
+            "proposed_noise_factor": noise.factor,
             "correlation": noise.correlation,
             "gross": noise.gross,
             "missing": noise.missing,

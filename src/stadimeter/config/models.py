@@ -150,6 +150,10 @@ class TrackingTable(Section):
     """How many frames a new target must be measured in."""
     coast: Duration = _TRACKING.coast_s
     """In seconds."""
+    noise_factor: Annotated[float, Field(gt=0)] = _TRACKING.noise_factor
+    """How many times larger than stated the noise of measurements is."""
+    noise_factor_max: Annotated[float, Field(ge=1)] = _TRACKING.noise_factor_max
+    """How many times larger than that a target's noise may be found to be."""
 
     def to_plan(self) -> plan.Tracking:
         """Return the section as the core sees it."""
@@ -160,6 +164,8 @@ class TrackingTable(Section):
             outliers_max=self.outliers_max,
             confirm_frames=self.confirm_frames,
             coast_s=self.coast,
+            noise_factor=self.noise_factor,
+            noise_factor_max=self.noise_factor_max,
         )
 
 

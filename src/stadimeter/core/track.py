@@ -39,6 +39,7 @@ class Track:
         reason: Why it is not tracked, or why the newest measurement was refused.
         since_s: Since when it has been in sight, or out of sight, without a break; None before the first cycle.
         closing_cov_m2ps: Covariance of the distance and the speed of approach; None until the target was seen.
+        noise_factor: How many times larger than stated its noise was found to be; see `core.tracking.noise_level`.
     """
 
     target: str
@@ -57,6 +58,7 @@ class Track:
     reason: str = ""
     since_s: float | None = None
     closing_cov_m2ps: float | None = None
+    noise_factor: float = 1.0
 
     @property
     def is_valid(self) -> bool:

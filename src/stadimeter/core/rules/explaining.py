@@ -72,6 +72,7 @@ def explain(decision: Decision, name: str) -> Explanation:
     else:
         clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, inputs, output)]
         timers, gates, found = (), step.trace.gates, ()
+    clauses += _noisiness(inputs, rule)
     return Explanation(
         rule=name,
         at_s=inputs.now_s,
@@ -83,6 +84,16 @@ def explain(decision: Decision, name: str) -> Explanation:
         winner=output.winner if output else "",
         losers=output.losers if output else (),
     )
+
+
+NOISY_FACTOR = 1.5
+"""Noise that was found to be larger than stated by this factor is told."""
+
+
+def _noisiness(inputs: RuleInputs, rule: AnyRule) -> Iterator[str]:
+    track = inputs.tracks.get(rule.target)
+    if track is not None and track.is_valid and track.noise_factor >= NOISY_FACTOR:
+        yield f"`{rule.target}` was found to be {track.noise_factor:.1f} times as noisy as its measurements state"
 
 
 def _alarm(rule: AlarmRule, step: AlarmStep, inputs: RuleInputs) -> Iterator[str]:

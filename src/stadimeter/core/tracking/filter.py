@@ -76,6 +76,26 @@ def start(distance_m: float, noise_m: float) -> FilterState:
     )
 
 
+def start_moving(
+    distance_m: float, noise_m: float, rate_mps: float, noise_before_m: float, step_s: float
+) -> FilterState:
+    """Return the state after two measurements, with the rate that they give.
+
+    Args:
+        distance_m: The second one.
+        noise_m: Standard deviation of its noise.
+        rate_mps: Their difference divided by `step_s`.
+        noise_before_m: Standard deviation of the noise of the first one.
+        step_s: The time between them, above zero.
+    """
+    return start(distance_m, noise_m)._replace(
+        rate_mps=rate_mps,
+        cov_m2ps=noise_m * noise_m / step_s,
+        var_rate_m2ps2=(noise_m * noise_m + noise_before_m * noise_before_m) / (step_s * step_s),
+        cov_rate_noise_mps=-noise_m * _KEPT / step_s,
+    )
+
+
 def predict(state: FilterState, step_s: float, acceleration_mps2: float, correlation: float) -> FilterState:
     """Return what is expected of the next frame.
 

@@ -34,6 +34,8 @@ CALM_LEAST_S = 20.0
 """With less than this, nothing can be said of noise."""
 GROSS_SIGMAS = 6.0
 """Further than this from the line, in standard deviations of the noise as it truly is, is grossly wrong."""
+CLEARLY_LARGER = 1.25
+"""Noise that is larger than stated by less than this is learnt by the tracker soon enough."""
 
 _MAD_TO_SIGMA = 1.4826
 _FIT_ROUNDS = 4
@@ -111,6 +113,11 @@ class Noise:
     def calm_s(self) -> float:
         """Length of the calm stretches together, in seconds."""
         return sum(stretch.duration_s for stretch in self.calm)
+
+    @property
+    def factor(self) -> float:
+        """The `noise_factor` of ``[tracking]`` that fits: 1 unless the noise is clearly larger than stated."""
+        return round(self.ratio, 1) if self.ratio >= CLEARLY_LARGER else 1.0
 
     def stated_m(self, distance_m: float) -> float:
         """Return the standard deviation that would be stated for a measurement; in metres, for a distance in metres."""
