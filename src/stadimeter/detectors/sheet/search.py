@@ -110,9 +110,11 @@ UNEVEN_SHARE = 0.35
 may fall off across a sheet, but it is one thing."""
 
 MISFIT_SIGMAS = 4.0
-"""Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape."""
+SLACK_SIGMAS = 2.0
+"""Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape:
+noise has no bound, but what is cut worse than this is another thing."""
 
-UNKNOWN_LENS_SHARE = 0.0022
+UNKNOWN_LENS_SHARE = 0.005
 """The same while the focal length, or a side, is one of a few that are tried."""
 
 EXPECTED_EVIDENCE = 2.0
@@ -246,7 +248,7 @@ class SheetSearch:
     def _fitting(self, findings: Findings, outlines: Points, off_px: float) -> Points:
         """Return the outlines that fit the sheet about as well as they were found."""
         misfit_px = self._shape.fit(outlines).misfit_px
-        slack_px = MISFIT_SIGMAS * self._slack * longest_sides_px(outlines)
+        slack_px = SLACK_SIGMAS * self._slack * longest_sides_px(outlines)
         limits = off_px / np.sin(quad_shapes(outlines).sharpest_rad) + slack_px
         good = misfit_px < limits
         findings.refuse(
@@ -257,6 +259,7 @@ class SheetSearch:
                 f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px"
                 + self._other_text(outlines[i])
             ),
+            2 * limits / np.maximum(misfit_px, limits),
         )
         return outlines[good]
 
@@ -265,19 +268,21 @@ class SheetSearch:
         edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
         findings.refuse(2, edges.corners_px, ~straight, lambda i: _straight_text(edges, i, FIRST_SUPPORT))
-        near = self._shape.fit(edges.corners_px).misfit_px < self._misfit_limits(edges, off_px)
+        share = self._shape.fit(edges.corners_px).misfit_px / self._misfit_limits(edges, off_px)
+        near = share < 1
         findings.refuse(
             3,
             edges.corners_px,
             straight & ~near,
             lambda i: self._misfit_text(edges[[i]], off_px) + self._other_text(edges.corners_px[i]),
+            2 / np.maximum(share, 1.0),
         )
         return edges[straight & near]
 
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
         # The search at half the size is rough, so a sheet that is no exact rectangle either may be off by the sum.
         slack_px = self._slack * longest_sides_px(edges.corners_px)
-        return np.maximum(off_px, MISFIT_SIGMAS * corner_sigmas_px(edges)) + MISFIT_SIGMAS * slack_px
+        return np.maximum(off_px, MISFIT_SIGMAS * corner_sigmas_px(edges)) + SLACK_SIGMAS * slack_px
 
     def _misfit_text(self, edges: QuadEdges, off_px: float = 0.0) -> str:
         misfit_px, limit = self._shape.fit(edges.corners_px).misfit_px[0], self._misfit_limits(edges, off_px)[0]
@@ -305,7 +310,7 @@ class SheetSearch:
             ),
         )
         for stage, (passed, why) in enumerate(tests, SERIOUS_STAGE):
-            findings.refuse(stage, edges.corners_px, good & ~passed, why, evidence)
+            findings.refuse(stage, edges.corners_px, good & ~passed, why, evidence / 2)
             good &= passed
         for number in np.nonzero(good)[0].tolist():
             misfit_px = MISFIT_FACTOR * fit.misfit_px[number] * self._is_strict
