@@ -27,6 +27,7 @@ from stadimeter.detectors.sheet.search import (
     LEAST_SUPPORT,
     MISFIT_FACTOR,
     MISFIT_SIGMAS,
+    SLACK_SIGMAS,
     corner_sigmas_px,
 )
 from stadimeter.detectors.sides import side_lengths
@@ -52,7 +53,7 @@ def follow(
         return None
     corner_px = float(corner_sigmas_px(sides))
     longest_px = max(side_lengths(sides.corners_px))
-    limit_px = MISFIT_SIGMAS * (corner_px + slack_share(size) * longest_px)
+    limit_px = MISFIT_SIGMAS * corner_px + SLACK_SIGMAS * slack_share(size) * longest_px
     misfit_px = _misfit_px(sides.corners_px, size, lens, limit_px)
     if not misfit_px <= limit_px:
         return None
