@@ -33,7 +33,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 """What each detector is told, by the name of the target."""
 
-DRIVERS = {"large ball": "ball"}
+DRIVERS = {"large ball": "ball", "plain sheet": "sheet"}
 """Which entry point a target's detector has, where the names differ."""
 
 

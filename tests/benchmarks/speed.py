@@ -1,7 +1,9 @@
 """How long a frame takes, beside what people run today and beside the least that any program must do.
 
-All contenders take turns in one run, on one thread of OpenCV. Absolute times say something about this machine only;
-ratios travel better.
+Each time is taken twice, on one thread of OpenCV. Hot: the same work on the same picture again and again, as in a loop
+that does nothing else, with code and picture in the processor's cache. Cold: all contenders and pictures in random
+order, so that each finds the cache full of another's work, as in a run that also moves, records and publishes.
+Absolute times say something about this machine only; ratios travel better.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 
 import cv2
@@ -32,17 +35,24 @@ SIZES = ((640, 480), (1280, 720), (1920, 1080))
 FOCAL_OF_WIDTH = 600 / 640
 SCENES = 8
 ROUNDS = 8
+HOT_REPEATS = 3
+"""In each round, so often in a row after once without looking at the clock."""
 TAG_SIDES_PX = (48.0, 64.0, 100.0)
 
 TITLES = {
     "ball": "Ball on clutter; in brackets against the tutorial",
     "sheet": "Sheet on clutter; in brackets against the tutorial",
+    "plain sheet": "Sheet before a plain wall; in brackets against the tutorial",
     "disc": "Disc on clutter; in brackets against one pass of HSV + `inRange`",
     "tag": "Tag of 48–100 px on clutter; in brackets against `cv2.aruco`'s defaults",
 }
-AGAINST = {"ball": "tutorial", "sheet": "tutorial", "disc": "HSV + inRange", "tag": "aruco"}
+AGAINST = {"ball": "tutorial", "sheet": "tutorial", "plain sheet": "tutorial", "disc": "HSV + inRange", "tag": "aruco"}
 
 Size = tuple[int, int]
+STATES = ("hot", "cold")
+
+Times = dict[str, dict[str, float]]
+"""Median times in microseconds, by state and contender."""
 
 Work = Callable[[int], object]
 """Takes the number of a scene."""
@@ -77,6 +87,7 @@ def run(rounds: int = ROUNDS, scenes: int = SCENES, first_seed: int = draw.REPOR
     made: dict[str, Callable[[Size, range], list[Contender]]] = {
         "ball": _ball_contenders,
         "sheet": _sheet_contenders,
+        "plain sheet": partial(_sheet_contenders, plain=True),
         "disc": _disc_contenders,
         "tag": _tag_contenders,
     }
@@ -86,7 +97,8 @@ def run(rounds: int = ROUNDS, scenes: int = SCENES, first_seed: int = draw.REPOR
         if ours.exists(what)
     }
     text = (
-        f"Medians of {rounds} rounds over {scenes} scenes, one OpenCV thread ({cv2.__version__}), all in turns. "
+        f"Medians of {rounds} rounds over {scenes} scenes, one OpenCV thread ({cv2.__version__}). Hot is the same work "
+        "again and again; cold is all contenders and scenes in random order, so that the cache holds another's work. "
         "Ours is detection and measurement together, unless a row says what it is; in brackets how many times faster "
         f"than what is named there. Tracking is told where the target is, to {ours.PREDICTION_SIGMA_PX:g} px.\n"
     )
@@ -111,9 +123,9 @@ def _ball_contenders(size: Size, seeds: range) -> list[Contender]:
     ]
 
 
-def _sheet_contenders(size: Size, seeds: range) -> list[Contender]:
+def _sheet_contenders(size: Size, seeds: range, *, plain: bool = False) -> list[Contender]:
     camera = _camera(size)
-    made = [render(draw.sheet_scene(seed, 0.5, camera=camera)) for seed in seeds]
+    made = [render(draw.sheet_scene(seed, 0.5, plain=plain, camera=camera)) for seed in seeds]
     return [
         *_floors(made),
         Contender(name="tutorial", work=lambda number: tutorial.sheet_long_side_px(made[number].image)),
@@ -184,42 +196,62 @@ def _our_tags(scenes: Sequence[Scene], made: Sequence[RenderedScene]) -> list[Co
     ]
 
 
-def _timed(contenders: Sequence[Contender], rounds: int, scenes: int) -> dict[str, float]:
-    """Return the median time of each contender in microseconds; they take turns on each scene."""
-    times: dict[str, list[float]] = {contender.name: [] for contender in contenders}
+def _timed(contenders: Sequence[Contender], rounds: int, scenes: int) -> Times:
+    """Return the median time of each contender, hot and cold."""
     for contender in contenders:
         contender.work(0)
+    pairs = [(contender, number) for number in range(scenes) for contender in contenders]
+    # The hot rounds alternate with the cold ones, so that what slows the machine for a while slows both.
+    order = np.random.default_rng(0)
+    times: dict[str, dict[str, list[float]]] = {state: {each.name: [] for each in contenders} for state in STATES}
     for _ in range(rounds):
-        for number in range(scenes):
-            for contender in contenders:
-                began_s = perf_counter()
-                contender.work(number)
-                times[contender.name].append(perf_counter() - began_s)
-    return {name: 1e6 * statistics.median(of_one) for name, of_one in times.items()}
+        for contender, number in pairs:
+            contender.work(number)
+            times["hot"][contender.name] += [_seconds(contender, number) for _ in range(HOT_REPEATS)]
+        for contender, number in (pairs[place] for place in order.permutation(len(pairs))):
+            times["cold"][contender.name].append(_seconds(contender, number))
+    return {
+        state: {name: 1e6 * statistics.median(taken) for name, taken in of_state.items()}
+        for state, of_state in times.items()
+    }
 
 
-def _table(times: dict[Size, dict[str, float]], against: str) -> str:
-    names = list(next(iter(times.values())))
-    rows = []
-    for name in names:
-        cells = [f"{of_size[name]:.0f} ({of_size[against] / of_size[name]:.1f}×)" for of_size in times.values()]
-        rows.append([name, *cells])
-    return table(["", *(f"{width}×{height}" for width, height in times)], rows)
+def _seconds(contender: Contender, number: int) -> float:
+    began_s = perf_counter()
+    contender.work(number)
+    return perf_counter() - began_s
 
 
-def _chart(what: str, times: dict[Size, dict[str, float]]) -> Chart:
-    rows = list(next(iter(times.values())))
-    series = {f"{width}×{height}": [of_size[row] for row in rows] for (width, height), of_size in times.items()}
+def _table(times: dict[Size, Times], against: str) -> str:
+    names = list(next(iter(times.values()))["hot"])
+    head = ["", *(f"{width}×{height}, {state}" for width, height in times for state in STATES)]
+    columns = [of_size[state] for of_size in times.values() for state in STATES]
+    rows = [[name, *(f"{each[name]:.0f} ({each[against] / each[name]:.1f}×)" for each in columns)] for name in names]
+    return table(head, rows)
+
+
+def _chart(what: str, times: dict[Size, Times]) -> Chart:
+    rows = list(next(iter(times.values()))["hot"])
+    series = {
+        f"{width}×{height}, {state}": [of_size[state][row] for row in rows]
+        for (width, height), of_size in times.items()
+        for state in STATES
+    }
     return Chart(name=f"{what}-time", title=f"Time of a frame: {what}", axis="µs", rows=rows, series=series)
 
 
-def _facts(times: dict[str, dict[Size, dict[str, float]]]) -> dict[str, float]:
-    """Return how many times faster than the others ours is, by target, what is done, and the picture's height."""
+def _facts(times: dict[str, dict[Size, Times]]) -> dict[str, float]:
+    """Return how many times faster than the others ours is, by target, what is done, and the picture's height.
+
+    A fact is of the hot state unless its name ends with ``cold``.
+    """
     facts = {}
     for what, by_size in times.items():
         for (_, height), of_size in by_size.items():
-            for name in of_size:
-                if name.startswith("stadimeter"):
-                    facts[f"{what} {name} {height} speed-up"] = of_size[AGAINST[what]] / of_size[name]
-                    facts[f"{what} {name} {height} of inRange"] = of_size[name] / of_size["HSV + inRange"]
+            for state, end in zip(STATES, ("", " cold"), strict=True):
+                us = of_size[state]
+                for name in us:
+                    if name.startswith("stadimeter"):
+                        facts[f"{what} {name} {height} speed-up{end}"] = us[AGAINST[what]] / us[name]
+                        facts[f"{what} {name} {height} of inRange{end}"] = us[name] / us["HSV + inRange"]
     return facts

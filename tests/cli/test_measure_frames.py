@@ -12,9 +12,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import stadimeter.cli.measure as measure_command
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Frame
+from stadimeter.errors import CaptureTimeoutError
+from stadimeter.workbench.frame_source import Source
 
 pytestmark = pytest.mark.vision
 
@@ -68,6 +72,20 @@ def test_a_tag_without_a_number_says_which_one_it_is(tmp_path: Path, camera) -> 
     cv2.imwrite(str(tmp_path / "one.png"), _scene({11: LEFT}))
     assert "  tag 11  " in _run(tmp_path / "one.png", *camera, *TAG).stdout
     assert json.loads(_run(tmp_path / "one.png", *camera, *TAG, "--json").stdout)["id"] == 11
+
+
+def test_several_tags_are_each_measured(two_tags: Path, camera) -> None:
+    records = [json.loads(line) for line in _run(two_tags, *camera, *TAG, "--json").stdout.splitlines()]
+    assert [(each["target"], each["id"], each["status"]) for each in records] == [
+        ("tag", 3, "measured"),
+        ("tag", 7, "measured"),
+    ]
+    assert records[0]["bearing_rad"] < 0 < records[1]["bearing_rad"]
+    (only,) = _run(two_tags, *camera, *TAG, "--id", "7", "--json").stdout.splitlines()
+    assert json.loads(only)["id"] == 7
+    left, right = _run(two_tags, *camera, *TAG).stdout.splitlines()
+    assert "  tag 3  " in left
+    assert "  tag 7  " in right
 
 
 def test_a_position_is_given_in_the_cameras_frame(tmp_path: Path, camera) -> None:
@@ -124,9 +142,9 @@ def test_a_wrong_option_is_one_line_and_exit_2(two_tags: Path, camera, options, 
 def test_a_video_gives_a_line_for_each_frame_with_its_number_and_time(video: Path, camera) -> None:
     result = _run(video, *camera, *TAG, "--json")
     records = [json.loads(line) for line in result.stdout.splitlines()]
-    assert [record["frame"] for record in records] == [0, 1, 2]
-    assert [record["time_s"] for record in records] == pytest.approx([0.0, 0.1, 0.2])
-    assert [record["status"] for record in records] == ["measured", "not_found", "measured"]
+    assert [record["frame"] for record in records] == [0, 1, 2, 2]
+    assert [record["time_s"] for record in records] == pytest.approx([0.0, 0.1, 0.2, 0.2])
+    assert [record["status"] for record in records] == ["measured", "not_found", "measured", "measured"]
     assert result.exit_code == 0, "one frame at least shows it"
     first = _run(video, *camera, *TAG).stdout.splitlines()[0]
     assert re.match(rf"{re.escape(str(video))}  frame    0     0\.000 s  tag 3  ", first)
@@ -142,7 +160,7 @@ def test_between_two_targets_is_said_for_each_frame(video: Path, camera) -> None
 def test_a_camera_is_measured_until_its_frames_end(two_tags: Path, camera) -> None:
     result = _run("--live", f"images,paths={two_tags}", *camera, *TAG, "--json")
     assert result.exit_code == 0
-    (record,) = map(json.loads, result.stdout.splitlines())
+    record, _ = map(json.loads, result.stdout.splitlines())
     assert (record["status"], record["frame"], record["time_s"]) == ("measured", 0, 0.0)
 
 
@@ -153,7 +171,7 @@ def test_a_damaged_video_is_an_error_and_does_not_stop_the_others(
     bad.write_bytes(video.read_bytes()[:200])
     result = _run(bad, tmp_path / "missing.mp4", two_tags, *camera, *TAG)
     assert result.exit_code == 2
-    assert len(result.stdout.splitlines()) == 1
+    assert len(result.stdout.splitlines()) == 2
     assert [line.split(":")[0] for line in result.stderr.splitlines()] == ["error", "error"]
 
 
@@ -162,3 +180,49 @@ def test_a_camera_that_is_not_there_is_one_line(camera) -> None:
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
     assert "/dev/video97" in line
+
+
+class Interrupted:
+    """A live camera that gives a frame, pauses, gives another, and is then stopped with Ctrl-C."""
+
+    def __init__(self, image: np.ndarray) -> None:
+        self.is_closed = False
+        pause = CaptureTimeoutError("no new frame in 0.50 s")
+        frames = [Frame(image, 5.0 + number / 4, number) for number in range(2)]
+        self._events: list[Frame | BaseException] = [frames[0], pause, pause, frames[1], KeyboardInterrupt()]
+
+    def open(self) -> None:
+        """Do nothing: it is open."""
+
+    def latest(self, timeout_s: float) -> Frame:
+        event = self._events.pop(0)
+        if isinstance(event, BaseException):
+            raise event
+        return event
+
+    def trouble(self) -> str:
+        return ""
+
+    def remarks(self) -> tuple[str, ...]:
+        return ("asked for a fixed focus, the camera keeps refocusing",)
+
+    def not_for_motion(self) -> str:
+        return ""
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def test_a_live_camera_goes_on_until_ctrl_c(camera, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = Interrupted(_scene({3: LEFT}))
+    monkeypatch.setattr(measure_command, "open_source", lambda _: Source(capture=capture, is_live=True))
+    result = _run("--live", "opencv,device=0", *camera, *TAG, "--json")
+    records = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [(each["frame"], each["time_s"], each["id"]) for each in records] == [(0, 0.0, 3), (1, 0.25, 3)]
+    assert result.exit_code == 0
+    assert capture.is_closed
+    assert result.stderr.splitlines() == [
+        "note: asked for a fixed focus, the camera keeps refocusing",
+        "note: no new frame in 0.50 s",
+        "stopped after 2 frames",
+    ]

@@ -71,6 +71,12 @@ def test_the_share_is_that_of_the_covariance_and_never_less_than_the_focal_lengt
     assert replace(known, focal_relative_sigma=0.3).distance_share(12.0, 20.0) == 0.3
 
 
+@given(x=st.floats(), y=st.floats())
+def test_any_place_has_a_share(x: float, y: float) -> None:
+    known = replace(LENS, uncertainty=LensUncertainty(sigmas=SIGMAS, correlations=NO_CORRELATION))
+    assert 0 < known.distance_share(x, y) < 1
+
+
 def test_it_is_the_same_at_another_resolution() -> None:
     known = replace(LENS, uncertainty=LensUncertainty(sigmas=SIGMAS, correlations=NO_CORRELATION))
     double = known.scaled_to(1280, 960)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import Circle
@@ -21,7 +24,7 @@ from support.scenes.scene import Scene
 
 pytestmark = pytest.mark.vision
 
-SRGB = light_table("srgb")
+CAMERA = draw.CAMERA
 
 
 def _scene(diameter_m: float = 0.2, depth_m: float = 1.5) -> Scene:
@@ -36,7 +39,7 @@ def _circle(scene: Scene) -> Circle:
 
 
 def _edges(scene: Scene, circle: Circle | None = None, within_px: float = 6.0) -> LimbEdges:
-    edges = limb_edges(render(scene).image, circle or _circle(scene), within_px + 2.5, within_px, SRGB)
+    edges = limb_edges(render(scene).image, circle or _circle(scene), within_px + 2.5, within_px, CAMERA)
     assert edges is not None
     return edges
 
@@ -79,15 +82,21 @@ def test_overexposed_channels_do_not_move_the_edges() -> None:
     assert np.median(_radii(scene, _edges(bright))) == pytest.approx(_circle(scene).radius_px, abs=0.06)
 
 
-def test_an_edge_bias_moves_the_edges_back_and_forth() -> None:
+@settings(max_examples=25, deadline=None)
+@given(wall=st.integers(20, 235), bias_px=st.floats(-0.8, 0.8))
+def test_each_edge_moves_by_the_bias_in_proportion_to_its_contrast(wall: int, bias_px: float) -> None:
     scene = _scene()
-    image, circle = render(scene).image, _circle(scene)
-    plain = limb_edges(image, circle, 8.5, 6.0, SRGB)
-    biased = limb_edges(image, circle, 8.5, 6.0, SRGB, bias_px=0.25)
-    assert plain is not None
-    assert biased is not None
+    image, circle = np.full((480, 640, 3), wall, np.uint8), _circle(scene)
+    cv2.circle(image, (round(circle.x_px), round(circle.y_px)), round(circle.radius_px), (128, 128, 128), cv2.FILLED)
+    light = light_table("srgb")
+    contrast = (light[128] - light[wall]) / max(light[128], light[wall])
+    plain = limb_edges(image, circle, 8.5, 6.0, CAMERA)
+    biased = limb_edges(image, circle, 8.5, 6.0, replace(CAMERA, edge_bias_px=bias_px))
+    if plain is None or biased is None:
+        assert abs(wall - 128) < 12, "where there is light and dark, there are edges"
+        return
     moved = np.median(_radii(scene, biased)) - np.median(_radii(scene, plain))
-    assert abs(moved) == pytest.approx(0.25, abs=0.01)
+    assert moved == pytest.approx(-bias_px * contrast, abs=0.02)
 
 
 def test_spokes_that_leave_the_picture_are_counted_and_not_looked_along() -> None:
@@ -95,7 +104,7 @@ def test_spokes_that_leave_the_picture_are_counted_and_not_looked_along() -> Non
     camera, circle = scene.camera, _circle(scene)
     image: Image = np.ascontiguousarray(render(scene).image[:, int(camera.cx_px) :])
     shifted = Circle(x_px=circle.x_px - int(camera.cx_px), y_px=circle.y_px, radius_px=circle.radius_px)
-    edges = limb_edges(image, shifted, 8.5, 6.0, SRGB)
+    edges = limb_edges(image, shifted, 8.5, 6.0, CAMERA)
     assert edges is not None
     assert edges.inside < 0.8 * edges.spokes
     assert len(edges.points_px) <= edges.inside
@@ -104,10 +113,10 @@ def test_spokes_that_leave_the_picture_are_counted_and_not_looked_along() -> Non
 @pytest.mark.parametrize("shape", [(1, 1), (3, 5), (480, 640)])
 def test_a_plain_picture_has_no_edges(shape: tuple[int, int]) -> None:
     circle = Circle(x_px=shape[1] / 2, y_px=shape[0] / 2, radius_px=min(shape) / 4)
-    assert limb_edges(np.full((*shape, 3), 90, np.uint8), circle, 8.5, 6.0, SRGB) is None
+    assert limb_edges(np.full((*shape, 3), 90, np.uint8), circle, 8.5, 6.0, CAMERA) is None
 
 
 def test_a_circle_far_outside_has_no_edges() -> None:
     circle = Circle(x_px=-5000.0, y_px=9000.0, radius_px=40.0)
-    assert limb_edges(render(_scene()).image, circle, 8.5, 6.0, SRGB) is None
+    assert limb_edges(render(_scene()).image, circle, 8.5, 6.0, CAMERA) is None
     assert math.isfinite(circle.radius_px)

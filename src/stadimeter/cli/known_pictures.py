@@ -17,6 +17,7 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.calibration import KnownDistance
 from stadimeter.workbench.calibration.calibrating import check_lens_settings, known_distance
+from stadimeter.workbench.colour_profile import profile_notes
 
 PicturesAtDistances = Annotated[
     list[str],
@@ -57,7 +58,8 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     """
     taken = [_split(each) for each in pictures]
     _refuse_twice([path for path, _ in taken])
-    for note in check_lens_settings([path for path, _ in taken]):
+    paths = [path for path, _ in taken]
+    for note in (*check_lens_settings(paths), *profile_notes(paths)):
         typer.echo(f"note: {note}", err=True)
     (target,) = build_detectors(wanted.choices, camera_model)
     known = [known_distance(path, depth_m, target, camera_model) for path, depth_m in taken]

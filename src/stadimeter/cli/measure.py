@@ -24,6 +24,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
 from stadimeter.workbench.annotation import annotate, write_picture
+from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.frame_source import open_source
 from stadimeter.workbench.measuring import Measuring, PictureResult, failed, measure_picture
 
@@ -145,6 +146,8 @@ def measure(
         if live:
             raise typer.Exit(work.frames(camera_choice(live), live))
         pictures = images or []
+        for note in profile_notes(pictures):
+            _note(note)
         paths = copy_paths([each for each in pictures if not _is_video(each)], copies)
         codes = [
             work.frames(_video(each), str(each))

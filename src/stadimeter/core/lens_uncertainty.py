@@ -136,9 +136,12 @@ class SharesByPlace:
         return np.stack(np.meshgrid(across, down), axis=-1)
 
     def at(self, x_px: float, y_px: float) -> float:
-        """Return the standard deviation at a place, by linear interpolation; outside, that of the nearest place."""
-        x = min(max(x_px * self._per_px[0], 0.0), self._cells[0] - 1e-9)
-        y = min(max(y_px * self._per_px[1], 0.0), self._cells[1] - 1e-9)
+        """Return the standard deviation at a place, by linear interpolation; outside, that of the nearest place.
+
+        What is not a number counts as 0: a direction that the lens does not reach has no place.
+        """
+        x = min(max(0.0, x_px * self._per_px[0]), self._cells[0] - 1e-9)
+        y = min(max(0.0, y_px * self._per_px[1]), self._cells[1] - 1e-9)
         column, row = int(x), int(y)
         x, y = x - column, y - row
         upper, lower = self._shares[row], self._shares[row + 1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Prediction
@@ -37,6 +37,19 @@ class Detector(Protocol):
 
         Raises:
             PictureError: The image has not the form that a `Frame` promises, see `check_image`.
+        """
+        ...
+
+
+@runtime_checkable
+class FindsSeveral(Protocol):
+    """A detector whose targets say which one they are, so that it can find several in one frame."""
+
+    def detect_all(self, frame: Frame, *, lens: CameraModel | None = None) -> tuple[Detection, ...]:
+        """Look for all of its targets in the whole frame; see `Detector.detect`.
+
+        Returns:
+            Each that was found, with its `Detection.number`; where there is none, what `Detector.detect` returns.
         """
         ...
 

@@ -85,7 +85,7 @@ class Perceiver:
         Raises:
             CalibrationError: The frame has another aspect than the camera model.
         """
-        lens, at_s = self._lens_of(frame), frame.captured_at_s
+        lens, at_s = self.lens_of(frame), frame.captured_at_s
         detections, measurements = [], []
         for name, detector in self.detectors.items():
             shape = detector.target_shape
@@ -100,7 +100,7 @@ class Perceiver:
             measurements.append(measured)
         return tuple(detections), tuple(measurements)
 
-    def _lens_of(self, frame: Frame) -> CameraModel:
+    def lens_of(self, frame: Frame) -> CameraModel:
         """Return the camera model for the frame, whose resolution and subsampling hardly ever change."""
         lens = self._lens
         is_same = (lens.width_px, lens.height_px) == (frame.width_px, frame.height_px)
@@ -218,10 +218,11 @@ def predict(
     focal_px = math.sqrt(camera.fx_px * camera.fy_px)
     size_px = shape.longest_m / nearer_m * focal_px
     across_px = focal_px * sigma_rad * (1 + x * x + y * y)
-    larger_px = size_px * _size_share(known, shape, camera)
+    centre_px = camera.pixel(x * outwards, y * outwards)
+    larger_px = size_px * _size_share(known, shape, camera.distance_share(*centre_px))
     return _useful(
         Prediction(
-            centre_px=camera.pixel(x * outwards, y * outwards),
+            centre_px=centre_px,
             size_px=size_px,
             sigma_px=math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, larger_px),
         ),
@@ -276,14 +277,14 @@ def _direction(known: _Known, motion: Motion | None) -> tuple[float, float, floa
     )
 
 
-def _size_share(known: _Known, shape: TargetShape, camera: CameraModel) -> float:
+def _size_share(known: _Known, shape: TargetShape, lens_share: float) -> float:
     """Return the standard deviation of the apparent size as a share of it.
 
-    An error of the focal length or of the target's size is in the track's distance as it is in this prediction, and
-    cancels out.
+    An error of the lens or of the target's size is in the track's distance as it is in this prediction, and cancels
+    out.
     """
     share = known.sigma_m / max(known.distance_m, 1e-6)
-    rest = share * share - camera.focal_relative_sigma**2 - shape.relative_sigma**2
+    rest = share * share - lens_share**2 - shape.relative_sigma**2
     return math.sqrt(rest) if rest > 0 else 0.0
 
 

@@ -15,9 +15,11 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.target import TargetShape
+from stadimeter.detectors.protocol import Detector, FindsSeveral
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
-from stadimeter.ranging.measure import SigmaParts, sigma_parts
+from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts
 from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigmas_rad, separation
 from stadimeter.workbench.frame_source import Source
 
@@ -32,6 +34,7 @@ class TargetResult:
         rejected_from: The number of the first of the candidates that were rejected. They are counted through all
             targets of a picture, so that a number means one place in it.
         direction_sigmas_rad: Standard deviations of bearing and elevation; None without a distance.
+        seen: It with its shape; None if the picture could not be read.
         frame: The frame of a video or a camera, counted from 0; None of a picture.
         time_s: When it was captured, from the first one on; None of a picture.
     """
@@ -43,6 +46,7 @@ class TargetResult:
     parts: SigmaParts | None = None
     rejected_from: int = 1
     direction_sigmas_rad: tuple[float, float] | None = None
+    seen: SeenTarget | None = None
     frame: int | None = None
     time_s: float | None = None
 
@@ -139,32 +143,20 @@ class Measuring:
 
     def __init__(self, targets: Sequence[NamedDetector], camera_model: CameraModel) -> None:
         self._targets = targets
-        self._camera_model = camera_model
-        self._perceiver = Perceiver({each.name: each.detector for each in targets}, camera_model)
+        self._perceiver = Perceiver({}, camera_model)
 
     def measure(self, frame: Frame, file: str) -> PictureResult:
-        """Return one result for each target.
+        """Return a result for each target; of tags without a number, one for each that is seen.
 
         Raises:
             CalibrationError: The frame has another aspect than the camera model.
         """
-        lens = self._camera_model.for_frame(frame)
+        lens = self._perceiver.lens_of(frame)
         results, number = [], 1
-        for target, detection, measurement in zip(self._targets, *self._perceiver.look(frame), strict=True):
-            shape = target.detector.target_shape
-            seen = SeenTarget(detection=detection, measurement=measurement, shape=shape)
-            results.append(
-                TargetResult(
-                    file=file,
-                    measurement=measurement,
-                    detection=detection,
-                    has_corners=shape.has_corners,
-                    parts=sigma_parts(measurement, shape, lens),
-                    rejected_from=number,
-                    direction_sigmas_rad=direction_sigmas_rad(seen, lens),
-                )
-            )
-            number += len(detection.rejected)
+        for target in self._targets:
+            for detection in _detections(target.detector, frame, lens):
+                results.append(_result(file, detection, target.detector.target_shape, lens, number))
+                number += len(detection.rejected)
         return PictureResult(file=file, frame=frame, targets=tuple(results))
 
     def measure_all(self, source: Source, file: str, note: Callable[[str], None]) -> Iterator[PictureResult]:
@@ -186,15 +178,31 @@ class Measuring:
         """Return how far two targets of a picture are apart; None unless both were measured in it."""
         if result.frame is None:
             return None
-        seen = {
-            target.name: SeenTarget(
-                detection=each.detection, measurement=each.measurement, shape=target.detector.target_shape
-            )
-            for target, each in zip(self._targets, result.targets, strict=True)
-            if each.detection is not None
-        }
+        seen = {each.measurement.target: each.seen for each in result.targets}
         one, other = (seen.get(name) for name in names)
-        return separation(one, other, self._camera_model.for_frame(result.frame)) if one and other else None
+        return separation(one, other, self._perceiver.lens_of(result.frame)) if one and other else None
+
+
+def _detections(detector: Detector, frame: Frame, lens: CameraModel) -> tuple[Detection, ...]:
+    """Return every target that says which one it is, or the one that there is."""
+    if isinstance(detector, FindsSeveral):
+        return detector.detect_all(frame, lens=lens)
+    return (detector.detect(frame, lens=lens),)
+
+
+def _result(file: str, detection: Detection, shape: TargetShape, lens: CameraModel, number: int) -> TargetResult:
+    measurement = measure(detection, shape, lens, 0.0)
+    seen = SeenTarget(detection=detection, measurement=measurement, shape=shape)
+    return TargetResult(
+        file=file,
+        measurement=measurement,
+        detection=detection,
+        has_corners=shape.has_corners,
+        parts=sigma_parts(measurement, shape, lens),
+        rejected_from=number,
+        direction_sigmas_rad=direction_sigmas_rad(seen, lens),
+        seen=seen,
+    )
 
 
 def failed(file: str, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:

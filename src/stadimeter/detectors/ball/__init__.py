@@ -54,7 +54,7 @@ AGREE_SIGMAS, AGREE_PX = 3.0, 1.0
 WITHIN_REACH, AROUND_REACH = 1.2, 2.0
 """Greatest radius of a ball that the search within and around a blob finds, in half sizes of the blob."""
 
-MOST_OF_OTHERS, QUALITY_OF_OTHERS = 4, 0.15
+MOST_OF_OTHERS, QUALITY_OF_OTHERS = 4, 0.2
 """Number of blobs tried of another range than the ball's own, and least quality there: chance has had its turn."""
 
 LEAST_OF_BLOB = 0.7

@@ -179,10 +179,14 @@ def _spread(tries: int) -> Points:
 
 def _support(edges: Edges, circles: Points, band: tuple[float, float]) -> Values:
     """Return for each circle the mean over the radials of the strongest edge on it there."""
-    x, y, radius = circles.T[:, :, None, None]
-    off_px = np.abs(np.hypot(edges.points_px[..., 0] - x, edges.points_px[..., 1] - y) - radius)
-    on_it = off_px < np.maximum(band[0], band[1] * radius)
-    return np.asarray((on_it * edges.strength).max(axis=2).mean(axis=1), np.float64)
+    middle = edges.points_px.reshape(-1, 2).mean(axis=0)
+    points, centres, radius = edges.points_px.reshape(-1, 2) - middle, circles[:, :2] - middle, circles[:, 2:]
+    # |p - c|² - r² = (|p - c| - r)(|p - c| + r) is about 2 r times how far a point is from the circle.
+    off = centres @ (-2 * points.T) + (points * points).sum(axis=1)
+    off += (centres * centres).sum(axis=1)[:, None] - radius * radius
+    on_it = np.abs(off) < 2 * radius * np.maximum(band[0], band[1] * radius)
+    strongest = (on_it.reshape(len(circles), *edges.strength.shape) * edges.strength).max(axis=2)
+    return np.asarray(strongest.mean(axis=1), np.float64)
 
 
 def _enclosed(around: Points, circles: Points) -> Weights:

@@ -29,6 +29,9 @@ those that are more saturated too: that needs no look at the saturation of each.
 GRID = 16
 """Pixels each way from which the share of a circle with the ball's colour is estimated."""
 
+MORE_OF_DARK, LEAST_OF_DARK = 1.1, 4
+"""Pixels that are dark are looked at if there are as many more of them with the colour: by this factor, and number."""
+
 LEAST_TOLD_APART = 64
 """Among fewer pixels there is nothing to tell apart."""
 
@@ -133,8 +136,10 @@ def other_ranges(image: Image, colour: HsvRange) -> Iterator[HsvRange]:
     First with the darkest pixels. Then the more saturated of the pixels in the range, and the brighter of them: a range
     that holds the ball may hold the floor or a hand as well, but hardly anything is exactly as vivid.
     """
-    yield replace(colour, keeps_dark=True)
-    pixels = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[colour.mask(image) > 0]
+    mask, with_dark = colour.mask(image), replace(colour, keeps_dark=True)
+    if cv2.countNonZero(with_dark.mask(image)) > MORE_OF_DARK * cv2.countNonZero(mask) + LEAST_OF_DARK:
+        yield with_dark
+    pixels = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[mask > 0]
     if len(pixels) < LEAST_TOLD_APART:
         return
     for channel in (1, 2):

@@ -9,7 +9,7 @@ inside a ball is shaded differently, further outside begins something else. Thre
 - A ball gets darker towards its limb, so the level inside is a little too bright, and the step would seem to lie too
   far inside. How much darker is seen between the level and a place further inside, and holds all around.
 - Blur moves the step of a curved edge inwards, by ``σ² / 2 r`` for a blur with a standard deviation of σ on a radius r.
-- What sharpening and glare add is the camera's edge bias.
+- What sharpening and glare add is the camera's edge bias, in proportion to the contrast of each step.
 
 Arrays have the spokes first, then the pixels along them from the inside to the outside.
 """
@@ -24,10 +24,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import Circle
-from stadimeter.detectors.sampling import Light, quantile
+from stadimeter.detectors.ball.colours import Odds, plausible
+from stadimeter.detectors.sampling import Light, light_table, quantile
 
 Values = NDArray[np.float64]
 Profiles = NDArray[np.float32]
@@ -83,6 +85,9 @@ GAP_PX, GAP_OF_WIDTH, MOST_GAP_PX = 0.7, 0.5, 10.7
 MOST_ROUNDS = 4
 """Greatest number of times that the levels of a blurred step are read, each time from further away."""
 
+BESIDE_PX = 3
+"""Distance from the steepest place at which the light on either side of it is compared, for the edge bias."""
+
 BLUR_OF_WIDTH = 0.3
 """Standard deviation of the blur as a share of how wide a step is."""
 
@@ -134,22 +139,24 @@ class _Steps(NamedTuple):
 
 
 def limb_edges(
-    image: Image, circle: Circle, reach_px: float, within_px: float, light: Light, bias_px: float = 0.0
+    image: Image, circle: Circle, reach_px: float, within_px: float, lens: CameraModel, odds: Odds | None = None
 ) -> LimbEdges | None:
     """Find a step for each spoke that shows one, near an expected circle; None where no spoke does.
 
     Args:
         reach_px: How far from it pixels are looked at, along rows and columns.
         within_px: How far from it the steps may be.
-        bias_px: The camera's edge bias: how far outwards the edge of something bright appears.
+        lens: For its tone curve and its edge bias: how far outwards the edge of something bright appears.
+        odds: Which colours are the ball's, see `stadimeter.detectors.ball.colours`; None to go by the steps alone.
     """
+    light = light_table(lens.tone_curve)
     inside = max(1, round(min(reach_px, 0.8 * circle.radius_px)))
     spokes = _spokes(image.shape, circle, inside, max(4, math.ceil(reach_px)))
     if spokes is None:
         return None
     codes = image.reshape(-1, 3).take(spokes.pixels, axis=0, mode="clip")
     first, last = max(0, math.floor(inside - within_px)), math.ceil(inside + within_px) + 1
-    steepest, is_clear = _steepest(codes[:, first:last])
+    steepest, is_clear = _steepest(codes[:, first:last], odds)
     steepest += first
     steps = _sharp_steps(codes, steepest, light)
     if quantile(steps.width) > BLURRED_PX:
@@ -161,7 +168,9 @@ def limb_edges(
     width.sort()
     usual_px = float(width[len(width) // 2])
     # A blur of σ draws the step of a circle of radius r inwards by σ² / 2 r.
-    outwards_px = (BLUR_OF_WIDTH * usual_px) ** 2 / (2 * circle.radius_px) - _bias_px(steps, bias_px)
+    outwards_px: float | Profiles = (BLUR_OF_WIDTH * usual_px) ** 2 / (2 * circle.radius_px)
+    if lens.edge_bias_px:
+        outwards_px = outwards_px - lens.edge_bias_px * _contrast(codes, steepest, light)
     places = spokes.start + spokes.step * (steps.at + outwards_px * spokes.slant)
     return LimbEdges(
         places=places.compress(found, axis=1),
@@ -172,9 +181,18 @@ def limb_edges(
     )
 
 
-def _bias_px(steps: _Steps, bias_px: float) -> float:
-    """Return how far outwards the camera shows the steps: of something dark, those of the bright around it."""
-    return math.copysign(bias_px, bias_px * float(steps.way.sum())) if bias_px else 0.0
+def _contrast(codes: Image, steepest: Indices, light: Light) -> Profiles:
+    """Return how much more light is inside each step than outside, as a share of the brighter side: -1 to 1.
+
+    The camera shows the edges of the bright too far out, those of the dark too far in, and an edge between two sides
+    of the same light where it is.
+    """
+    spoke, last = np.arange(len(codes)), codes.shape[1] - 1
+    inside, outside = (
+        light.take(codes[spoke, np.minimum(np.maximum(steepest + beside, 0), last)]).dot(CHANNELS)
+        for beside in (-BESIDE_PX, BESIDE_PX)
+    )
+    return np.asarray((inside - outside) / np.maximum(np.maximum(inside, outside), LEAST_LIGHT))
 
 
 @lru_cache(maxsize=MOST_SPOKES_A_SIDE)
@@ -223,26 +241,36 @@ def _inside(spokes: _Spokes, width: int, height: int) -> _Spokes | None:
     return _Spokes(spokes.pixels[whole], start, step, spokes.slant[whole], spokes.expected)
 
 
-def _steepest(codes: Image) -> tuple[Indices, Flags]:
+def _steepest(codes: Image, odds: Odds | None) -> tuple[Indices, Flags]:
     """Return where the colour of each spoke changes most, and whether that is more than noise, shape ``(n,)`` each.
+
+    Where it is known which colours are the ball's, only places with its colours inside and others outside count.
 
     Compared are the pixel before and the one after. Noise has a steepest place too, but nothing like that of most.
     """
     change = np.subtract(codes[:, 2:], codes[:, :-2], dtype=np.float32)
     change *= change
     squared = change.reshape(-1, 3).dot(CHANNELS)
+    if odds is not None:
+        squared *= plausible(codes, odds)[:, 1:-1].ravel()
     length = change.shape[1]
     steepest = squared.reshape(-1, length).argmax(axis=1)
-    most = squared.take(steepest + np.arange(0, len(squared), length))
+    most = squared.take(steepest + _first_of_each(len(steepest), length))
     least = max(LEAST_CHANGE**2, CLEAR_SHARE**2 * quantile(most, 0.75))
     return steepest + 1, most > least
+
+
+@lru_cache(maxsize=256)
+def _first_of_each(rows: int, length: int) -> Indices:
+    """Return the index of the first place of each row in their flat array."""
+    return np.arange(0, rows * length, length)
 
 
 def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     """Measure steps no wider than a sharp picture has them, from a few pixels about the steepest places."""
     spokes, length = codes.shape[:2]
     near = np.minimum(np.maximum(steepest + NEAR, 0), length - 1)
-    near += np.arange(0, length * spokes, length)
+    near += _first_of_each(spokes, length)
     near_codes = codes.reshape(-1, 3).take(near, axis=0)
     levels = LEVELS.dot(light.take(near_codes).reshape(len(NEAR), -1))
     way = levels[0]

@@ -25,7 +25,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Predic
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import touches_border
-from stadimeter.detectors.sampling import light_table
+from stadimeter.detectors.sampling import grey_of, light_table
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamilyName, tag_family
 from stadimeter.detectors.tag.frame import BentSides
@@ -134,6 +134,21 @@ class TagDetector:
         check_image(frame)
         near = None if prediction is None else self._near(frame, lens, prediction)
         return near or self._anywhere(frame, lens)
+
+    def detect_all(self, frame: Frame, *, lens: CameraModel | None = None) -> tuple[Detection, ...]:
+        """Look for every tag of the family, in the order of their numbers; only the one that was named, if one was."""
+        check_image(frame)
+        found: dict[int, Detection] = {}
+        sightings = () if self._number is not None else self._search(lens).quickly(grey_of(frame.image))
+        for sighting in sightings:
+            for tag in sighting.tags:
+                if tag.number not in found:
+                    each = self._measured(frame, lens, sighting, tag)
+                    if each.status is DetectionStatus.FOUND:
+                        found[tag.number] = replace(each, reason="")
+        if len(found) < 2:
+            return (self.detect(frame, lens=lens),)
+        return tuple(found[number] for number in sorted(found))
 
     def _search(self, lens: CameraModel | None) -> TagSearch:
         return self._searches["srgb" if lens is None else lens.tone_curve]

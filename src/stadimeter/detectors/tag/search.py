@@ -152,13 +152,16 @@ class TagSearch:
     def everywhere(self, image: Image) -> Iterator[Sighting]:
         """Yield what the whole picture shows, each time looking harder and longer: the caller may stop early."""
         grey = grey_of(image)
-        sizes = self._long_sides(max(grey.shape))
-        for long_side_px in sizes:
-            yield self._look(grey, long_side_px, thorough=False)
-        yield self._look(grey, sizes[-1], thorough=True)
+        yield from self.quickly(grey)
+        yield self._look(grey, self._long_sides(max(grey.shape))[-1], thorough=True)
         if self.small_tags is not None:
             tags = sorted(self.small_tags.find(grey), key=lambda tag: tag.side_px, reverse=True)
             yield Sighting(grey=grey, left_top_px=np.zeros(2), tags=tuple(tags), outlines=len(tags))
+
+    def quickly(self, grey: Plane) -> Iterator[Sighting]:
+        """Yield what the whole picture shows at each scale, the smallest first; enough for tags that are well seen."""
+        for long_side_px in self._long_sides(max(grey.shape)):
+            yield self._look(grey, long_side_px, thorough=False)
 
     def _long_sides(self, full_px: int) -> list[int]:
         """Return the sizes of the picture that are searched: each time twice as large."""

@@ -35,7 +35,7 @@ class SensorModel:
 
     def __init__(self, size: TargetShape, camera: CameraModel) -> None:
         self._size = size
-        self._exact = replace(camera, focal_relative_sigma=0.0)
+        self._exact = replace(camera, focal_relative_sigma=0.0, uncertainty=None)
         self._stays = math.hypot(camera.focal_relative_sigma, size.relative_sigma)
 
     def sigmas_m(self, distance_m: float) -> tuple[float, float]:

@@ -1,0 +1,101 @@
+"""Which colours are a ball's and which are those around it, learnt from the frame itself.
+
+A ball may have stripes, the floor speckles, and its shadow an edge that is sharper than the ball's own. The limb is
+none of these: it is where the colours of the ball end and those of its surroundings begin. So colours are counted well
+inside a first circle and well outside of it. For each colour the logarithm of the ratio of both shares says which side
+it belongs to, whatever either side consists of. Along a spoke, the sum of these logarithms up to a pixel, all that is
+inside of it, is greatest at the limb: that is the likeliest place for the one change from ball to surroundings.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.frame import Image
+from stadimeter.detectors.ball.circles import Circle
+
+Odds = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+GRID = 32
+"""Pixels each way from which the colours are counted."""
+
+REACH_SHARE, REACH_PX = 1.5, 3.0
+"""Half the side of the square that is counted: a multiple of the radius, and pixels."""
+
+INSIDE_SHARE, INSIDE_PX = 0.12, 1.2
+OUTSIDE_SHARE, OUTSIDE_PX = 0.15, 2.0
+"""Pixels this near to the circle are not counted: a share of the radius, or pixels if that is more. The first circle
+may be wrong by so much, and pixels on the limb are a mixture."""
+
+LEAST_COUNTED = 8
+"""Fewer pixels on either side tell no colours."""
+
+BITS = 4
+BINS = 1 << BITS
+"""Colours are told apart by the highest bits of each channel."""
+
+RARE_SHARE = 0.02
+"""A share of pixels that counts as chance, added to both sides of the ratio."""
+
+MOST_ODDS = 1.0
+"""No pixel says more than this for either side: speckles and scratches are a few pixels."""
+
+PLAUSIBLE_ODDS = 2.0
+"""A place on a spoke whose sum is lower than the greatest by more than this is not the limb."""
+
+PLACES = np.array([BINS * BINS, BINS, 1], np.intp)
+
+
+def colour_odds(image: Image, circle: Circle) -> Odds | None:
+    """Return for each colour how much it speaks for the ball inside a circle, negative for what is around it.
+
+    Returns:
+        The logarithms by the index of `_bins`, shape ``(4096,)``; None where too few pixels are in the picture.
+    """
+    half_px = REACH_SHARE * circle.radius_px + REACH_PX
+    left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
+    part = image[top : max(int(circle.y_px + half_px) + 1, 0), left : max(int(circle.x_px + half_px) + 1, 0)]
+    if part.size == 0:
+        return None
+    height, width = part.shape[:2]
+    bins = _bins(np.asarray(cv2.resize(part, (GRID, GRID), interpolation=cv2.INTER_NEAREST), np.uint8))
+    cells = np.arange(GRID)
+    x, y = left + cells * width // GRID - circle.x_px, top + cells * height // GRID - circle.y_px
+    apart = np.sqrt(np.add.outer(y * y, x * x))
+    inside = bins[apart < circle.radius_px - max(INSIDE_SHARE * circle.radius_px, INSIDE_PX)]
+    outside = bins[apart > circle.radius_px + max(OUTSIDE_SHARE * circle.radius_px, OUTSIDE_PX)]
+    if min(len(inside), len(outside)) < LEAST_COUNTED:
+        return None
+    shares = np.stack([np.bincount(each, minlength=BINS**3) / len(each) for each in (inside, outside)])
+    ball, around = _smoothed(shares.astype(np.float32)) + RARE_SHARE
+    return np.asarray(np.clip(np.log(ball / around), -MOST_ODDS, MOST_ODDS), np.float32)
+
+
+def plausible(codes: Image, odds: Odds) -> Flags:
+    """Return where on each spoke the limb may be by the colours on either side, shape ``(n, k)`` for ``(n, k, 3)``.
+
+    Where colours say nothing, since ball and surroundings look alike, that is everywhere.
+    """
+    each = odds.take(_bins(codes))
+    # Half of the pixel itself is inside.
+    sums = np.cumsum(each, axis=1) - 0.5 * each
+    return np.asarray(sums >= sums.max(axis=1, keepdims=True) - PLAUSIBLE_ODDS)
+
+
+def _bins(codes: Image) -> NDArray[np.intp]:
+    return np.asarray((codes >> (8 - BITS)).dot(PLACES), np.intp)
+
+
+def _smoothed(shares: Odds) -> Odds:
+    """Spread the counts of each colour to its neighbours: light and noise move colours by more than a bin."""
+    cubes = shares.reshape(2, BINS, BINS, BINS)
+    for axis in (1, 2, 3):
+        spread = np.moveaxis(cubes.copy(), axis, 0)
+        source = np.moveaxis(cubes, axis, 0)
+        spread[1:] += 0.5 * source[:-1]
+        spread[:-1] += 0.5 * source[1:]
+        cubes = np.moveaxis(spread, 0, axis)
+    return np.asarray(cubes.reshape(2, -1))

@@ -1,0 +1,134 @@
+"""The limb of a ball where its surface, its floor and its shadow have edges too."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stadimeter.core.frame import Image
+from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.colours import colour_odds, plausible
+from stadimeter.detectors.ball.limb import Limb, find_limb
+from support.scenes import draw
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.nuisances import jpeg
+from support.scenes.render import render
+from support.scenes.tone import Tone, decode_srgb, encode
+
+pytestmark = pytest.mark.vision
+
+CAMERA = draw.CAMERA
+ORANGE, PALE, GREY = (40, 120, 230), (215, 225, 230), (110, 112, 115)
+FINER = 8
+CENTRE_PX, RADIUS_PX = (320.0, 240.0), 40.0
+
+
+def _picture(*, stripe: bool = False, speckle: float = 0.0, shadow: bool = False, seed: int = 1) -> Image:
+    """Paint a ball of a radius of 40 px, finer than the picture, and reduce it as a lens and a sensor do."""
+    rng = np.random.default_rng(seed)
+    across = np.arange(-80 * FINER, 80 * FINER) + 0.5
+    x, y = np.meshgrid(across / FINER, across / FINER)
+    canvas = np.full((*x.shape, 3), GREY, np.float32)
+    grain = cv2.resize(rng.normal(0, speckle, (120, 120)).astype(np.float32), x.shape, interpolation=cv2.INTER_CUBIC)
+    canvas += grain[:, :, None]
+    if shadow:
+        canvas[np.hypot(x, (y - 34) / 0.4) < RADIUS_PX] *= 0.25
+    is_ball = np.hypot(x, y) < RADIUS_PX
+    canvas[is_ball] = ORANGE
+    if stripe:
+        canvas[is_ball & (np.abs(np.hypot(x - 20, y) - 44) < 8)] = PALE
+    light = cv2.GaussianBlur(decode_srgb(np.clip(canvas, 0, 255)), (0, 0), 0.7 * FINER)
+    image = np.full((480, 640, 3), GREY, np.float32)
+    image[160:320, 240:400] = encode(cv2.resize(light, (160, 160), interpolation=cv2.INTER_AREA), Tone.SRGB)
+    noisy = image + rng.normal(0, 2, image.shape)
+    return np.clip(noisy, 0, 255).astype(np.uint8)
+
+
+def _limb(image: Image) -> Limb:
+    # The picture's middle is at (319.5, 239.5): pixels have their centres at whole numbers.
+    start = Circle(x_px=CENTRE_PX[0] + 1.5, y_px=CENTRE_PX[1] - 1.0, radius_px=RADIUS_PX - 2)
+    limb = find_limb(image, start, 8.0, CAMERA)
+    assert limb is not None
+    return limb
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "kind", [{"stripe": True}, {"speckle": 45.0}, {"shadow": True}, {"stripe": True, "speckle": 35.0, "shadow": True}]
+)
+def test_stripes_speckles_and_the_shadow_are_not_the_limb(kind: dict[str, float], seed: int) -> None:
+    limb = _limb(_picture(**kind, seed=seed))  # type: ignore[arg-type]  # flags and one float
+    assert limb.straight_radius_px == pytest.approx(RADIUS_PX, rel=0.01)
+    assert abs(limb.straight_radius_px - RADIUS_PX) < 4 * limb.radius_sigma_px
+
+
+def test_colours_of_stripes_are_the_balls_and_those_of_the_floor_are_not() -> None:
+    image = _picture(stripe=True, shadow=True)
+    odds = colour_odds(image, Circle(x_px=320.0, y_px=240.0, radius_px=RADIUS_PX))
+    assert odds is not None
+    # From the middle of the ball to the left and to the right: the limb is 40 pixels away.
+    for row in (image[240, 319:250:-1], image[240, 320:390]):
+        there = plausible(row[None], odds)[0]
+        assert there[39:41].any()
+        assert not there[:34].any()
+        assert not there[46:].any()
+
+
+def test_where_ball_and_floor_look_alike_every_place_is_plausible() -> None:
+    image = np.full((100, 100, 3), 90, np.uint8)
+    odds = colour_odds(image, Circle(x_px=50.0, y_px=50.0, radius_px=20.0))
+    assert odds is not None
+    assert plausible(image[50:51], odds).all()
+
+
+def test_a_circle_outside_the_picture_has_no_colours() -> None:
+    assert colour_odds(np.zeros((50, 50, 3), np.uint8), Circle(x_px=900.0, y_px=-900.0, radius_px=20.0)) is None
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 40), grey=st.integers(20, 235), bias_px=st.floats(-0.6, 0.6))
+def test_the_size_is_continuous_in_the_edge_bias(seed: int, grey: int, bias_px: float) -> None:
+    scene = replace(draw.ball_scene(seed), backdrop=PlainBackdrop(bgr=(grey, grey, grey)))
+    made = render(scene)
+    outline = made.truth.outline_px
+    x, y = (outline.min(axis=0) + outline.max(axis=0)) / 2
+    start = Circle(x_px=float(x), y_px=float(y), radius_px=made.truth.apparent_px / 2)
+    sizes = [
+        find_limb(made.image, start, 8.0, replace(CAMERA, edge_bias_px=each)) for each in (bias_px, bias_px + 0.01)
+    ]
+    assert all(size is not None for size in sizes)
+    assert sizes[0].straight_radius_px == pytest.approx(sizes[1].straight_radius_px, abs=0.05)
+
+
+@pytest.mark.parametrize("bias_px", [-1e4, -60.0, -7.0, 7.0, 60.0, 1e4])
+def test_an_absurd_edge_bias_gives_a_limb_or_none(bias_px: float) -> None:
+    limb = find_limb(
+        _picture(), Circle(x_px=320.0, y_px=240.0, radius_px=40.0), 8.0, replace(CAMERA, edge_bias_px=bias_px)
+    )
+    assert limb is None or math.isfinite(limb.radius_sigma_px)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_grain_of_a_floor_makes_the_radius_less_sure(seed: int) -> None:
+    smooth, grained = _limb(_picture(seed=seed)), _limb(_picture(speckle=60.0, seed=seed))
+    assert grained.sigma_px > 2 * smooth.sigma_px
+    assert grained.radius_sigma_px > smooth.radius_sigma_px
+
+
+def test_colour_that_is_stored_coarsely_makes_the_radius_less_sure() -> None:
+    image = render(jpeg(80)(draw.ball_scene(3))).image
+    truth = render(draw.ball_scene(3)).truth
+    x, y = truth.outline_px.mean(axis=0)
+    start = Circle(x_px=float(x), y_px=float(y), radius_px=truth.apparent_px / 2)
+    fine = find_limb(image, start, 8.0, CAMERA)
+    coarse = find_limb(image, start, 8.0, replace(CAMERA, subsampling="4:2:0"))
+    assert fine is not None
+    assert coarse is not None
+    assert coarse.straight_radius_px == fine.straight_radius_px
+    assert coarse.radius_sigma_px > 1.1 * fine.radius_sigma_px
