@@ -20,15 +20,17 @@ from stadimeter.detectors.sheet.evidence import slack_share
 from stadimeter.detectors.sheet.one_outline import OutlineSides, measure_outline
 from stadimeter.detectors.sheet.search import (
     EXPECTED_SIZES,
+    MISFIT_FACTOR,
+    MISFIT_SIGMAS,
+    SLACK_SIGMAS,
+    corner_sigmas_px,
+)
+from stadimeter.detectors.sheet.side_tests import (
     GREATEST_BEND_PX,
     GREATEST_BEND_SHARE,
     LEAST_CONTRAST,
     LEAST_MEAN_SUPPORT,
     LEAST_SUPPORT,
-    MISFIT_FACTOR,
-    MISFIT_SIGMAS,
-    SLACK_SIGMAS,
-    corner_sigmas_px,
 )
 from stadimeter.detectors.sides import side_lengths
 from stadimeter.ranging.flat import SheetShape
