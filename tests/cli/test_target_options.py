@@ -93,7 +93,7 @@ def test_distances_are_shown_in_the_unit_of_the_size(sheet: str, unit: object) -
         ({"tag": "8", "family": "36h11"}, "--tag: '8' has no unit"),
         ({"ball": "6cm"}, "--ball needs the ball's colours"),
         ({"hsv": HSV}, "nothing says what to look for"),
-        ({"hsv": HSV, "sheet": "11in,8.5in"}, "give --ball DIAMETER with it"),
+        ({"hsv": HSV, "disc": "12 cm"}, "--hsv says which colours the ball or the sheet has; give --sheet"),
         ({"ball": "6cm", "hsv": HSV, "known_side": "width"}, "give --sheet WIDTH,HEIGHT with it"),
         ({"sheet": "11in"}, "'11in' is not a width and a height"),
         (
@@ -186,5 +186,5 @@ def test_what_is_wrong_with_a_target_is_said_with_its_option(target: str, said: 
 def test_a_target_and_a_short_option_exclude_each_other() -> None:
     with pytest.raises(ConfigError, match="--disc and --target exclude each other"):
         _wanted(disc="12 cm", target="disc diameter=12cm")
-    with pytest.raises(ConfigError, match="give --ball DIAMETER with it"):
+    with pytest.raises(ConfigError, match="give --sheet WIDTH,HEIGHT with it"):
         _wanted(target="disc diameter=12cm", hsv=HSV)

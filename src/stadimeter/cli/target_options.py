@@ -47,8 +47,9 @@ HsvOption = Annotated[
     typer.Option(
         "--hsv",
         metavar="H,S,V:H,S,V",
-        help="The ball's colours, lower and upper limit, as OpenCV has them: hue 0 to 179, saturation and value 0 to "
-        '255. Such as "29,86,6:64,255,255", a green. A lower hue above the upper one wraps through red.',
+        help="The ball's colours, or the sheet's if they help to find it: lower and upper limit, as OpenCV has them, "
+        "of hue 0 to 179, saturation and value 0 to 255. Such as 29,86,6:64,255,255, a green. A lower hue above the "
+        "upper one wraps through red.",
     ),
 ]
 TagOption = Annotated[
@@ -137,7 +138,11 @@ SHORTHANDS = {
         "sheet",
         "WIDTH,HEIGHT",
         ("width", "height"),
-        {"--known-side": _Companion("known_side", "names a side of the sheet"), "--min-side": MIN_SIDE},
+        {
+            "--known-side": _Companion("known_side", "names a side of the sheet"),
+            "--min-side": MIN_SIDE,
+            "--hsv": _Companion("hsv", "says which colours the ball or the sheet has"),
+        },
     ),
     "--ball": _Shorthand(
         "ball",
@@ -146,7 +151,7 @@ SHORTHANDS = {
         {
             "--hsv": _Companion(
                 "hsv",
-                "says which colours the ball has",
+                "says which colours the ball or the sheet has",
                 '--ball needs the ball\'s colours; add --hsv, such as --hsv "29,86,6:64,255,255"',
             )
         },

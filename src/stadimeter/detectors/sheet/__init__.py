@@ -56,9 +56,9 @@ class SheetOptions(Options):
     tolerance: Length | None = None
     """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
 
-    colour: HsvRangeText | None = None
-    """Its colours as ``hue,saturation,value`` from and to, such as ``"0,0,150:179,60,255"`` for white: evidence, not a
-    condition. Without it, the brightest or the darkest thing in the picture looks most like the sheet."""
+    hsv: HsvRangeText | None = None
+    """Its colours, such as ``"0,0,150:179,60,255"`` for white, as a ball's. They are evidence, not a condition; without
+    them, the brightest or the darkest thing in the picture looks most like the sheet."""
 
     model_config = ConfigDict(json_schema_extra=_or_by_name)
 
@@ -94,7 +94,7 @@ class SheetDetector:
         self._name = name
         self._size = options.shape
         self._min_side_px = options.min_side_px
-        self._colour: HsvRange | None = options.colour
+        self._colour: HsvRange | None = options.hsv
 
     @property
     def target_shape(self) -> SheetShape:

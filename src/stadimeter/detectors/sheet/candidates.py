@@ -73,7 +73,7 @@ class Findings:
     kept: list[Candidate] = field(default_factory=list)
     # The largest outline that could be one and is cut off by the border, if there is no whole one.
     cut_off: Candidate | None = None
-    refused: list[tuple[float, RejectedCandidate]] = field(default_factory=list)
+    refused: list[tuple[float, int, RejectedCandidate]] = field(default_factory=list)
     outlines: int = 1  # how many outlines of four sides the picture shows at first sight
 
     @property
@@ -106,34 +106,36 @@ class Findings:
             self.kept.append(candidate)
 
     def refuse(
-        self, stage: int, corners: Points, failing: Which, why: Callable[[int], str], evidence: Values | None = None
+        self, stage: int, corners: Points, failing: Which, why: Callable[[int], str], likely: Values | None = None
     ) -> None:
-        """Note the most likely of the candidates, ``(c, 4, 2)``, that fail a test; else the largest.
+        """Note the most likely of the candidates, ``(c, 4, 2)``, that fail a test, or the largest.
 
-        The later the test, the more like the sheet they are, and the more the evidence.
+        The later the test, the more like the sheet they are; how likely each is, about -10 to 10, counts like tests.
         """
         numbers = np.nonzero(failing)[0]
         if not len(numbers):
             return
         sizes = longest_sides_px(corners[numbers])
-        likely = np.log(sizes) / 10 if evidence is None else np.clip(evidence[numbers], -20.0, 20.0) / 2
-        for which in np.argsort(-likely, kind="stable")[:REFUSED_OF_A_KIND].tolist():
+        ranks = np.log(sizes) / 10 if likely is None else np.clip(likely[numbers], -10.0, 10.0)
+        for which in np.argsort(-ranks, kind="stable")[:REFUSED_OF_A_KIND].tolist():
             number = int(numbers[which])
             x_px, y_px = corners[number].mean(axis=0).tolist()
             refused = RejectedCandidate(centre_px=(x_px, y_px), size_px=float(sizes[which]), reason=why(number))
-            self.refused.append((stage + float(likely[which]), refused))
+            self.refused.append((stage + float(ranks[which]), stage, refused))
 
     def most_like_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""
-        return max((refused.size_px for at, refused in self.refused if at >= stage), default=0.0)
+        return max((refused.size_px for _, at, refused in self.refused if at >= stage), default=0.0)
 
     def rejected(self) -> tuple[RejectedCandidate, ...]:
         """Return what was refused, the most like the sheet first, each place once."""
         best = self.best
-        every = [(KEPT_STAGE + each.evidence, _rejected(each)) for each in self.kept if each is not best or self.doubt]
+        taken = None if self.doubt else best
+        others = [each for each in self.kept if each is not taken]
+        every = [(KEPT_STAGE + each.evidence, KEPT_STAGE, _rejected(each)) for each in others]
         kept: list[RejectedCandidate] = []
-        places = [] if best is None or self.doubt else [best.centre_px]
-        for _, each in sorted(every + self.refused, key=lambda item: (-item[0], -item[1].size_px)):
+        places = [] if taken is None else [taken.centre_px]
+        for _, _, each in sorted(every + self.refused, key=lambda item: (-item[0], -item[2].size_px)):
             if all(math.dist(each.centre_px, place) > 0.1 * each.size_px + 2 for place in places):
                 kept.append(each)
                 places.append(each.centre_px)

@@ -32,11 +32,11 @@ from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import COORDINATES
 
 FLATNESS_SHARE = 0.00125
-TOLERANCE_FACTOR = 0.8
+TOLERANCE_FACTOR = 0.4
 """Standard deviation of the corners of a sheet from those of an exact rectangle: a share of its size because nothing is
 quite flat, and this multiple of the tolerance of its sides."""
 
-CUT_M = 0.001
+CUT_M = 0.0006
 CUT_PX = 0.15
 CUT_BY_HAND = 0.3
 """What scissors, tape or a knife in a careful hand add to it, and what rough edges do in a picture; and the share of

@@ -50,7 +50,15 @@ from stadimeter.detectors.sheet.quadrilaterals import (
     quick_masks,
     thorough_masks,
 )
-from stadimeter.detectors.sides import QuadShapes, longest_sides_px, quad_shapes
+from stadimeter.detectors.sheet.side_tests import (
+    LEAST_CONTRAST,
+    LEAST_CUT_SUPPORT,
+    even_limits,
+    side_tests,
+    small_text,
+    straight_text,
+)
+from stadimeter.detectors.sides import longest_sides_px, quad_shapes
 from stadimeter.ranging.flat import SheetShape
 
 Values = NDArray[np.float64]
@@ -89,30 +97,14 @@ FEW = 3
 MOST_LOOKED_AT = 64
 MOST_SETTLED = 6
 
-LEAST_SUPPORT = 0.35
-LEAST_MEAN_SUPPORT = 0.7
-LEAST_CUT_SUPPORT = 0.85
-"""The share of any side, and of all sides, that must be seen as a straight edge; and of the others where the border
-cuts one. The rest may be hidden by fingers, or lie before something that looks like the sheet."""
-
 FIRST_SUPPORT = 0.25
 
-LEAST_CONTRAST = 6.0
-"""Least contrast of each side with what is behind it, in levels of 8 bits of the channel that differs most."""
-
-GREATEST_BEND_PX = 0.6
-GREATEST_BEND_SHARE = 0.003
-"""Greatest scatter of the edge about a straight line, in pixels or as a share of the side, whatever is more."""
-
-UNEVEN_LEVELS = 20.0
-UNEVEN_SHARE = 0.35
-"""Greatest difference of the inside along its border, in levels or as a share of the contrast, whatever is more: light
-may fall off across a sheet, but it is one thing."""
-
 MISFIT_SIGMAS = 4.0
-"""Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape."""
+SLACK_SIGMAS = 2.0
+"""Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape:
+noise has no bound, but what is cut worse than this is another thing."""
 
-UNKNOWN_LENS_SHARE = 0.0022
+UNKNOWN_LENS_SHARE = 0.005
 """The same while the focal length, or a side, is one of a few that are tried."""
 
 EXPECTED_EVIDENCE = 2.0
@@ -216,7 +208,7 @@ class SheetSearch:
         shapes = quad_shapes(outlines)
         longest = self._aspect / math.cos(GREATEST_TILT_RAD)
         tests: tuple[tuple[Values, float, Callable[[int], str]], ...] = (
-            (-shapes.shorter_px, -0.8 * self._min_side_px, lambda i: _small_text(shapes, i, self._min_side_px)),
+            (-shapes.shorter_px, -0.8 * self._min_side_px, lambda i: small_text(shapes, i, self._min_side_px)),
             (
                 shapes.side_ratio,
                 GREATEST_SIDE_RATIO,
@@ -246,7 +238,7 @@ class SheetSearch:
     def _fitting(self, findings: Findings, outlines: Points, off_px: float) -> Points:
         """Return the outlines that fit the sheet about as well as they were found."""
         misfit_px = self._shape.fit(outlines).misfit_px
-        slack_px = MISFIT_SIGMAS * self._slack * longest_sides_px(outlines)
+        slack_px = SLACK_SIGMAS * self._slack * longest_sides_px(outlines)
         limits = off_px / np.sin(quad_shapes(outlines).sharpest_rad) + slack_px
         good = misfit_px < limits
         findings.refuse(
@@ -257,6 +249,7 @@ class SheetSearch:
                 f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px"
                 + self._other_text(outlines[i])
             ),
+            2 * limits / np.maximum(misfit_px, limits),
         )
         return outlines[good]
 
@@ -264,20 +257,22 @@ class SheetSearch:
         """Return the candidates that have straight sides and fit the sheet about as well as they were measured."""
         edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
-        findings.refuse(2, edges.corners_px, ~straight, lambda i: _straight_text(edges, i, FIRST_SUPPORT))
-        near = self._shape.fit(edges.corners_px).misfit_px < self._misfit_limits(edges, off_px)
+        findings.refuse(2, edges.corners_px, ~straight, lambda i: straight_text(edges, i, FIRST_SUPPORT))
+        share = self._shape.fit(edges.corners_px).misfit_px / self._misfit_limits(edges, off_px)
+        near = share < 1
         findings.refuse(
             3,
             edges.corners_px,
             straight & ~near,
             lambda i: self._misfit_text(edges[[i]], off_px) + self._other_text(edges.corners_px[i]),
+            2 / np.maximum(share, 1.0),
         )
         return edges[straight & near]
 
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
         # The search at half the size is rough, so a sheet that is no exact rectangle either may be off by the sum.
         slack_px = self._slack * longest_sides_px(edges.corners_px)
-        return np.maximum(off_px, MISFIT_SIGMAS * corner_sigmas_px(edges)) + MISFIT_SIGMAS * slack_px
+        return np.maximum(off_px, MISFIT_SIGMAS * corner_sigmas_px(edges)) + SLACK_SIGMAS * slack_px
 
     def _misfit_text(self, edges: QuadEdges, off_px: float = 0.0) -> str:
         misfit_px, limit = self._shape.fit(edges.corners_px).misfit_px[0], self._misfit_limits(edges, off_px)[0]
@@ -297,7 +292,7 @@ class SheetSearch:
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
         tests = (
             *_size_test(edges, expected),
-            *self._side_tests(edges),
+            *side_tests(edges, self._min_side_px),
             (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]]) + self._other_text(edges.corners_px[i])),
             (
                 quality >= least_quality,
@@ -305,7 +300,7 @@ class SheetSearch:
             ),
         )
         for stage, (passed, why) in enumerate(tests, SERIOUS_STAGE):
-            findings.refuse(stage, edges.corners_px, good & ~passed, why, evidence)
+            findings.refuse(stage, edges.corners_px, good & ~passed, why, evidence / 2)
             good &= passed
         for number in np.nonzero(good)[0].tolist():
             misfit_px = MISFIT_FACTOR * fit.misfit_px[number] * self._is_strict
@@ -336,34 +331,6 @@ class SheetSearch:
         off = np.log(longest_px / expected.size_px) / EXPECTED_LOG_SIZE
         return np.asarray(evidence + EXPECTED_EVIDENCE - off**2 / 2)
 
-    def _side_tests(self, edges: QuadEdges) -> tuple[tuple[Which, Callable[[int], str]], ...]:
-        """Return tests of the sides: which candidates pass, and what to say of one that does not."""
-        shapes = quad_shapes(edges.corners_px)
-        contrast, support = edges.colour_contrast.min(axis=1), edges.support
-        bends = edges.scatter_px / np.maximum(GREATEST_BEND_PX, GREATEST_BEND_SHARE * shapes.sides_px)
-        uneven = np.maximum(edges.unevenness.max(axis=1), _imbalance(edges))
-        even_limit = _even_limits(edges)
-        return (
-            (shapes.shorter_px >= self._min_side_px, lambda i: _small_text(shapes, i, self._min_side_px)),
-            (
-                contrast >= LEAST_CONTRAST,
-                lambda i: f"stands out on its weakest side by {contrast[i]:.0f} levels, limit {LEAST_CONTRAST:.0f}",
-            ),
-            (support.min(axis=1) >= LEAST_SUPPORT, lambda i: _straight_text(edges, i, LEAST_SUPPORT)),
-            (
-                support.mean(axis=1) >= LEAST_MEAN_SUPPORT,
-                lambda i: f"{support[i].mean():.0%} of its sides are straight edges, limit {LEAST_MEAN_SUPPORT:.0%}",
-            ),
-            (
-                bends.max(axis=1) <= 1,
-                lambda i: f"bent sides: edge scatters by {bends[i].max():.1f} times the limit",
-            ),
-            (
-                uneven <= even_limit,
-                lambda i: f"uneven inside: by {uneven[i]:.0f} levels along its border, limit {even_limit[i]:.0f}",
-            ),
-        )
-
     def _qualities(self, edges: QuadEdges, fit: SheetFit, limits: Values) -> Values:
         """Return how much they look like the sheet: seen whole and of its shape; without the lens, facing too."""
         quality: Values = edges.support.mean(axis=1) * (1 - np.minimum(fit.misfit_px / limits, 1.0) / 2)
@@ -387,7 +354,7 @@ class SheetSearch:
         evidence = np.nan_to_num(evidence - math.log(findings.outlines), nan=-np.inf)
         straight = np.where(free, 1.0, edges.support).min(axis=1) >= LEAST_CUT_SUPPORT
         clear = np.where(free, np.inf, edges.colour_contrast).min(axis=1) >= LEAST_CONTRAST
-        even = np.where(free, 0.0, edges.unevenness).max(axis=1) <= _even_limits(edges)
+        even = np.where(free, 0.0, edges.unevenness).max(axis=1) <= even_limits(edges)
         larger = longest_sides_px(outlines) > findings.most_like_px(SERIOUS_STAGE)
         good = straight & clear & even & larger & (evidence >= LEAST_EVIDENCE)
         if good.any():
@@ -414,19 +381,6 @@ def _margin_px(scale: float) -> float:
     return 1.0 + 1.0 / scale
 
 
-def _even_limits(edges: QuadEdges) -> Values:
-    """Return by how many levels the inside may differ along the border."""
-    limits: Values = np.maximum(UNEVEN_LEVELS, UNEVEN_SHARE * edges.colour_contrast.max(axis=1))
-    return limits
-
-
-def _imbalance(edges: QuadEdges) -> Values:
-    """Return by how many levels the insides differ, other than by light that falls off evenly across."""
-    across = edges.inside[:, [0, 2]].sum(axis=1) - edges.inside[:, [1, 3]].sum(axis=1)
-    imbalance: Values = np.abs(across).max(axis=1) / 2
-    return imbalance
-
-
 def _size_test(edges: QuadEdges, expected: Prediction | None) -> tuple[tuple[Which, Callable[[int], str]], ...]:
     """Return a test whether candidates are about as large as is expected, if that is known."""
     if expected is None:
@@ -436,11 +390,3 @@ def _size_test(edges: QuadEdges, expected: Prediction | None) -> tuple[tuple[Whi
     low, high = low - 3 * expected.sigma_px, high + 3 * expected.sigma_px
     passed = (sizes >= low) & (sizes <= high)
     return ((passed, lambda i: f"{sizes[i]:.0f} px long, expected {max(low, 0):.0f} to {high:.0f} px"),)
-
-
-def _small_text(shapes: QuadShapes, number: int, limit_px: float) -> str:
-    return f"{shapes.shorter_px[number]:.0f} px wide, limit {limit_px:.0f} px"
-
-
-def _straight_text(edges: QuadEdges, number: int, limit: float) -> str:
-    return f"a side of which {edges.support[number].min():.0%} is a straight edge, limit {limit:.0%}"

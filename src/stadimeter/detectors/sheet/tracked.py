@@ -20,14 +20,17 @@ from stadimeter.detectors.sheet.evidence import slack_share
 from stadimeter.detectors.sheet.one_outline import OutlineSides, measure_outline
 from stadimeter.detectors.sheet.search import (
     EXPECTED_SIZES,
+    MISFIT_FACTOR,
+    MISFIT_SIGMAS,
+    SLACK_SIGMAS,
+    corner_sigmas_px,
+)
+from stadimeter.detectors.sheet.side_tests import (
     GREATEST_BEND_PX,
     GREATEST_BEND_SHARE,
     LEAST_CONTRAST,
     LEAST_MEAN_SUPPORT,
     LEAST_SUPPORT,
-    MISFIT_FACTOR,
-    MISFIT_SIGMAS,
-    corner_sigmas_px,
 )
 from stadimeter.detectors.sides import side_lengths
 from stadimeter.ranging.flat import SheetShape
@@ -52,7 +55,7 @@ def follow(
         return None
     corner_px = float(corner_sigmas_px(sides))
     longest_px = max(side_lengths(sides.corners_px))
-    limit_px = MISFIT_SIGMAS * (corner_px + slack_share(size) * longest_px)
+    limit_px = MISFIT_SIGMAS * corner_px + SLACK_SIGMAS * slack_share(size) * longest_px
     misfit_px = _misfit_px(sides.corners_px, size, lens, limit_px)
     if not misfit_px <= limit_px:
         return None

@@ -1,0 +1,149 @@
+"""What speaks for an outline being the sheet: tolerances, looks, other outlines, and what says too little."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.frame import Frame
+from stadimeter.detectors.sheet import SheetDetector, SheetOptions
+from stadimeter.detectors.sheet.candidates import SheetFit
+from stadimeter.detectors.sheet.evidence import shape_evidence
+from stadimeter.ranging.flat import SheetShape
+from support.scenes.draw import CAMERA, empty_scene, sheet_scene
+from support.scenes.render import render
+
+pytestmark = pytest.mark.vision
+
+CARD = {"width": "100 mm", "height": "75 mm"}
+CARD_M = np.array((0.100, 0.075))
+SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+WHITE, GREEN = (228, 232, 230), (60, 170, 70)
+WHITES = "0,0,150:179,60,255"
+
+
+def card(centre_px: tuple[float, float], length_px: float, cut_mm: np.ndarray | float = 0.0) -> np.ndarray:
+    """Return the corners of a card that faces the camera, each moved by so many millimetres."""
+    return (SQUARE * CARD_M / 2 + np.asarray(cut_mm) / 1000) * length_px / CARD_M[0] + centre_px
+
+
+def found(image: np.ndarray, camera=CAMERA, **options: object) -> Detection:
+    detector = SheetDetector("card", SheetOptions.model_validate({**CARD, "min_side_px": 8, **options}))
+    return detector.detect(Frame(image, 0.0, 0), lens=camera)
+
+
+CUT_MM = np.array([(0.9, -0.8), (-0.7, 0.9), (0.8, 0.6), (-0.9, -0.7)])
+
+
+@pytest.mark.parametrize("length_px", [20, 30, 45, 60])
+def test_a_card_that_was_cut_by_hand_is_found(draw, wall, length_px: float) -> None:
+    corners = card((330.3, 210.7), length_px, CUT_MM)
+    seen = found(draw.noise(draw.polygon(wall(), corners, WHITE)))
+    assert seen.status is DetectionStatus.FOUND, seen.reason
+    assert np.abs(seen.outline_px - corners).max() < 0.5
+
+
+def test_the_tolerance_reaches_the_test_of_the_shape(draw, wall) -> None:
+    higher = card((330.3, 210.7), 120) * (1, 1.1) - (0, 21)
+    image = draw.noise(draw.polygon(wall(), higher, WHITE))
+    refused, taken = found(image), found(image, tolerance="5 mm")
+    assert refused.status is DetectionStatus.NOT_FOUND
+    assert re.search(r"from those of the sheet|too little speaks for it: evidence -?\d+\.\d, limit", refused.reason)
+    assert taken.status is DetectionStatus.FOUND
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_clutter_is_neither_a_sheet_of_one_known_side_nor_one_that_is_cut_off(seed: int) -> None:
+    image = render(empty_scene(seed + 40)).image
+    for options in ({"known_side": "width"}, {}):
+        assert found(image, **options).status is DetectionStatus.NOT_FOUND
+
+
+def test_one_side_is_enough_before_a_wall(draw, wall) -> None:
+    seen = found(draw.noise(draw.polygon(wall(), card((330, 210), 60), WHITE)), height="10 cm", known_side="width")
+    assert seen.width_px == pytest.approx(60, abs=0.3)
+
+
+def test_a_side_alone_does_not_make_a_sheet_of_what_is_turned_away(draw, wall) -> None:
+    leaning = card((330, 210), 60) + np.array([(18, 0), (18, 0), (0, 0), (0, 0)])
+    seen = found(draw.noise(draw.polygon(wall(), leaning, WHITE)), known_side="width")
+    assert seen.status is DetectionStatus.NOT_FOUND
+    assert re.search(r"from those of the sheet|too little speaks for it", seen.reason)
+
+
+def two_cards(draw, wall, second: tuple[int, int, int]) -> np.ndarray:
+    """Return a picture of two cards that are cut so badly that neither is the sheet beyond doubt."""
+    picture = draw.polygon(wall(), card((180.3, 150.2), 22, 2 * CUT_MM), WHITE)
+    return draw.noise(draw.polygon(picture, card((430.6, 300.4), 33, -2 * CUT_MM), second))
+
+
+def test_where_two_outlines_may_be_the_sheet_none_is_measured_and_both_are_named(draw, wall) -> None:
+    seen = found(two_cards(draw, wall, WHITE), tolerance="6 mm")
+    assert seen.status is DetectionStatus.NOT_FOUND
+    assert re.match(r"ambiguous: two outlines fit, one 3\d px long at \(431, 300\), one 2\d px long at", seen.reason)
+    assert len(seen.rejected) >= 2
+
+
+def test_its_colour_tells_which_of_two_outlines_is_the_sheet(draw, wall) -> None:
+    seen = found(two_cards(draw, wall, GREEN), tolerance="6 mm", hsv=WHITES)
+    assert seen.status is DetectionStatus.FOUND, seen.reason
+    assert seen.centre_px == pytest.approx((180.3, 150.2), abs=1)
+
+
+def test_of_sheets_beyond_doubt_the_largest_is_taken_with_a_remark(draw, wall) -> None:
+    picture = draw.polygon(wall(), card((180, 150), 120), WHITE)
+    seen = found(draw.polygon(picture, card((430, 300), 80), WHITE))
+    assert seen.centre_px == pytest.approx((180, 150), abs=0.5)
+    assert seen.reason == "the largest of several sheets; another one is 80 px long at (430, 300)"
+
+
+@pytest.mark.parametrize("bias_px", [3.6, 7.0, 7.4, 100.0, -7.0])
+@pytest.mark.parametrize("known_side", ["auto", "width"])
+def test_an_edge_bias_as_large_as_the_sheet_leaves_nothing_to_measure(draw, wall, bias_px, known_side) -> None:
+    image = draw.noise(draw.polygon(wall(), card((330, 210), 14 / 0.75), WHITE))
+    seen = found(image, replace(CAMERA, edge_bias_px=bias_px), known_side=known_side)
+    assert seen.status is DetectionStatus.NOT_FOUND
+    assert "edge bias" in seen.reason
+
+
+@pytest.mark.parametrize("seed", [11, 17])
+def test_the_true_sheet_is_among_the_rejected_that_are_shown(seed: int) -> None:
+    made = render(sheet_scene(seed, 0.3))
+    centre = made.truth.outline_px.mean(axis=0)
+    seen = found(made.image, width="297 mm", height="245 mm")
+    assert seen.status is not DetectionStatus.FOUND
+    assert any(np.abs(np.array(each.centre_px) - centre).max() < 6 for each in seen.rejected)
+
+
+@given(
+    misfit_px=st.floats(0, 3),
+    more_px=st.floats(0.01, 3),
+    sigma_px=st.floats(0.01, 1),
+    length_px=st.floats(10, 400),
+)
+def test_the_worse_the_shape_the_less_it_speaks_for_the_sheet(misfit_px, more_px, sigma_px, length_px) -> None:
+    size = SheetShape(width_m=0.1, height_m=0.075)
+    fit = SheetFit(misfit_px=np.array([misfit_px, misfit_px + more_px]), chance_per_square=np.array([0.5, 0.5]))
+    better, worse = shape_evidence(fit, np.full(2, sigma_px), np.full(2, length_px), size)
+    assert better >= worse
+
+
+@given(tolerance=st.floats(0, 0.1), sigma_px=st.floats(0.01, 0.5), length_px=st.floats(10, 400))
+def test_a_sheet_that_is_known_less_well_speaks_less_for_itself(tolerance, sigma_px, length_px) -> None:
+    fit = SheetFit(misfit_px=np.zeros(1), chance_per_square=np.array([0.5]))
+    exact, rough = (
+        shape_evidence(
+            fit,
+            np.array([sigma_px]),
+            np.array([length_px]),
+            SheetShape(width_m=0.1, height_m=0.075, relative_sigma=each),
+        )
+        for each in (0.0, tolerance)
+    )
+    assert rough[0] <= exact[0]
