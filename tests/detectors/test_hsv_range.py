@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.detectors.ball.hsv import HsvRange, parse_hsv_range
+from stadimeter.detectors.hsv import HsvRange, parse_hsv_range
 
 pytestmark = pytest.mark.vision
 

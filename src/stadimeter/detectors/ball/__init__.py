@@ -26,7 +26,7 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thinned, together
 from stadimeter.detectors.ball.circles import Circle, edge_circle
 from stadimeter.detectors.ball.gates import Ball, BallGates, most_score, without_limb
-from stadimeter.detectors.ball.hsv import HsvRangeText, other_ranges
+from stadimeter.detectors.hsv import HsvRangeText, other_ranges
 from stadimeter.detectors.ball.limb import find_limb, within
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region

@@ -17,7 +17,7 @@ import numpy as np
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import Circle
-from stadimeter.detectors.ball.hsv import HsvRange, Mask
+from stadimeter.detectors.hsv import HsvRange, Mask
 from stadimeter.detectors.region import Region
 
 SMALLEST_SEARCHED_RADIUS_PX = 1.25

@@ -12,7 +12,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import Circle
-from stadimeter.detectors.ball.hsv import HsvRange, colour_share, colour_share_beside
+from stadimeter.detectors.hsv import HsvRange, colour_share, colour_share_beside
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
 
 LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.7

@@ -15,7 +15,7 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.ball.hsv import HsvRange, HsvRangeText
+from stadimeter.detectors.hsv import HsvRange, HsvRangeText
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
 from stadimeter.detectors.sheet.candidates import Candidate, Findings

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.hsv import HsvRange
+from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.sheet.candidates import SheetFit
 from stadimeter.detectors.sheet.edges import QuadEdges
 from stadimeter.detectors.sheet.lines import Values

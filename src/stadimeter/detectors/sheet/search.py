@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.hsv import HsvRange
+from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
 from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
 from stadimeter.detectors.sheet.candidates import (
