@@ -75,7 +75,7 @@ def samples_of(seed: int) -> list[Sample]:
 
 def _ours(row: str, scene: Scene, made: RenderedScene) -> Sample:
     finder = ours.detector(_target(scene), scene.camera)
-    return ours_of(row, scene.seed, made.truth, ours.measure(finder, made.image))
+    return ours_of(row, scene.seed, made.truth, ours.measure(finder, made))
 
 
 def _target(scene: Scene) -> str:

@@ -67,7 +67,7 @@ def sheet_samples_of(seed: int) -> list[Sample]:
     found = []
     for name, scene in _sheet_scenes(seed).items():
         made = render(scene)
-        measured = ours.measure(ours.detector("sheet", scene.camera), made.image)
+        measured = ours.measure(ours.detector("sheet", scene.camera), made)
         found += [ours_of(name, seed, made.truth, measured), _tutorial(name, seed, made)]
     return found
 
@@ -77,7 +77,7 @@ def disc_samples_of(seed: int) -> list[Sample]:
     found = []
     for name, scene in _disc_scenes(seed).items():
         made = render(scene)
-        measured = ours.measure(ours.detector("disc", scene.camera), made.image)
+        measured = ours.measure(ours.detector("disc", scene.camera), made)
         sample = ours_of(name, seed, made.truth, measured)
         if measured.position_m is not None and not _is_on_disc(measured.position_m, made.truth):
             sample = replace(sample, sigma_m=None)

@@ -121,7 +121,7 @@ def _measured(
 ) -> HardSample:
     finder = ours.detector("ball", scene.camera, hsv=hsv, diameter=f"{scene.target.diameter_m} m")
     prediction = ours.prediction_of(made.truth) if is_expected else None
-    measured = ours.measure(finder, made.image, prediction)
+    measured = ours.measure(finder, made, prediction)
     return HardSample(table=name, kinds=kinds, sample=ours_of(kinds[-1], scene.seed, made.truth, measured))
 
 

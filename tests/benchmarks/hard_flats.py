@@ -199,7 +199,7 @@ def _flat(name: str, kind: str, flat: HardFlat, colour: str | None = None) -> Fl
     options = {
         "width": f"{flat.width_m} m",
         "height": f"{flat.height_m} m",
-        "colour": colour,
+        "hsv": colour,
         "min_side_px": hard_flats.LEAST_SIDE_PX,
         "tolerance": f"{flat.cut_m * SIGMAS_OF_A_CUT} m" if flat.cut_m > 0 else None,
     }
@@ -214,8 +214,8 @@ def _measured(name: str, kinds: tuple[str, ...], scene: Scene, target: str, **op
     if target == "tag":
         options["id"] = scene.target.number
     finder = ours.detector(target, draw.CAMERA, **options)
-    found = finder.detect(ours.framed(made.image))
-    measured = measure(found, finder.target_shape, draw.CAMERA, 0.0)
+    found = finder.detect(ours.framed(made))
+    measured = measure(found, finder.target_shape, found.measured_with or draw.CAMERA, 0.0)
     sample = ours_of(kinds[-1], scene.seed, made.truth, measured)
     sample, is_elsewhere = _of_nearest(sample, found, scene, made)
     if is_elsewhere:

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from stadimeter.cameras.picture_header import subsampling_of
 from stadimeter.config.plugins import DETECTORS, DriverContext, driver_names, load_plugin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Prediction
@@ -18,7 +19,7 @@ from stadimeter.core.measurement import Measurement
 from stadimeter.detectors.protocol import Detector
 from stadimeter.testing.manual_clock import ManualClock
 from support.scenes import draw
-from support.scenes.scene import Truth
+from support.scenes.scene import RenderedScene, Truth
 from support.through_lens import ThroughLens
 
 BALL_HSV = "29,86,6:64,255,255"
@@ -51,9 +52,11 @@ def detector(target: str, camera: CameraModel | None, **changes: Any) -> Through
     return ThroughLens(made, camera)
 
 
-def framed(image: Image) -> Frame:
-    """Return a frame with this picture."""
-    return Frame(image, 0.0, 0)
+def framed(picture: Image | RenderedScene) -> Frame:
+    """Return a frame with this picture, as a camera's driver gives it."""
+    if isinstance(picture, RenderedScene):
+        return Frame(picture.image, 0.0, 0, subsampling=picture.subsampling)
+    return Frame(picture, 0.0, 0)
 
 
 def read(path: Path) -> Frame:
@@ -61,12 +64,12 @@ def read(path: Path) -> Frame:
     image = cv2.imread(str(path))
     if image is None:
         raise FileNotFoundError(f"{path} is no picture that OpenCV can read")
-    return framed(np.asarray(image, np.uint8))
+    return Frame(np.asarray(image, np.uint8), 0.0, 0, subsampling=subsampling_of(path.read_bytes()))
 
 
-def measure(finder: ThroughLens, image: Image, prediction: Prediction | None = None) -> Measurement:
+def measure(finder: ThroughLens, picture: Image | RenderedScene, prediction: Prediction | None = None) -> Measurement:
     """Look for the target and measure how far away it is, as a run does."""
-    return finder.measure(framed(image), prediction)
+    return finder.measure(framed(picture), prediction)
 
 
 def prediction_of(truth: Truth) -> Prediction:

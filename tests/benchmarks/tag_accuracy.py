@@ -77,7 +77,7 @@ def _ours(row: str, scene: Scene, made: RenderedScene) -> list[Sample]:
     for method, finder in OUR_FINDERS.items():
         if finder != "pyapriltags" or fiducials.apriltags(1.0):
             detector = ours.detector("tag", scene.camera, id=scene.target.number, finder=finder)
-            measured = ours.measure(detector, made.image)
+            measured = ours.measure(detector, made)
             samples.append(replace(ours_of(row, scene.seed, made.truth, measured), method=method))
     return samples
 

@@ -247,9 +247,9 @@ def coloured(*discs: tuple[np.ndarray, tuple[float, float, float]]) -> Image:
 def test_a_colour_that_is_named_tells_the_disc_from_others() -> None:
     green, red = (0.1, 0.6, 0.1), (0.2, 0.2, 0.9)
     image = coloured((ellipse(30, 22, centre=(290, 240)), green), (ellipse(30, 22, centre=(370, 240)), red))
-    assert seen(image, colour="40,100,60:80,255,255").centre_px == pytest.approx((290, 240), abs=0.1)
-    assert seen(image, colour="170,100,60:10,255,255").centre_px == pytest.approx((370, 240), abs=0.1)
-    blue = seen(image, colour="110,100,60:130,255,255")
+    assert seen(image, hsv="40,100,60:80,255,255").centre_px == pytest.approx((290, 240), abs=0.1)
+    assert seen(image, hsv="170,100,60:10,255,255").centre_px == pytest.approx((370, 240), abs=0.1)
+    blue = seen(image, hsv="110,100,60:130,255,255")
     assert blue.status is DetectionStatus.NOT_FOUND
     assert any("has the disc's colour on 0% of it, limit 60%" in each.reason for each in blue.rejected)
 

@@ -42,4 +42,7 @@ class ThroughLens:
         return measure(found, self.target_shape, lens, frame.captured_at_s)
 
     def _lens(self, frame: Frame) -> CameraModel | None:
-        return self.camera and self.camera.scaled_to(frame.width_px, frame.height_px)
+        if self.camera is None:
+            return None
+        lens = self.camera.scaled_to(frame.width_px, frame.height_px)
+        return lens if frame.subsampling == (lens.subsampling or "4:4:4") else lens.for_frame(frame)

@@ -35,7 +35,7 @@ def render(scene: Scene) -> RenderedScene:
         truth = _truth(scene.target, scene, lens)
         picture = _with_target(scene, scene.target, lens, truth)
     image = scene.sensor.develop(picture, np.random.default_rng((scene.seed, 1)))
-    return RenderedScene(image=image, truth=truth)
+    return RenderedScene(image=image, truth=truth, subsampling=scene.sensor.subsampling)
 
 
 def _with_target(scene: Scene, target: Target, lens: Lens, truth: Truth) -> Plane:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.core.frame import Image
+from stadimeter.core.frame import Image, Subsampling
 from stadimeter.simulation.silhouette import Vector
 from support.scenes.backdrop import Backdrop, ClutterBackdrop
 from support.scenes.blur import Blur
@@ -77,7 +77,9 @@ class RenderedScene:
     Attributes:
         image: The picture, shape ``(height, width, 3)``, 8 bits a channel, blue first.
         truth: What is known about its target; None for an empty scene.
+        subsampling: How coarsely its colour was stored, as a camera's driver says of its frames.
     """
 
     image: Image
     truth: Truth | None
+    subsampling: Subsampling = "4:4:4"

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.core.frame import Image
+from stadimeter.core.frame import Image, Subsampling
 from support.scenes.tone import Tone, encode
 
 Plane = NDArray[np.float32]
@@ -44,6 +44,11 @@ class Sensor:
             raise ValueError(f"noise {self.noise}, {self.shot_noise} or sharpening {self.sharpening} is below zero")
         if self.jpeg_quality is not None and not 1 <= self.jpeg_quality <= 100:
             raise ValueError(f"JPEG quality {self.jpeg_quality} is not between 1 and 100")
+
+    @property
+    def subsampling(self) -> Subsampling:
+        """How coarsely colour is stored."""
+        return "4:2:0" if self.halved_colour or self.jpeg_quality is not None else "4:4:4"
 
     def develop(self, light: Plane, rng: np.random.Generator) -> Image:
         """Make a picture.

@@ -22,12 +22,12 @@ from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
-from stadimeter.core.frame import Frame, Image
+from stadimeter.core.frame import Frame, Image, Subsampling
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thinned, together
 from stadimeter.detectors.ball.circles import Circle, edge_circle
 from stadimeter.detectors.ball.gates import Ball, BallGates, most_score, without_limb
-from stadimeter.detectors.hsv import HsvRangeText, other_ranges
 from stadimeter.detectors.ball.limb import find_limb, within
+from stadimeter.detectors.hsv import HsvRangeText, other_ranges
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
 from stadimeter.ranging.ball import BallShape
@@ -97,7 +97,7 @@ class _Scene:
     is_lens_known: bool  # whether it is
     gates: BallGates  # what a ball must pass
     rejected: list[RejectedCandidate]  # what was looked at and is no ball, filled while searching
-    is_expected: bool = False  # whether what is searched is where the ball is expected
+    expected: Circle | None = None  # where the ball is expected, while it is looked for there
 
 
 _Search = Callable[[_Scene, Blob], Ball | None]
@@ -136,17 +136,16 @@ class BallDetector:
         check_image(frame)
         scene = _Scene(
             image=frame.image,
-            lens=lens or _likely_lens(frame.width_px, frame.height_px),
+            lens=lens or _likely_lens(frame.width_px, frame.height_px, frame.subsampling),
             is_lens_known=lens is not None,
             gates=self._gates,
             rejected=[],
-            is_expected=prediction is not None,
         )
         if prediction is not None:
             expected = self._expected(scene, prediction)
             if expected is not None:
                 return self._found(scene, expected)
-            scene = replace(scene, is_expected=False, rejected=[])
+            scene.rejected.clear()
         large = self._large(scene)
         if large is not None:
             return self._found(scene, large)
@@ -174,6 +173,7 @@ class BallDetector:
         if not all(map(math.isfinite, (x_px, y_px, radius_px, prediction.sigma_px))):
             return None
         start = Circle(x_px=x_px, y_px=y_px, radius_px=max(radius_px, self._gates.min_radius_px))
+        scene = replace(scene, expected=start)
         reach_px = FIRST_REACH_PX + REACH_SIGMAS * max(0.0, prediction.sigma_px - CERTAIN_PX)
         if reach_px <= WIDEST_RING_PX:
             in_ring = self._at(scene, start, reach_px)
@@ -250,7 +250,7 @@ class BallDetector:
             limb,
             lens=scene.lens,
             is_lens_known=scene.is_lens_known,
-            is_expected=scene.is_expected,
+            expected=scene.expected,
             coloured_px2=coloured_px2,
         )
         if isinstance(judged, Ball):
@@ -317,9 +317,10 @@ def _better(one: Ball | None, other: Ball | None) -> Ball | None:
 
 
 @lru_cache(maxsize=8)
-def _likely_lens(width_px: int, height_px: int) -> CameraModel:
+def _likely_lens(width_px: int, height_px: int, subsampling: Subsampling) -> CameraModel:
     """Return a camera like those of most phones, webcams and boards: 60 to 70 degrees across the long side."""
-    return CameraModel.with_focal_length(LIKELY_FOCAL_SHARE * max(width_px, height_px), width_px, height_px)
+    lens = CameraModel.with_focal_length(LIKELY_FOCAL_SHARE * max(width_px, height_px), width_px, height_px)
+    return replace(lens, subsampling=subsampling)
 
 
 def _build(options: BallOptions, context: DriverContext) -> BallDetector:

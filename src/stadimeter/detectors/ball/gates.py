@@ -12,8 +12,8 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import Circle
-from stadimeter.detectors.hsv import HsvRange, colour_share, colour_share_beside
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
+from stadimeter.detectors.hsv import HsvRange, colour_share, colour_share_beside
 
 LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.7
 """Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
@@ -31,10 +31,15 @@ LEAST_CUT_OFF = 0.25
 MARGIN_PX = 1.0
 """A limb this near to the outermost pixels is cut off."""
 
+AGREEING_WITHIN, AGREEING_SHARE = 0.12, 0.7
+"""A limb that is off by less than this share of the radius, in place and size, from what was expected is supported by
+that as well: a circle that chance puts together is hardly ever just there. So this share of what is asked for is
+enough."""
+
 LEAST_FILL = 0.3
 """Least share of the ball that has its colour."""
 
-LEAST_QUALITY = 0.1
+LEAST_QUALITY = 0.07
 """Circles that chance puts together from the edges of other things have less."""
 
 MOST_SCATTER_PX = 3.0
@@ -98,7 +103,7 @@ class BallGates:
         *,
         lens: CameraModel,
         is_lens_known: bool,
-        is_expected: bool = False,
+        expected: Circle | None = None,
         coloured_px2: float | None = None,
     ) -> Ball | RejectedCandidate:
         """Return the ball, or the test that its limb failed, the cheapest first.
@@ -106,14 +111,16 @@ class BallGates:
         Args:
             lens: The camera model that the limb was fitted with.
             is_lens_known: Whether that is the camera's own.
-            is_expected: Whether a ball is expected just there: then, if nearly all of it is seen, its colour is not
-                judged again.
+            expected: Where a ball is expected, in the frame after one in which it was seen; None if it is not. A limb
+                that agrees with that need not show as much of itself, and if nearly all of it is seen, its colour is
+                not judged again.
             coloured_px2: The area around there that has the ball's colour; None if it is not known.
         """
         radius_px = limb.circle.radius_px
         if not self.min_radius_px <= radius_px <= self.max_radius_px:
             return _rejected(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}")
-        needed = _needed_support(limb, is_lens_known=is_lens_known)
+        agrees = expected is not None and _agree(limb.circle, expected)
+        needed = _needed_support(limb, is_lens_known=is_lens_known) * (AGREEING_SHARE if agrees else 1.0)
         cut_off = is_cut_off(limb.circle, image)
         support = limb.support_inside if cut_off and limb.support >= LEAST_CUT_OFF else limb.support
         if support < needed:
@@ -124,14 +131,14 @@ class BallGates:
         margin = support - needed
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
         # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
-        is_known = is_expected and margin >= BEST_MARGIN
+        is_known = expected is not None and margin >= BEST_MARGIN
         fill = 1.0 if is_known else self._fill(image, limb.circle, coloured_px2)
         if fill < LEAST_FILL:
             return _rejected(limb.circle, f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}")
         if margin < CLEAR_MARGIN:
             margin -= OVERRUN_WEIGHT * self._overrun(image, limb, lens)
         ball = Ball(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
-        if ball.quality < LEAST_QUALITY:
+        if ball.quality < LEAST_QUALITY and not agrees:
             return _rejected(limb.circle, f"is hardly round: quality {ball.quality:.2f}, limit {LEAST_QUALITY:g}")
         return ball
 
@@ -158,6 +165,13 @@ class BallGates:
         """Return the limits of the diameter in words."""
         most = "" if math.isinf(self.max_radius_px) else f" to {2 * self.max_radius_px:.0f}"
         return f"{2 * self.min_radius_px:.0f}{most} px"
+
+
+def _agree(circle: Circle, expected: Circle) -> bool:
+    """Return whether a circle is just where and as large as one is expected."""
+    off_px = math.hypot(circle.x_px - expected.x_px, circle.y_px - expected.y_px)
+    off_px = max(off_px, abs(circle.radius_px - expected.radius_px))
+    return off_px <= AGREEING_WITHIN * expected.radius_px
 
 
 def without_limb(start: Circle) -> RejectedCandidate:

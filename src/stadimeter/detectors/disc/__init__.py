@@ -21,7 +21,6 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.ball.blobs import HsvRangeText
 from stadimeter.detectors.disc.choice import (
     MOST_REJECTED,
     Disc,
@@ -56,6 +55,7 @@ from stadimeter.detectors.disc.search import (
     find_partly_hidden,
     largest,
 )
+from stadimeter.detectors.hsv import HsvRangeText
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region, touches_border
 from stadimeter.ranging.flat import DiscShape
@@ -111,7 +111,7 @@ class DiscOptions(Options):
     """Discs whose larger diameter in the picture is smaller than this are not accepted."""
     shade: Shade = "any"
     """Whether it is ``bright`` on something darker, ``dark`` on something brighter, or ``any`` of these."""
-    colour: HsvRangeText | None = None
+    hsv: HsvRangeText | None = None
     """Its colours, lower and upper limit of hue, saturation and value: ``"0,0,150:179,60,255"`` is white. With it a
     disc is found among many other things, any of which may be an ellipse."""
 
@@ -124,7 +124,7 @@ class DiscDetector:
         sigma_m = options.tolerance or 0.0
         self._size = DiscShape(diameter_m=options.diameter, relative_sigma=sigma_m / options.diameter)
         self._least_px = options.min_diameter_px
-        self._colour = options.colour
+        self._colour = options.hsv
         self._bright, self._dark = options.shade != "dark", options.shade != "bright"
 
     @property

@@ -15,10 +15,10 @@ import numpy as np
 
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.blobs import HsvRange
 from stadimeter.detectors.disc.edges import INSIDE, EllipseEdges, Trouble, diameters_px
 from stadimeter.detectors.disc.ellipse import Ellipse, Lens
 from stadimeter.detectors.disc.search import LEAST_ASPECT, LEAST_FILL, Outline, View
+from stadimeter.detectors.hsv import HsvRange
 
 MOST_REJECTED = 8
 
