@@ -22,6 +22,9 @@ TONE_CURVES: tuple[ToneCurve, ...] = get_args(ToneCurve)
 ASPECT_TOLERANCE = 0.01
 """Two resolutions have the same aspect if they differ by no more than this share: rounding to whole pixels, no crop."""
 
+UNKNOWN_EDGE_BIAS_SIGMA_PX = 0.1
+"""Standard deviation of the edge bias of a camera of whose tone curve and sharpening nothing is known."""
+
 SHORTEST_FOCAL, LONGEST_FOCAL = 0.02, 1e4
 """Focal lengths as shares of the picture's long side: at the shortest it spans 175 degrees, at the longest 20 arc
 seconds. The focal length in millimetres, written by mistake, is shorter."""
@@ -59,8 +62,9 @@ class CameraModel:
         edge_bias_px: How far outwards each edge of a target brighter than its surroundings is measured, in pixels, once
             the tone curve is undone: the target appears larger by twice this. A darker target appears smaller by as
             much. It comes from what the tone curve leaves: sharpening, glare, a different curve.
-        edge_bias_sigma_px: Standard deviation of the edge bias: 0 for a camera whose tone curve is known, about 0.1 for
-            one of which nothing is. It is the same in every picture, so it never averages out.
+        edge_bias_sigma_px: Standard deviation of the edge bias: 0 for a camera whose tone curve is known,
+            `UNKNOWN_EDGE_BIAS_SIGMA_PX` for one of which nothing is. It is the same in every picture, so it never
+            averages out.
         focal_relative_sigma: Standard deviation of the focal length, as a share of it.
         subsampling: How coarsely the camera stores colour; None where that is left to the frame.
         uncertainty: How well all its parameters are known together; None where only that of the focal length is known.

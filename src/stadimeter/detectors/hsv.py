@@ -1,4 +1,4 @@
-"""Ranges of colours, such as ``"29,86,6:64,255,255"``: which pixels have the ball's colour."""
+"""Ranges of colours, such as ``"29,86,6:64,255,255"``: which pixels have a target's colour."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
-from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import Circle
 
 Mask = NDArray[np.uint8]
 
@@ -26,9 +24,6 @@ DARK_VALUE = 32
 """Where the least saturation of a range reaches that difference at this value or less, all darker pixels are left out,
 those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours, nor
 where nothing else is found."""
-
-GRID = 16
-"""Pixels each way from which the share of a circle with the ball's colour is estimated."""
 
 MORE_OF_DARK, LEAST_OF_DARK = 1.1, 4
 """Pixels that are dark are looked at if there are as many more of them with the colour: by this factor, and number."""
@@ -148,25 +143,3 @@ def other_ranges(image: Image, colour: HsvRange) -> Iterator[HsvRange]:
         lower = list(colour.lower)
         lower[channel] = max(lower[channel], int(least) + 1)
         yield replace(colour, lower=(lower[0], lower[1], lower[2]))
-
-
-def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
-    """Return how much of a circle has a colour, 0 to 1, from a grid of the pixels in its inner square."""
-    half_px = max(1.0, circle.radius_px * math.sqrt(0.5))
-    left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
-    right, bottom = max(int(circle.x_px + half_px + 1), 0), max(int(circle.y_px + half_px + 1), 0)
-    part = image[top:bottom, left:right]
-    if part.size == 0:
-        return 0.0
-    grid = np.asarray(cv2.resize(part, (GRID, GRID), interpolation=cv2.INTER_NEAREST), np.uint8)
-    return cv2.countNonZero(colour.mask(grid)) / (GRID * GRID)
-
-
-def colour_share_beside(image: Image, points_px: Points, centre_px: Points, off_px: float, colour: HsvRange) -> float:
-    """Return at how many of the points, this much further from a centre, a colour is seen: 0 to 1."""
-    out = points_px - centre_px
-    out *= 1 + off_px / np.maximum(np.hypot(out[:, :1], out[:, 1:]), 1.0)
-    places = np.rint(np.nan_to_num(centre_px + out))
-    inside = ((places >= 0) & (places < (image.shape[1], image.shape[0]))).all(axis=1)
-    x, y = places[inside].astype(np.intp).T
-    return cv2.countNonZero(colour.mask(image[None, y, x])) / len(points_px) if len(x) else 0.0

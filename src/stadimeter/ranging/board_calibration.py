@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
 from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.fit_covariance import PlacedBoard, lens_covariance
@@ -261,6 +261,7 @@ def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: 
     method = f"{len(views)} pictures of a board"
     return replace(
         lens,
+        edge_bias_sigma_px=UNKNOWN_EDGE_BIAS_SIGMA_PX,
         focal_relative_sigma=share,
         uncertainty=LensUncertainty.of(covariance),
         provenance=Provenance(method=method, date=date, notes=notes),

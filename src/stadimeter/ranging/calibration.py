@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.target import TargetShape
 from stadimeter.errors import CalibrationError
@@ -227,6 +227,7 @@ def calibrate(
         fx_px=fit.focal_px,
         fy_px=fit.focal_px,
         edge_bias_px=fit.edge_bias_px,
+        edge_bias_sigma_px=fit.edge_bias_sigma_px if fit.bias_was_fitted else UNKNOWN_EDGE_BIAS_SIGMA_PX,
         focal_relative_sigma=share,
     )
     pictures = tuple(_focal_length(each, one, model) for each, one in zip(found, estimates, strict=True))

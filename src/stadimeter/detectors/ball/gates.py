@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +14,7 @@ from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import Circle
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
-from stadimeter.detectors.hsv import HsvRange, colour_share, colour_share_beside
+from stadimeter.detectors.hsv import HsvRange
 
 LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.7
 """Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
@@ -55,6 +56,9 @@ width of a step."""
 
 OUTLINE_POINTS = 48
 """Points of the limb at which that is looked for."""
+
+GRID = 16
+"""Pixels each way from which the share of a circle with the ball's colour is estimated."""
 
 BEST_MARGIN = 0.6
 """With so much more of the limb seen than is asked for, a ball has the best quality."""
@@ -208,3 +212,25 @@ def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
 
 def _rejected(circle: Circle, reason: str) -> RejectedCandidate:
     return RejectedCandidate(centre_px=(circle.x_px, circle.y_px), size_px=2 * circle.radius_px, reason=reason)
+
+
+def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
+    """Return how much of a circle has a colour, 0 to 1, from a grid of the pixels in its inner square."""
+    half_px = max(1.0, circle.radius_px * math.sqrt(0.5))
+    left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
+    right, bottom = max(int(circle.x_px + half_px + 1), 0), max(int(circle.y_px + half_px + 1), 0)
+    part = image[top:bottom, left:right]
+    if part.size == 0:
+        return 0.0
+    grid = np.asarray(cv2.resize(part, (GRID, GRID), interpolation=cv2.INTER_NEAREST), np.uint8)
+    return cv2.countNonZero(colour.mask(grid)) / (GRID * GRID)
+
+
+def colour_share_beside(image: Image, points_px: Points, centre_px: Points, off_px: float, colour: HsvRange) -> float:
+    """Return at how many of the points, this much further from a centre, a colour is seen: 0 to 1."""
+    out = points_px - centre_px
+    out *= 1 + off_px / np.maximum(np.hypot(out[:, :1], out[:, 1:]), 1.0)
+    places = np.rint(np.nan_to_num(centre_px + out))
+    inside = ((places >= 0) & (places < (image.shape[1], image.shape[0]))).all(axis=1)
+    x, y = places[inside].astype(np.intp).T
+    return cv2.countNonZero(colour.mask(image[None, y, x])) / len(points_px) if len(x) else 0.0
