@@ -102,7 +102,7 @@ def test_one_bad_frame_does_not_restart_the_delay():
 
 def test_n_of_m_frames_raise_it():
     run = rehearse(replace(NEAR, on_delay=OnDelay(frames=3, of_frames=5)))
-    run.see(3, 0.8, 1.5, 0.8, 1.5)
+    run.see(3, 0.8, 0.8, 1.5, 1.5)
     assert run.events("near") == []
     run.see(0.8)
     assert run.events("near") == ["raised"]

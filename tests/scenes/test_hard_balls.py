@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.detectors.ball.blobs import parse_hsv_range
+from stadimeter.detectors.hsv import parse_hsv_range
 from support.scenes.backdrop import KeepOut, PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.ball_surface import BallSurface, Marking

@@ -21,7 +21,9 @@ class Commands(LazyGroup):
         "demo": LazyCommand(
             "stadimeter.cli.run", "Watch a simulated ball being measured, followed and reported. Needs no hardware."
         ),
-        "measure": LazyCommand("stadimeter.cli.measure", "Measure how far away a target is in pictures."),
+        "measure": LazyCommand(
+            "stadimeter.cli.measure", "Measure how far away a target is in pictures, in videos, or before a camera."
+        ),
         "calibrate": LazyCommand(
             "stadimeter.cli.calibrate", "Find out a camera's focal length, write its camera file, and check it."
         ),

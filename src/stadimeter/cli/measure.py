@@ -1,4 +1,4 @@
-"""The command ``measure``: how far away a target is in pictures."""
+"""The command ``measure``: how far away a target is in pictures, in videos, or before a camera."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def _profile_in(head: bytes) -> bytes:
 
 def _jpeg_segments(head: bytes) -> Iterator[tuple[int, bytes]]:
     at = 2
-    while head[at : at + 1] == b"\xff" and head[at + 1] not in {0xD9, 0xDA}:
+    while at + 4 <= len(head) and head[at] == 0xFF and head[at + 1] not in {0xD9, 0xDA}:
         (length,) = struct.unpack_from(">H", head, at + 2)
         yield head[at + 1], head[at + 4 : at + 2 + length]
         at += 2 + max(length, 2)
