@@ -22,13 +22,15 @@ def test_beside_busy_loops_a_base_with_a_real_fault_is_stopped_identified_again_
 
     with busy_cores(), Rig(seconds=100) as rig:
         for fault, end, words in (
-            ("silence", "answer", "has acknowledged nothing"),
-            ("do not read", "read", "has not taken"),
-            ("unplug", "plug", "unplugged"),
+            ("silence", "answer", ["has acknowledged nothing"]),
+            # A busy program sends too little to fill the port before an answer is missed.
+            ("do not read", "read", ["has not taken", "has acknowledged nothing"]),
+            ("unplug", "plug", ["unplugged"]),
         ):
             rig.wait_for("base 0.3")
             rig.tell_board(fault)
-            assert words in rig.wait_for("safety: base fault")
+            said = rig.wait_for("safety: base fault")
+            assert any(each in said for each in words), said
             rig.tell_board(end)
             rig.wait_for("it answers again")
             assert rig.board()["driven_tps"] == 0
