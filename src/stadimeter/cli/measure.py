@@ -47,6 +47,24 @@ def register(app: typer.Typer) -> None:
     app.command()(measure)
 
 
+LiveOption = Annotated[
+    str | None,
+    typer.Option(
+        "--live",
+        metavar="CONFIG|DRIVER",
+        help="Measure in what a camera sees: that of a configuration, or a driver such as opencv,device=0.",
+    ),
+]
+BetweenOption = Annotated[
+    str | None,
+    typer.Option(
+        "--between",
+        metavar="A,B",
+        help="Print how far apart two targets are as well: tags by their numbers, or targets of --config by name.",
+    ),
+]
+
+
 @takes_target
 def measure(
     *,
@@ -64,22 +82,8 @@ def measure(
         Path | None,
         typer.Option("--annotate", metavar="DIR", help="Write a copy of each picture there, with what was measured."),
     ] = None,
-    live: Annotated[
-        str | None,
-        typer.Option(
-            "--live",
-            metavar="CONFIG|DRIVER",
-            help="Measure in what a camera sees: that of a configuration, or a driver such as opencv,device=0.",
-        ),
-    ] = None,
-    between: Annotated[
-        str | None,
-        typer.Option(
-            "--between",
-            metavar="A,B",
-            help="Print how far apart two targets are as well: tags by their numbers, or targets of --config by name.",
-        ),
-    ] = None,
+    live: LiveOption = None,
+    between: BetweenOption = None,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Say how each result came about, and what was rejected and why."),

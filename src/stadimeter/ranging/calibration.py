@@ -14,8 +14,7 @@ pictures agree on
 
     F = F_i - s_i · b
 
-which is linear in F and b. Weighted least squares solves it; the inverse of the normal matrix is their covariance (W.
-H. Press et al., Numerical Recipes, 3rd edition, section 15.4).
+which is linear in F and b; weighted least squares gives both (Press et al., Numerical Recipes, 3rd ed., 15.4).
 """
 
 from __future__ import annotations
