@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.command import LevelCommand, TwistCommand
@@ -177,6 +177,8 @@ anything = st.one_of(
 
 
 @settings(max_examples=150)
+@example([1.0, 6.5e221], 0.0, 1.0)
+@example([1.0, 2.0, 3.0], 0.0, 1e200)
 @given(
     st.lists(anything, max_size=40), st.floats(-1.5, 1.5) | st.just(math.nan), st.floats(1e-3, 1) | st.just(math.nan)
 )

@@ -254,7 +254,7 @@ def justified(plan, state, tracks, name, command):
     assert not rule.observe
     if isinstance(rule, AlarmRule):
         assert not step.trace.gates
-        assert not step.state.is_given_up
+        assert not step.state.has_let_go, "a latched alarm stands until it is reset, whatever is seen; another lets go"
         is_moving = isinstance(command, TwistCommand) and (command.linear_mps, command.angular_radps) != (0.0, 0.0)
         assert not is_moving
     else:

@@ -8,10 +8,13 @@ from dataclasses import dataclass
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
 
+LARGEST = 1e6
+"""No figure of a sighting is larger, in metres or radians: what is beyond is broken, and its square may be no number."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sighting:
-    """A measurement that may be used: every figure is there and finite.
+    """A measurement that may be used: every figure is there and not beyond all sense.
 
     Attributes:
         at_s: Capture time.
@@ -33,7 +36,7 @@ class Sighting:
 
 
 def sighting_of(measurement: Measurement) -> Sighting | None:
-    """Return the figures of a measurement; None if the target was not measured or a figure is not finite."""
+    """Return the figures of a measurement; None if the target was not measured or a figure makes no sense."""
     distance_m, depth_m, sigma_m = measurement.distance_m, measurement.depth_m, measurement.sigma_m
     noise_m, bearing_rad, elevation_rad = measurement.noise_m, measurement.bearing_rad, measurement.elevation_rad
     if measurement.status is not MeasurementStatus.MEASURED:
@@ -42,7 +45,8 @@ def sighting_of(measurement: Measurement) -> Sighting | None:
         return None
     if noise_m is None or bearing_rad is None or elevation_rad is None:
         return None
-    if not math.isfinite(distance_m + depth_m + sigma_m + noise_m + bearing_rad + elevation_rad) or distance_m <= 0:
+    figures = abs(distance_m) + abs(depth_m) + abs(sigma_m) + abs(noise_m) + abs(bearing_rad) + abs(elevation_rad)
+    if not figures <= LARGEST or distance_m <= 0:  # NaN is not below anything
         return None
     return Sighting(
         at_s=measurement.captured_at_s,
