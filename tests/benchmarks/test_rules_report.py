@@ -44,5 +44,5 @@ def test_an_alarm_as_it_comes_is_quiet_at_its_limit_and_quick():
     from support.scenes import draw
 
     facts = rule_policies.run(20, draw.REPORT_SEEDS.start + 5000).facts
-    met = {goal.what: goal.line(facts)[3] for goal in GOALS if set(goal.facts) <= set(facts)}
+    met = {goal.what: goal.line(facts)[3] for goal in GOALS if set(goal.limits) <= set(facts)}
     assert set(met.values()) == {"yes"}, facts
