@@ -130,8 +130,8 @@ _WORDS = {
 }
 
 
-def copy_paths(images: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
-    """Choose a file for the copy of each picture; two pictures of the same name get two.
+def copy_paths(images: Sequence[Path], folder: Path | None, ending: str = "measured") -> dict[Path, Path]:
+    """Choose a file for the copy of each picture, such as ``3ft-measured.png``; two pictures of one name get two.
 
     No copy has the name of its picture, so that the folder may be the pictures' own.
 
@@ -150,7 +150,7 @@ def copy_paths(images: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
         suffix = image.suffix if image.suffix.lower() in KEPT_SUFFIXES else ".png"
         taken = set(paths.values()) | set(images)
         names = (
-            f"{image.stem}-measured{number}{suffix}" for number in ("", *(f"-{n}" for n in range(2, len(images) + 3)))
+            f"{image.stem}-{ending}{number}{suffix}" for number in ("", *(f"-{n}" for n in range(2, len(images) + 3)))
         )
         paths[image] = next(folder / name for name in names if folder / name not in taken)
     return paths

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
+import typer
 from pydantic import ValidationError
 
 from stadimeter.cli.target_options import key_and_value
@@ -11,6 +13,15 @@ from stadimeter.config.findings import findings_of
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.errors import ConfigError, Problem
+
+LiveOption = Annotated[
+    str | None,
+    typer.Option(
+        "--live",
+        metavar="CONFIG|DRIVER",
+        help="Take what a camera sees: that of a configuration, or a driver such as opencv,device=0.",
+    ),
+]
 
 
 def camera_choice(live: str) -> DriverChoice:

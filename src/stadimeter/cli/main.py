@@ -24,6 +24,9 @@ class Commands(LazyGroup):
         "measure": LazyCommand(
             "stadimeter.cli.measure", "Measure how far away a target is in pictures, in videos, or before a camera."
         ),
+        "colour": LazyCommand(
+            "stadimeter.cli.colour", "Find out the range of colours of a ball, from a picture and a place in it."
+        ),
         "calibrate": LazyCommand(
             "stadimeter.cli.calibrate", "Find out a camera's focal length, write its camera file, and check it."
         ),

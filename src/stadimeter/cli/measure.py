@@ -15,7 +15,7 @@ from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors
 from stadimeter.cli.explanation import copy_paths, marks_of
 from stadimeter.cli.formatting import LengthUnit
-from stadimeter.cli.live_camera import camera_choice
+from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.cli.measure_output import Printer, printer_of
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
@@ -47,14 +47,6 @@ def register(app: typer.Typer) -> None:
     app.command()(measure)
 
 
-LiveOption = Annotated[
-    str | None,
-    typer.Option(
-        "--live",
-        metavar="CONFIG|DRIVER",
-        help="Measure in what a camera sees: that of a configuration, or a driver such as opencv,device=0.",
-    ),
-]
 BetweenOption = Annotated[
     str | None,
     typer.Option(

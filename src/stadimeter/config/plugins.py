@@ -138,6 +138,8 @@ class Plugin(Generic[OptionsT]):
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
         exercise: Of a detector, makes what `bench` measures its speed on; None to leave it out.
+        propose_colour: Of a detector that goes by colour, finds out the range of colours of its target in pictures: a
+            `stadimeter.detectors.protocol.ProposesColour`.
     """
 
     options: type[OptionsT]
@@ -151,6 +153,7 @@ class Plugin(Generic[OptionsT]):
     needs_world: bool = field(default=False, kw_only=True)
     needs_pixels: bool = field(default=True, kw_only=True)
     exercise: Callable[[], Exercise] | None = field(default=None, kw_only=True)
+    propose_colour: Callable[..., Any] | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

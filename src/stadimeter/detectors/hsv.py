@@ -60,6 +60,10 @@ class HsvRange:
             return np.asarray(cv2.bitwise_and(self._between_hues(hsv, self.lower[2]), _has_hue(hsv)), np.uint8)
         return self._between_hues(hsv, max(self.lower[2], least_value))
 
+    def covers(self, hsv: Image) -> Mask:
+        """Return which pixels of a picture in hue, saturation and value are between the limits, grey ones included."""
+        return self._between_hues(hsv, self.lower[2])
+
     def _between_hues(self, hsv: cv2.typing.MatLike, least_value: int) -> Mask:
         """Return which pixels are between the limits, with another lower limit of the value."""
         (low_hue, saturation, _), (high_hue, *most) = self.lower, self.upper

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Prediction
+from stadimeter.core.detection import Detection, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetShape
 from stadimeter.errors import PictureError
@@ -51,6 +56,55 @@ class FindsSeveral(Protocol):
         Returns:
             Each that was found, with its `Detection.number`; where there is none, what `Detector.detect` returns.
         """
+        ...
+
+
+class ColourSample(NamedTuple):
+    """A picture of a target whose colour is wanted.
+
+    Attributes:
+        places_px: Where a person has pointed at the target, each x and y; empty if nobody has.
+    """
+
+    frame: Frame
+    places_px: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ColourView:
+    """What a range of colours shows in a picture.
+
+    Attributes:
+        detection: The target, as it is found with the range.
+        mask: Which pixels have the colour: 255 where one has, 0 elsewhere, shape ``(height, width)``.
+        others: What else has the colour, the largest first.
+    """
+
+    detection: Detection
+    mask: NDArray[np.uint8]
+    others: tuple[RejectedCandidate, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ColourProposal:
+    """A range of colours for a target.
+
+    Attributes:
+        colour: The range, as the configuration has it.
+        views: What it shows in each picture.
+        hue_margin: By how many hues, of 180, it can grow at both ends before it covers another thing; None for many.
+    """
+
+    colour: str
+    views: tuple[ColourView, ...]
+    hue_margin: int | None
+
+
+class ProposesColour(Protocol):
+    """Part of a detector's plugin: finds out the range of colours of its target."""
+
+    def __call__(self, samples: Sequence[ColourSample]) -> ColourProposal | None:
+        """Return a range for all the pictures; None if nothing stands out in them and nobody has pointed at it."""
         ...
 
 

@@ -10,9 +10,11 @@ from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.frame import Frame
-from stadimeter.errors import CaptureTimeoutError, EndOfFramesError
+from stadimeter.errors import CaptureTimeoutError, EndOfFramesError, PictureError
 
 FRAME_WAIT_S = 0.5
+SETTLING_FRAMES = 10
+"""A live camera sets its exposure in its first frames, unless that is fixed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,3 +63,25 @@ def open_source(choice: DriverChoice) -> Source:
     live_clock = MonotonicClock()
     camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=live_clock))
     return Source(capture=capture_for(camera, live_clock), is_live=True)
+
+
+def settled_frame(choice: DriverChoice) -> Frame:
+    """Return one frame of a camera, as its settings make it: of a live one not the first ones.
+
+    Raises:
+        DriverError: It cannot be opened.
+        PictureError: No frame comes.
+    """
+    source = open_source(choice)
+    try:
+        source.capture.open()
+        for number, frame in enumerate(source.frames(_give_up), start=1):
+            if number == SETTLING_FRAMES or not source.is_live:
+                return frame
+    finally:
+        source.capture.close()
+    raise PictureError("the camera gave no picture")
+
+
+def _give_up(why: str) -> None:
+    raise PictureError(f"the camera gives no picture: {why}")

@@ -27,8 +27,8 @@ from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thinn
 from stadimeter.detectors.ball.circles import Circle, edge_circle
 from stadimeter.detectors.ball.gates import Ball, BallGates, most_score, without_limb
 from stadimeter.detectors.ball.limb import find_limb, within
-from stadimeter.detectors.hsv import HsvRangeText, other_ranges
-from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges
+from stadimeter.detectors.protocol import ColourProposal, ColourSample, check_image
 from stadimeter.detectors.region import Region
 from stadimeter.ranging.ball import BallShape
 
@@ -331,4 +331,15 @@ def _exercise() -> Exercise:
     return Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"})
 
 
-PLUGIN = Plugin(BallOptions, _build, exercise=_exercise)
+def _propose_colour(samples: Sequence[ColourSample]) -> ColourProposal | None:
+    from stadimeter.detectors.ball.colour_proposal import propose  # noqa: PLC0415 - not for a run
+
+    return propose(samples, _of_colour)
+
+
+def _of_colour(frame: Frame, colour: HsvRange) -> Detection:
+    options = BallOptions.model_validate({"diameter": "1 m", "hsv": colour})  # the size changes nothing in a picture
+    return BallDetector("ball", options).detect(frame)
+
+
+PLUGIN = Plugin(BallOptions, _build, exercise=_exercise, propose_colour=_propose_colour)

@@ -1,0 +1,187 @@
+"""A range of colours for a ball that a person points at, or that stands out in the picture by itself.
+
+Ranges of many widths are drawn up around a place (`colour_ranges`), and the detector itself judges them: the range with
+which it sees the best ball there wins. Without a place, the blobs that stand out by a colour of their own are tried
+(`vivid_blobs`). Several places, and several pictures in several lights, join into one range.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
+from stadimeter.core.frame import Frame
+from stadimeter.detectors.ball.colour_ranges import Place, joined, ranges_at, smoothed, vivid_ranges_at, widened
+from stadimeter.detectors.ball.vivid_blobs import vivid_blobs
+from stadimeter.detectors.hsv import HsvRange, Mask
+from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
+
+SURE_SCORE = 0.6
+"""A place that gives a better ball than this by its own colour is on no stripe."""
+
+AT_PLACE = 0.55
+"""Greatest distance of a ball's centre from the place that was pointed at, as a share of the diameter."""
+
+WIDER_BONUS, GREY_SHARE = 0.03, 0.7
+"""A wider range is better if the ball is as good with it. Grey is a ball's colour less often than a gloss on it."""
+
+ELSEWHERE_COSTS, ELSEWHERE_MOST = 0.1, 10.0
+"""What it costs a range to cover as much elsewhere as the ball covers; beyond a multiple of that it costs no more."""
+
+LARGE_PX = 40.0
+"""A ball of this diameter is no less likely than a larger one."""
+
+MOST_STANDING_OUT = 8
+FIRST_TRIED = 3
+"""At each of those, so many ranges of a middling width tell whether it is a ball."""
+
+SEARCH_PX = 800
+"""Pictures with a longer side than this are searched smaller."""
+
+THING_PX2, THING_SHARE, MOST_THINGS = 25.0, 0.05, 8
+"""Other things of the colour count from this area on, and from this share of the ball's."""
+
+MARGIN_SHARE, MARGIN_MOST = 0.25, 20
+
+
+class _Range(NamedTuple):
+    """A range of colours, and how good a ball is seen with it."""
+
+    score: float
+    colour: HsvRange
+
+
+Detect = Callable[[Frame, HsvRange], Detection]
+"""Looks for a ball of any size with a range of colours."""
+
+
+def propose(samples: Sequence[ColourSample], detect: Detect) -> ColourProposal | None:
+    """Return the range of colours of a ball; None if nothing there looks like one, and no place was pointed at.
+
+    In a picture without a place, the ball is looked for with the range of those before it first.
+    """
+    found: list[HsvRange] = []
+    for frame, places in map(_smaller, samples):
+        known = places or _place_by(found, frame, detect)
+        found += [_at(frame, place, detect) for place in known] or _standing_out(frame, detect)
+    if not found:
+        return None
+    colour = joined(found)
+    views = tuple(_view(frame, colour, detect) for frame, _ in samples)
+    return ColourProposal(colour=str(colour), views=views, hue_margin=_hue_margin(samples, views, colour))
+
+
+def _smaller(sample: ColourSample) -> ColourSample:
+    """Return a picture that is small enough to be searched many times."""
+    (height, width), places = sample.frame.image.shape[:2], sample.places_px
+    scale = SEARCH_PX / max(height, width)
+    if scale >= 1:
+        return sample
+    image = cv2.resize(sample.frame.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    smaller = tuple(((x_px + 0.5) * scale - 0.5, (y_px + 0.5) * scale - 0.5) for x_px, y_px in places)
+    return ColourSample(replace(sample.frame, image=np.asarray(image, np.uint8)), smaller)
+
+
+def _place_by(found: Sequence[HsvRange], frame: Frame, detect: Detect) -> tuple[Place, ...]:
+    """Return where the ball is by the ranges of other pictures; nothing if it is not seen with them."""
+    detection = detect(frame, joined(found)) if found else None
+    return (detection.centre_px,) if detection and detection.status is DetectionStatus.FOUND else ()
+
+
+def _at(frame: Frame, place: Place, detect: Detect) -> HsvRange:
+    """Return the best range at a place; where no ball is seen with any, one of a middling width."""
+    hsv = smoothed(frame.image)
+    by_place = list(ranges_at(hsv, place))
+    best = _best(frame, by_place, place, detect)
+    if best is None or best.score < SURE_SCORE:
+        near = _best(frame, vivid_ranges_at(hsv, place), place, detect)
+        best = near if best is None or (near is not None and near.score > best.score) else best
+    if best is not None:
+        return best.colour
+    return by_place[len(by_place) // 2] if by_place else HsvRange((0, 0, 0), (179, 255, 255))
+
+
+def _standing_out(frame: Frame, detect: Detect) -> list[HsvRange]:
+    """Return the best range of what stands out in a picture most, as a list; an empty one if that is no ball."""
+    hsv = smoothed(frame.image)
+    tried = []
+    for blob in vivid_blobs(frame.image, MOST_STANDING_OUT):
+        ranges = list(ranges_at(hsv, blob.place))
+        first = len(ranges) // 3
+        best = _best(frame, ranges[first : first + FIRST_TRIED], blob.place, detect)
+        if best is not None:
+            tried.append((best.score * blob.score, blob.place))
+    return [_at(frame, max(tried)[1], detect)] if tried else []
+
+
+def _best(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detect) -> _Range | None:
+    """Return the range with which the best ball is seen at a place; None if there is none with any."""
+    best = None
+    for number, colour in enumerate(ranges):
+        detection = detect(frame, colour)
+        reach_px = AT_PLACE * detection.width_px
+        if detection.status is DetectionStatus.NOT_FOUND or math.dist(detection.centre_px, place) > reach_px:
+            continue
+        size = math.sqrt(min(1.0, detection.width_px / LARGE_PX))
+        is_grey = (colour.lower[0], colour.upper[0]) == (0, 179)
+        score = detection.quality * size * (1 + WIDER_BONUS * number) * (GREY_SHARE if is_grey else 1.0)
+        score /= 1 + ELSEWHERE_COSTS * min(_elsewhere(colour.mask(frame.image), detection), ELSEWHERE_MOST)
+        if best is None or score > best.score:
+            best = _Range(score, colour)
+    return best
+
+
+def _elsewhere(mask: Mask, detection: Detection) -> float:
+    """Return how much has the colour beside the ball, as a share of the ball."""
+    rest, ball_px2 = _without(mask, detection)
+    return cv2.countNonZero(rest) / ball_px2
+
+
+def _without(mask: Mask, detection: Detection) -> tuple[Mask, float]:
+    """Return the mask without the ball, and the area of the ball; that is 0 if it was not found."""
+    if detection.status is DetectionStatus.NOT_FOUND:
+        return mask, 0.0
+    rest, radius_px = mask.copy(), detection.width_px / 2
+    centre = (round(detection.centre_px[0]), round(detection.centre_px[1]))
+    cv2.circle(rest, centre, math.ceil(1.1 * radius_px) + 2, 0, cv2.FILLED)
+    return rest, math.pi * radius_px**2
+
+
+def _view(frame: Frame, colour: HsvRange, detect: Detect) -> ColourView:
+    detection, mask = detect(frame, colour), colour.mask(frame.image)
+    return ColourView(detection=detection, mask=mask, others=_others(mask, detection, THING_SHARE))
+
+
+def _others(mask: Mask, detection: Detection, share: float) -> tuple[RejectedCandidate, ...]:
+    """Return what else has the colour and is not too small beside the ball, the largest first."""
+    rest, ball_px2 = _without(mask, detection)
+    _, _, stats, centres = cv2.connectedComponentsWithStats(rest, connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    largest = [1 + int(each) for each in np.argsort(-areas) if areas[each] >= max(THING_PX2, share * ball_px2)]
+    sizes = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
+    return tuple(
+        RejectedCandidate(
+            centre_px=(float(centres[label, 0]), float(centres[label, 1])),
+            size_px=float(sizes[label]),
+            reason="has the colour as well",
+        )
+        for label in largest[:MOST_THINGS]
+    )
+
+
+def _hue_margin(samples: Sequence[ColourSample], views: Sequence[ColourView], colour: HsvRange) -> int | None:
+    """Return by how many hues the range can grow at both ends before it covers something else; None for many."""
+    before = [len(_others(view.mask, view.detection, MARGIN_SHARE)) for view in views]
+    for hues in range(2, MARGIN_MOST + 1, 2):
+        wider = widened(colour, hues)
+        masks = (wider.mask(frame.image) for frame, _ in samples)
+        after = [len(_others(mask, view.detection, MARGIN_SHARE)) for mask, view in zip(masks, views, strict=True)]
+        if any(now > own for now, own in zip(after, before, strict=True)):
+            return hues - 2
+    return None

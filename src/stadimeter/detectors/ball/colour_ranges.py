@@ -1,0 +1,180 @@
+"""Ranges of colours around a place in a picture: what belongs to the thing there, drawn up narrow and wide.
+
+A range covers the pixels around the place with a margin. It grows with the patch of connected pixels that it covers,
+since light and shade change a colour across a thing. How far it should grow no pixel tells: `colour_proposal` tries
+them all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.frame import Image
+from stadimeter.detectors.hsv import HsvRange
+
+Place = tuple[float, float]
+"""Where something is in a picture: x and y in pixels."""
+Colours = NDArray[np.float64]
+"""Hue, saturation and value of pixels, shape ``(n, 3)``."""
+
+MARGINS = (1, 2, 3, 4, 5, 6)
+HUE_MARGIN, HUE_OF_MARGIN = 2.0, 2.0
+"""Hues on either side of those that were seen, and those that each step of the margin adds."""
+
+LESS_OF_MARGIN = 0.1
+"""Share that the least saturation and value go down by for each step of the margin: a ball is darker on one side."""
+
+LEAST_CHROMA = 24.0
+"""Where the channels of most pixels differ by fewer levels, the thing is grey, white or black: every hue counts."""
+
+GREY_SATURATION, GREY_VALUE = 12.0, 0.08
+"""What each step of the margin adds to grey: levels of saturation, and a share of the value."""
+
+SEEN_PERCENT = (2.0, 98.0)
+MOST_OF_PICTURE = 0.4
+"""A patch that is larger than this share of the picture is the background."""
+
+GROWTHS = 3
+MOST_COLOURS = 20_000
+
+REACH_OF_WIDTH = 1 / 320
+"""How far around a place its colour is taken from, as a share of the picture's width."""
+
+VIVID_REACHES, VIVID_PERCENT = 4, 60.0
+"""So many times as far around, the most vivid pixels are the ball's own colour where the place is on a stripe."""
+
+
+def smoothed(image: Image) -> Image:
+    """Return hue, saturation and value of a picture without the grain of sensor and surface."""
+    sigma_px = max(0.8, image.shape[1] / 800)
+    return np.asarray(cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), sigma_px), cv2.COLOR_BGR2HSV), np.uint8)
+
+
+def ranges_at(hsv: Image, place: Place) -> Iterator[HsvRange]:
+    """Yield ranges of the colour at a place of a smoothed picture, narrow ones first."""
+    rows, columns = _around(hsv, place, _reach_px(hsv))
+    yield from _growing(hsv, place, _colours(hsv[rows, columns]))
+
+
+def vivid_ranges_at(hsv: Image, place: Place) -> Iterator[HsvRange]:
+    """Yield ranges of the most vivid colour near a place, which itself may be on a pale stripe, a seam or a gloss."""
+    rows, columns = _around(hsv, place, VIVID_REACHES * _reach_px(hsv))
+    near = _colours(hsv[rows, columns])
+    chroma = near[:, 1] * near[:, 2]
+    row, column = divmod(int(np.argmax(chroma)), columns.stop - columns.start)
+    vivid = near[chroma >= np.percentile(chroma, VIVID_PERCENT)]
+    yield from _growing(hsv, (columns.start + column, rows.start + row), vivid)
+
+
+def joined(ranges: Sequence[HsvRange]) -> HsvRange:
+    """Return the narrowest range that covers several."""
+    middles, reaches = zip(*(_hues(each) for each in ranges), strict=True)
+    middle = _mean_hue(np.array(middles), np.ones(len(middles)))
+    away = [_hues_apart(each, middle) for each in middles]
+    low = min(each - reach for each, reach in zip(away, reaches, strict=True))
+    high = max(each + reach for each, reach in zip(away, reaches, strict=True))
+    least = [min(each.lower[channel] for each in ranges) for channel in (1, 2)]
+    most = [max(each.upper[channel] for each in ranges) for channel in (1, 2)]
+    return _range(middle + low, middle + high, (least[0], least[1]), (most[0], most[1]))
+
+
+def widened(colour: HsvRange, hues: int) -> HsvRange:
+    """Return a range with more hues at both ends."""
+    middle, reach = _hues(colour)
+    return _range(middle - reach - hues, middle + reach + hues, colour.lower[1:], colour.upper[1:])
+
+
+def _growing(hsv: Image, place: Place, seen: Colours) -> Iterator[HsvRange]:
+    tried = set()
+    for margin in MARGINS:
+        colours = seen
+        for _ in range(GROWTHS):
+            colour = _covering(colours, margin)
+            patch = None if colour in tried else _patch(hsv, colour, place)
+            if patch is None:
+                break
+            tried.add(colour)
+            yield colour
+            colours = patch
+
+
+def _covering(colours: Colours, margin: int) -> HsvRange:
+    """Return the range of these colours with a margin."""
+    hues, saturations, values = colours.T
+    (least_saturation, most_saturation), (least_value, most_value) = (
+        np.percentile(each, SEEN_PERCENT) for each in (saturations, values)
+    )
+    if least_saturation * np.median(values) / 255 < LEAST_CHROMA:
+        more = 1 + GREY_VALUE * margin
+        least, most = (0.0, least_value * (2 - more)), (most_saturation + GREY_SATURATION * margin, most_value * more)
+        return _range(0.0, 179.0, least, most)
+    middle = _mean_hue(hues, saturations * values)
+    low, high = np.percentile(_hues_apart(hues, middle), SEEN_PERCENT)
+    further, less = HUE_MARGIN + HUE_OF_MARGIN * margin, 1 - LESS_OF_MARGIN * margin
+    least = (least_saturation * less, least_value * less)
+    return _range(middle + low - further, middle + high + further, least, (255.0, 255.0))
+
+
+def _range(low: float, high: float, least: tuple[float, ...], most: tuple[float, ...]) -> HsvRange:
+    """Return a range of hues from low to high, which may be beyond red on either side."""
+    hues = (0, 179) if high - low >= 170 else (round(low) % 180, round(high) % 180)
+    saturation, value = (max(0, int(each)) for each in least)
+    most_saturation, most_value = (min(255, math.ceil(each)) for each in most)
+    return HsvRange((hues[0], saturation, value), (hues[1], most_saturation, most_value))
+
+
+def _hues(colour: HsvRange) -> tuple[float, float]:
+    """Return the middle of a range's hues, and how far it reaches from there."""
+    low, high = colour.lower[0], colour.upper[0]
+    high += 180 if high < low else 0
+    return (low + high) / 2, (high - low) / 2
+
+
+def _mean_hue(hues: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    """Return the mean of hues on their circle."""
+    angles = hues * (np.pi / 90)
+    return math.atan2(float(weights @ np.sin(angles)), float(weights @ np.cos(angles))) * 90 / math.pi
+
+
+def _hues_apart(hues: NDArray[np.float64], middle: float) -> NDArray[np.float64]:
+    """Return how far hues are from another, the shorter way round: from -90 to 90."""
+    return np.asarray((hues - middle + 90) % 180 - 90)
+
+
+def _patch(hsv: Image, colour: HsvRange, place: Place) -> Colours | None:
+    """Return the colours of the connected pixels in a range at a place; None if there are none, or for the background.
+
+    Of many, some are taken.
+    """
+    mask = colour.covers(hsv)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    rows, columns = _around(hsv, place, _reach_px(hsv))
+    here = labels[rows, columns]
+    here = here[here > 0]
+    if not here.size:
+        return None
+    label = int(np.bincount(here).argmax())
+    area_px2 = int(stats[label, cv2.CC_STAT_AREA])
+    if area_px2 > MOST_OF_PICTURE * mask.size:
+        return None
+    return _colours(hsv[labels == label][:: 1 + area_px2 // MOST_COLOURS])
+
+
+def _reach_px(hsv: Image) -> int:
+    return max(2, round(int(hsv.shape[1]) * REACH_OF_WIDTH))
+
+
+def _around(hsv: Image, place: Place, reach_px: int) -> tuple[slice, slice]:
+    """Return the rows and the columns of the square around a place, as far as it is in the picture."""
+    x_px, y_px = (round(each) for each in place)
+    rows = slice(max(0, y_px - reach_px), min(hsv.shape[0], y_px + reach_px + 1))
+    return rows, slice(max(0, x_px - reach_px), min(hsv.shape[1], x_px + reach_px + 1))
+
+
+def _colours(pixels: Image) -> Colours:
+    return pixels.reshape(-1, 3).astype(np.float64)
