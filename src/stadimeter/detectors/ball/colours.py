@@ -46,7 +46,10 @@ MOST_ODDS = 1.0
 PLAUSIBLE_ODDS = 2.0
 """A place on a spoke whose sum is lower than the greatest by more than this is not the limb."""
 
-PLACES = np.array([BINS * BINS, BINS, 1], np.intp)
+PLACES = np.array([BINS * BINS, BINS, 1], np.float32)
+
+SPREAD = np.eye(BINS, dtype=np.float32) + 0.5 * (np.eye(BINS, k=1) + np.eye(BINS, k=-1)).astype(np.float32)
+"""Each count, and half of those of either neighbour."""
 
 
 def colour_odds(image: Image, circle: Circle) -> Odds | None:
@@ -86,16 +89,12 @@ def plausible(codes: Image, odds: Odds) -> Flags:
 
 
 def _bins(codes: Image) -> NDArray[np.intp]:
-    return np.asarray((codes >> (8 - BITS)).dot(PLACES), np.intp)
+    # Exact in floating point, of which numpy's products are much faster than those of integers.
+    return np.asarray((codes >> (8 - BITS)).astype(np.float32).dot(PLACES).astype(np.intp))
 
 
 def _smoothed(shares: Odds) -> Odds:
     """Spread the counts of each colour to its neighbours: light and noise move colours by more than a bin."""
-    cubes = shares.reshape(2, BINS, BINS, BINS)
-    for axis in (1, 2, 3):
-        spread = np.moveaxis(cubes.copy(), axis, 0)
-        source = np.moveaxis(cubes, axis, 0)
-        spread[1:] += 0.5 * source[:-1]
-        spread[:-1] += 0.5 * source[1:]
-        cubes = np.moveaxis(spread, 0, axis)
-    return np.asarray(cubes.reshape(2, -1))
+    blue = SPREAD @ shares.reshape(-1, BINS, BINS * BINS)
+    green = SPREAD @ blue.reshape(-1, BINS, BINS)
+    return np.asarray((green.reshape(-1, BINS) @ SPREAD).reshape(shares.shape))
