@@ -72,9 +72,9 @@ NARROWER = 0.85
 """The largest circle within a blob says no more than the one around it unless it is narrower by this factor."""
 
 LEAST_FILL_AROUND = 0.2
-"""No circle of edges is looked for around a blob that covers a smaller share of its own circle: it is the grain of wood,
-the joint of a floor or the rim of something. Of 635 balls with markings, on textured floors and in hands none showed so
-little."""
+"""No circle of edges is looked for around a blob that covers a smaller share of its own circle: it is the grain of
+wood, the joint of a floor or the rim of something. Of 635 balls with markings, on textured floors and in hands none
+showed so little."""
 
 MOST_SEARCHED_AROUND = 3
 """Number of blobs around which the circle of edges is looked for, which is slow."""
