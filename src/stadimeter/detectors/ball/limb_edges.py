@@ -249,16 +249,13 @@ def _steepest(codes: Image, odds: Odds | None) -> tuple[Indices, Flags]:
 
     Compared are the pixel before and the one after. Noise has a steepest place too, but nothing like that of most.
     """
-    length = codes.shape[1]
-    levels = codes.astype(np.float32).reshape(-1, 3)
-    # In one go along all spokes: what is compared across the end of one is left out.
-    change = levels[2:] - levels[:-2]
+    change = np.subtract(codes[:, 2:], codes[:, :-2], dtype=np.float32)
     change *= change
-    squared = np.empty(len(levels), np.float32)
-    change.dot(CHANNELS, out=squared[:-2])
+    squared = change.reshape(-1, 3).dot(CHANNELS)
     if odds is not None:
-        squared[:-2] *= plausible(codes, odds).ravel()[1:-1]
-    steepest = squared.reshape(-1, length)[:, :-2].argmax(axis=1)
+        squared *= plausible(codes, odds)[:, 1:-1].ravel()
+    length = change.shape[1]
+    steepest = squared.reshape(-1, length).argmax(axis=1)
     most = squared.take(steepest + _first_of_each(len(steepest), length))
     least = max(LEAST_CHANGE**2, CLEAR_SHARE**2 * quantile(most, 0.75))
     return steepest + 1, most > least
@@ -306,42 +303,36 @@ def _shade(rise: Profiles, width: Profiles) -> float:
 
 def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     """Measure steps of any width: levels are read beyond their foot, found in a few rounds."""
-    spokes, length = codes.shape[:2]
-    first, last = _first_of_each(spokes, length), length - 1
+    spoke, last = np.arange(len(codes)), codes.shape[1] - 1
     lit = _lit(codes, light)
-    channels = lit.reshape(-1, 3)
-    way = channels.take(first + np.maximum(steepest - 2, 0), axis=0)
-    way -= channels.take(first + np.minimum(steepest + 2, last), axis=0)
+    way = lit[spoke, np.maximum(steepest - 2, 0)] - lit[spoke, np.minimum(steepest + 2, last)]
     if codes.max() >= CLIPPED:
         # Turned so that each place of all spokes lies in a row, numpy is twenty times as fast.
         way *= np.maximum.reduce(np.ascontiguousarray(codes.swapaxes(0, 1)), axis=0) < CLIPPED
-    squared = np.maximum((way * way).dot(CHANNELS), LEAST_LIGHT)
-    share = np.matmul(lit, (way / squared[:, None])[:, :, None]).ravel()
-    here = first + steepest
-    fall = np.maximum((share.take(here - 1) - share.take(here + 1)) / 2, 1e-3)
-    middle, width = steepest, np.full(spokes, SHARP_PX, np.float32)
+    squared = np.maximum((way * way).sum(axis=1), LEAST_LIGHT)
+    share = np.matmul(lit, (way / squared[:, None])[:, :, None])[:, :, 0]
+    fall = np.maximum((share[spoke, steepest - 1] - share[spoke, steepest + 1]) / 2, 1e-3)
+    middle, width = steepest, np.full(len(share), SHARP_PX, np.float32)
     # How wide a step is and where its levels are read follow from each other: a few rounds settle both.
     for _ in range(MOST_ROUNDS):
         gap = np.rint(GAP_PX + GAP_OF_WIDTH * width).clip(1, MOST_GAP_PX).astype(np.intp)
-        inner, outer = first + np.maximum(middle - gap, 1), first + np.minimum(middle + gap, last - 1)
-        high = (share.take(inner) + share.take(inner - 1)) / 2
-        low = (share.take(outer) + share.take(outer + 1)) / 2
+        inner, outer = np.maximum(middle - gap, 1), np.minimum(middle + gap, last - 1)
+        high = (share[spoke, inner] + share[spoke, inner - 1]) / 2
+        low = (share[spoke, outer] + share[spoke, outer + 1]) / 2
         width = (high - low) / fall
-        at, found = _passes(share.reshape(spokes, length), middle, (high + low) / 2)
+        at, found = _passes(share, spoke, middle, (high + low) / 2)
         middle = np.where(found, np.rint(at), middle).astype(np.intp)
     return _Steps(at, width, found & (high > low), way)
 
 
-def _passes(share: Profiles, middle: Indices, half: Profiles) -> tuple[Profiles, Flags]:
+def _passes(share: Profiles, spoke: Indices, middle: Indices, half: Profiles) -> tuple[Profiles, Flags]:
     """Return where each spoke passes half way nearest to its middle, and whether it does."""
-    spokes, length = share.shape
     above = share > half[:, None]
     # From above to not above.
     passes = above[:, :-1] > above[:, 1:]
-    before = (_nearness(length).take(middle, axis=0) * passes).argmax(axis=1)
-    found = passes.ravel().take(before + _first_of_each(spokes, length - 1))
-    here = before + _first_of_each(spokes, length)
-    upper, lower = share.take(here), share.take(here + 1)
+    before = (_nearness(share.shape[1]).take(middle, axis=0) * passes).argmax(axis=1)
+    found = passes[spoke, before]
+    upper, lower = share[spoke, before], share[spoke, before + 1]
     return before + (upper - half) / np.where(found, upper - lower, 1.0), found
 
 
