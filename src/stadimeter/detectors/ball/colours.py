@@ -37,6 +37,9 @@ BITS = 4
 BINS = 1 << BITS
 """Colours are told apart by the highest bits of each channel."""
 
+SPREAD = np.eye(BINS, dtype=np.float32) + 0.5 * (np.eye(BINS, k=1) + np.eye(BINS, k=-1)).astype(np.float32)
+"""Each count, and half of those of either neighbour."""
+
 RARE_SHARE = 0.02
 """A share of pixels that counts as chance, added to both sides of the ratio."""
 
@@ -46,10 +49,7 @@ MOST_ODDS = 1.0
 PLAUSIBLE_ODDS = 2.0
 """A place on a spoke whose sum is lower than the greatest by more than this is not the limb."""
 
-PLACES = np.array([BINS * BINS, BINS, 1], np.float32)
-
-SPREAD = np.eye(BINS, dtype=np.float32) + 0.5 * (np.eye(BINS, k=1) + np.eye(BINS, k=-1)).astype(np.float32)
-"""Each count, and half of those of either neighbour."""
+PLACES = np.array([BINS * BINS, BINS, 1], np.intp)
 
 
 def colour_odds(image: Image, circle: Circle) -> Odds | None:
@@ -90,7 +90,7 @@ def plausible(codes: Image, odds: Odds) -> Flags:
 
 def _bins(codes: Image) -> NDArray[np.intp]:
     # Exact in floating point, of which numpy's products are much faster than those of integers.
-    return np.asarray((codes >> (8 - BITS)).astype(np.float32).dot(PLACES).astype(np.intp))
+    return np.asarray((codes >> (8 - BITS)).astype(np.float32).dot(PLACES.astype(np.float32)).astype(np.intp))
 
 
 def _smoothed(shares: Odds) -> Odds:
