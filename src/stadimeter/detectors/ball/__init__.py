@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
@@ -100,8 +100,7 @@ class BallOptions(Options):
     """Balls that look larger than this are not accepted; None for no limit."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Scene:
+class _Scene(NamedTuple):
     """A frame that is searched."""
 
     image: Image
@@ -185,7 +184,7 @@ class BallDetector:
         if not all(map(math.isfinite, (x_px, y_px, radius_px, prediction.sigma_px))):
             return None
         start = Circle(x_px=x_px, y_px=y_px, radius_px=max(radius_px, self._gates.min_radius_px))
-        scene = replace(scene, expected=start)
+        scene = scene._replace(expected=start)
         reach_px = FIRST_REACH_PX + REACH_SIGMAS * max(0.0, prediction.sigma_px - CERTAIN_PX)
         if reach_px <= WIDEST_RING_PX:
             in_ring = self._at(scene, start, reach_px)
@@ -222,7 +221,7 @@ class BallDetector:
     def _of_other_ranges(self, scene: _Scene) -> Ball | None:
         """Return the ball by more or less of its range of colours; what was refused there is not told."""
         for colour in other_ranges(thinned(scene.image, self._step), self._colour):
-            narrowed = replace(scene, gates=replace(scene.gates, colour=colour), rejected=[])
+            narrowed = scene._replace(gates=replace(scene.gates, colour=colour), rejected=[])
             ball = self._best(narrowed, find_blobs(scene.image, colour, self._step)[:MOST_OF_OTHERS])
             if ball is not None and ball.quality >= QUALITY_OF_OTHERS:
                 return ball
