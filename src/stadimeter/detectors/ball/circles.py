@@ -125,7 +125,7 @@ def _edges(image: Image, centre: Points, distances_px: Points) -> Edges:
     change = values[:, 3:] + values[:, 2:-1] - values[:, 1:-2] - values[:, :-3]
     step_px = float(distances_px[1] - distances_px[0])
     change *= change
-    steepness = np.sqrt(change.dot(CHANNELS)) / (4 * step_px)
+    steepness = np.sqrt(change.reshape(-1, 3).dot(CHANNELS)).reshape(change.shape[:2]) / (4 * step_px)
     # Beyond the border its pixels are repeated, which shows no edges.
     places, peak = _peaks(steepness)
     found_px = distances_px[places] + 1.5 * step_px

@@ -89,8 +89,9 @@ def plausible(codes: Image, odds: Odds) -> Flags:
 
 
 def _bins(codes: Image) -> NDArray[np.intp]:
-    # Exact in floating point, of which numpy's products are much faster than those of integers.
-    return np.asarray((codes >> (8 - BITS)).astype(np.float32).dot(PLACES.astype(np.float32)).astype(np.intp))
+    # Exact in floating point; numpy's product with a matrix of two axes is much faster than any other.
+    highest = (codes >> (8 - BITS)).astype(np.float32).reshape(-1, 3)
+    return np.asarray(highest.dot(PLACES.astype(np.float32)).astype(np.intp).reshape(codes.shape[:-1]))
 
 
 def _smoothed(shares: Odds) -> Odds:
