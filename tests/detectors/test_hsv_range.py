@@ -89,3 +89,15 @@ def test_what_is_written_is_read_again(lower: tuple[int, int, int], upper: tuple
         (upper[0], max(lower[1], upper[1]), max(lower[2], upper[2])),
     )
     assert parse_hsv_range(str(one)) == one
+
+
+@given(
+    part=st.tuples(*[st.integers(1, 40)] * 2), corner=st.tuples(*[st.integers(0, 200)] * 2), seed=st.integers(0, 1000)
+)
+def test_a_part_of_a_picture_has_the_mask_that_it_has_in_the_whole(
+    part: tuple[int, int], corner: tuple[int, int], seed: int
+) -> None:
+    image = np.random.default_rng(seed).integers(0, 256, (300, 240, 3), dtype=np.uint8)
+    rows, columns = (slice(first, first + size) for first, size in zip(corner, part, strict=True))
+    green = parse_hsv_range("29,86,6:64,255,255")
+    assert np.array_equal(green.mask(image[rows, columns]), green.mask(image)[rows, columns])

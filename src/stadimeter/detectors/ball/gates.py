@@ -138,7 +138,7 @@ class BallGates:
         is_known = expected is not None and margin >= BEST_MARGIN
         fill = 1.0 if is_known else self._fill(image, limb.circle, coloured_px2)
         if fill < LEAST_FILL:
-            return _rejected(limb.circle, f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}")
+            return too_little_colour(limb.circle, fill)
         if margin < CLEAR_MARGIN:
             margin -= OVERRUN_WEIGHT * self._overrun(image, limb, lens)
         ball = Ball(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
@@ -181,6 +181,11 @@ def _agree(circle: Circle, expected: Circle) -> bool:
 def without_limb(start: Circle) -> RejectedCandidate:
     """Return why there is no ball where no limb was found near a circle."""
     return _rejected(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle")
+
+
+def too_little_colour(circle: Circle, fill: float) -> RejectedCandidate:
+    """Return why there is no ball where this share of a circle has its colour."""
+    return _rejected(circle, f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}")
 
 
 def most_score(radius_px: float) -> float:

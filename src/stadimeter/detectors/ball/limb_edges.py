@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -269,12 +270,12 @@ def _first_of_each(rows: int, length: int) -> Indices:
 def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     """Measure steps no wider than a sharp picture has them, from a few pixels about the steepest places."""
     spokes, length = codes.shape[:2]
-    near = np.minimum(np.maximum(steepest + NEAR, 0), length - 1)
+    near = _near(length).take(steepest, axis=1)
     near += _first_of_each(spokes, length)
     near_codes = codes.reshape(-1, 3).take(near, axis=0)
-    levels = LEVELS.dot(light.take(near_codes).reshape(len(NEAR), -1))
+    levels = LEVELS.dot(_lit(near_codes, light).reshape(len(NEAR), -1))
     way = levels[0]
-    if np.maximum.reduce(near_codes, axis=None) >= CLIPPED:
+    if near_codes.max() >= CLIPPED:
         way = way * (np.maximum.reduce(near_codes, axis=0) < CLIPPED).ravel()
     products = (levels * way).reshape(-1, 3).dot(CHANNELS).reshape(-1, spokes)
     rise, before, here, after = products[1:] / np.maximum(products[0], LEAST_LIGHT)
@@ -288,6 +289,12 @@ def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     return _Steps(at, width, (before > half) & (after <= half), way)
 
 
+@lru_cache(maxsize=64)
+def _near(length: int) -> Indices:
+    """Return the pixels beside each place of a spoke that are within it, a column for each place."""
+    return np.asarray(np.minimum(np.maximum(np.arange(length) + NEAR, 0), length - 1), np.intp)
+
+
 def _shade(rise: Profiles, width: Profiles) -> float:
     """Return by how much the level inside is brighter where it is read than at the limb, as a share of the step."""
     sharp = rise.compress(width < SHARP_PX)
@@ -297,9 +304,11 @@ def _shade(rise: Profiles, width: Profiles) -> float:
 def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     """Measure steps of any width: levels are read beyond their foot, found in a few rounds."""
     spoke, last = np.arange(len(codes)), codes.shape[1] - 1
-    lit = light.take(codes)
+    lit = _lit(codes, light)
     way = lit[spoke, np.maximum(steepest - 2, 0)] - lit[spoke, np.minimum(steepest + 2, last)]
-    way *= codes.max(axis=1) < CLIPPED
+    if codes.max() >= CLIPPED:
+        # Turned so that each place of all spokes lies in a row, numpy is twenty times as fast.
+        way *= np.maximum.reduce(np.ascontiguousarray(codes.swapaxes(0, 1)), axis=0) < CLIPPED
     squared = np.maximum((way * way).sum(axis=1), LEAST_LIGHT)
     share = np.matmul(lit, (way / squared[:, None])[:, :, None])[:, :, 0]
     fall = np.maximum((share[spoke, steepest - 1] - share[spoke, steepest + 1]) / 2, 1e-3)
@@ -319,10 +328,21 @@ def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
 def _passes(share: Profiles, spoke: Indices, middle: Indices, half: Profiles) -> tuple[Profiles, Flags]:
     """Return where each spoke passes half way nearest to its middle, and whether it does."""
     above = share > half[:, None]
-    passes = above[:, :-1] & ~above[:, 1:]
-    distance = np.abs(np.arange(share.shape[1] - 1) + 0.5 - middle[:, None])
-    distance[~passes] = np.inf
-    before = np.argmin(distance, axis=1)
+    # From above to not above.
+    passes = above[:, :-1] > above[:, 1:]
+    before = (_nearness(share.shape[1]).take(middle, axis=0) * passes).argmax(axis=1)
     found = passes[spoke, before]
     upper, lower = share[spoke, before], share[spoke, before + 1]
     return before + (upper - half) / np.where(found, upper - lower, 1.0), found
+
+
+@lru_cache(maxsize=64)
+def _nearness(length: int) -> Profiles:
+    """Return how near the place half way to the next is to each place of a spoke, a row for each; all above zero."""
+    places = np.arange(length, dtype=np.float32)
+    return np.asarray(length - np.abs(places[:-1] + 0.5 - places[:, None]), np.float32)
+
+
+def _lit(codes: Image, light: Light) -> Profiles:
+    """Return the light of code values of any shape ``(…, 3)``; OpenCV looks it up faster than numpy."""
+    return np.asarray(cv2.LUT(codes, light), np.float32)
