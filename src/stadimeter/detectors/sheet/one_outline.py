@@ -29,6 +29,9 @@ from stadimeter.detectors.sheet.edges import (
     REACHES_PX,
     SMOOTH,
     QuadEdges,
+    corner_sigmas_px,
+    joined,
+    settle_edges,
 )
 from stadimeter.detectors.sheet.lines import BEND_SHARE, REACH_SHARE, bend
 from stadimeter.detectors.sides import CORNER_SHARE, LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA
@@ -50,6 +53,9 @@ LEAST_REACH_PX = 3
 
 USUAL_EDGE_PX = 2.6
 """Width of an edge before it is measured."""
+
+SETTLED_OFF_PX = 0.5
+"""How far from where they were measured closely sides may be, a standard deviation."""
 
 FAR_SIGMAS = 3.0
 """Sides are looked for within one standard deviation first, and within this many of them only if they are not there."""
@@ -80,6 +86,11 @@ class OutlineSides:
     codes_inside: NDArray[np.uint8]  # the two outermost pixels inside each step, ``(2, 4, n, 3)``
     reach_px: float  # how far across was looked
     rough: float  # how far beside the edges profiles usually are from level, as a share of the contrast
+
+    @property
+    def corner_sigma_px(self) -> float:
+        """Standard deviation of the coordinates of the corners."""
+        return float(corner_sigmas_px(self.scatter_px, self.steps, self.edge_px))
 
     def as_edges(self) -> QuadEdges:
         """Return them as candidates' sides, of one candidate."""
@@ -153,19 +164,23 @@ def measure_outline(
     return sides
 
 
-def measure_few(
+def measure_each(
     image: Image, outlines_px: Points, sigma_px: float, light: Light, lens: CameraModel | None = None
-) -> QuadEdges | None:
-    """Measure the sides of a few outlines, ``(c, 4, 2)``; None where one of them is not seen whole at once."""
-    every = []
-    for corners_px in outlines_px:
-        sides = measure_outline(image, corners_px, sigma_px, light, lens)
-        if sides is None or sides.support.min() < SUPPORTED:
-            return None
-        every.append(sides.as_edges())
-    if len(every) == 1:
-        return every[0]
-    return QuadEdges(**{name: np.concatenate([getattr(each, name) for each in every]) for name in QuadEdges.__slots__})
+) -> list[QuadEdges | None]:
+    """Measure the sides of a few outlines, ``(c, 4, 2)``, one by one; None for one that is not seen whole at once."""
+    every = (measure_outline(image, corners_px, sigma_px, light, lens) for corners_px in outlines_px)
+    return [None if sides is None or sides.support.min() < SUPPORTED else sides.as_edges() for sides in every]
+
+
+def settle_each(image: Image, edges: QuadEdges, light: Light, lens: CameraModel | None = None) -> QuadEdges:
+    """Measure the sides of candidates that were measured closely, until they stay."""
+    each = measure_each(image, edges.corners_px, SETTLED_OFF_PX, light, lens)
+    missing = [number for number, sides in enumerate(each) if sides is None]
+    if missing:
+        settled = settle_edges(image, edges[missing], light, lens)
+        for place, number in enumerate(missing):
+            each[number] = settled[[place]]
+    return joined([sides for sides in each if sides is not None])
 
 
 def _look(
