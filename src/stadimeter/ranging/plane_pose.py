@@ -310,18 +310,20 @@ def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
             each, shape ``(c, 4, 2)``.
         aspect: Width over height of the rectangle.
     """
-    size = np.abs(directions - directions.mean(axis=1, keepdims=True)).max(axis=(1, 2))
+    middle = np.add.reduce(directions, axis=1, keepdims=True) / 4
+    size = np.abs(directions - middle).max(axis=(1, 2), initial=0.0)
     step = np.maximum(STEP * size, 1e-12)
-    right_angle, ratio = _conditions(directions + _SHIFTS * step[:, None, None])
-    slopes = ((right_angle[1:] - right_angle[0]) / step, (ratio[1:] - ratio[0]) / step)
-    a, b, c = ((slopes[i] * slopes[j]).sum(axis=0) for i, j in ((0, 0), (0, 1), (1, 1)))
-    angle, tried = right_angle[0], (ratio[0] - np.log(aspect), ratio[0] + np.log(aspect))
     with np.errstate(all="ignore"):  # outlines that are no quadrilateral give NaN
+        conditions = _conditions(directions + _SHIFTS * step[:, None, None])
+        slopes = (conditions[:, 1:] - conditions[:, :1]) / step
+        (a, c), b = np.add.reduce(slopes * slopes, axis=1), np.add.reduce(slopes[0] * slopes[1], axis=0)
+        (angle, ratio), log_aspect = conditions[:, 0], math.log(aspect)
         determinant = a * c - b * b
         # The square of the shortest move of all coordinates that takes both conditions to 0, to first order.
-        move = np.minimum(*((c * angle**2 - 2 * b * angle * off + a * off**2) / determinant for off in tried))
-    square = np.where(np.isfinite(move), np.maximum(move, 0.0), np.inf) / COORDINATES
-    area = COORDINATES * math.pi * np.sqrt(np.maximum(np.nan_to_num(determinant), 0.0))
+        off = np.stack((ratio - log_aspect, ratio + log_aspect))
+        move = ((c * angle * angle + a * off * off - (2 * b * angle) * off) / determinant).min(axis=0)
+        square = np.where(np.isfinite(move), np.maximum(move, 0.0), np.inf) / COORDINATES
+        area = (COORDINATES * math.pi) * np.sqrt(np.where(determinant > 0, determinant, 0.0))
     return RectangleFit(misfit=np.sqrt(square), chance_per_square=area)
 
 
@@ -330,20 +332,19 @@ def seen_sides(directions: Points) -> tuple[float, float]:
 
     The cosine is not 0 for what is no rectangle; NaN for no quadrilateral.
     """
-    cosine, ratio = _conditions(directions[None])
-    return float(cosine[0]), math.exp(float(ratio[0]))
+    with np.errstate(all="ignore"):
+        cosine, ratio = _conditions(directions[None]).tolist()
+    return cosine[0], math.exp(ratio[0])
 
 
-def _conditions(corners: Points) -> tuple[Values, Values]:
-    """Return the cosine between both sides in space, and the logarithm of their ratio; 0 for a square."""
-    x, y = np.moveaxis(corners[..., 0], -1, 0), np.moveaxis(corners[..., 1], -1, 0)
-    dx1, dx2, sx = x[1] - x[2], x[3] - x[2], x[0] - x[1] + x[2] - x[3]
-    dy1, dy2, sy = y[1] - y[2], y[3] - y[2], y[0] - y[1] + y[2] - y[3]
-    with np.errstate(all="ignore"):  # outlines that are no quadrilateral give NaN
-        area = dx1 * dy2 - dx2 * dy1
-        g, h = (sx * dy2 - dx2 * sy) / area, (dx1 * sy - sx * dy1) / area
-        first = (x[1] - x[0] + g * x[1], y[1] - y[0] + g * y[1], g)
-        second = (x[3] - x[0] + h * x[3], y[3] - y[0] + h * y[3], h)
-        squares = sum(each * each for each in first), sum(each * each for each in second)
-        product = sum(one * other for one, other in zip(first, second, strict=True))
-        return product / np.sqrt(squares[0] * squares[1]), np.log(squares[0] / squares[1]) / 2
+def _conditions(corners: Points) -> Values:
+    """Return the cosine between both sides in space, and the logarithm of their ratio, 0 for a square: ``(2, …)``."""
+    p0, p1, p2, p3 = np.ascontiguousarray(corners.transpose(-2, -1, *range(corners.ndim - 2)))
+    d1, d2, total = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
+    across = d1[0] * d2[1] - d2[0] * d1[1]
+    g, h = (total[0] * d2[1] - d2[0] * total[1]) / across, (d1[0] * total[1] - total[0] * d1[1]) / across
+    first, second = p1 - p0 + g * p1, p3 - p0 + h * p3
+    one = first[0] * first[0] + first[1] * first[1] + g * g
+    other = second[0] * second[0] + second[1] * second[1] + h * h
+    product = first[0] * second[0] + first[1] * second[1] + g * h
+    return np.stack((product / np.sqrt(one * other), np.log(one / other) / 2))

@@ -313,7 +313,7 @@ class SheetSearch:
                 Candidate(
                     corners_px=edges.corners_px[number],
                     corner_sigma_px=math.hypot(sigmas[number], misfit_px),
-                    is_brighter=bool(np.median(edges.contrast[number]) >= 0),
+                    is_brighter=sum(sorted(edges.contrast[number].tolist())[1:3]) >= 0,
                     quality=float(quality[number]),
                     evidence=float(evidence[number]),
                 )
