@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.sampling import Light, in_light, median
 from stadimeter.detectors.sheet.lines import (
     QuadFrame,
     Values,
@@ -198,7 +198,7 @@ def _fit(image: Image, frame: QuadFrame, light: Light, free: NDArray[np.bool_] |
     difference = inside_codes - outside_codes
     most = np.abs(difference).max(axis=3)
     usual = median(most)
-    across, drop, rough = _steps(light[codes], *_means(light[levels]), frame, reach)
+    across, drop, rough = _steps(in_light(codes, light), *_means(in_light(levels, light)), frame, reach)
     worth = np.minimum(most / np.maximum(usual, 1.0), 1.0) / (1 + (rough / np.maximum(median(rough), SMOOTH)) ** 2)
     worth = worth * ((drop > LEAST_DROP) & (most > LEAST_LEVELS))
     lines = fit_lines(frame, across, worth.astype(np.float64))
@@ -234,7 +234,7 @@ def _profiles(image: Image, frame: QuadFrame) -> NDArray[np.uint8]:
     middle = (frame.pixel * apart + frame.along * (width + 1 - apart)).astype(np.int64)
     offsets = np.minimum(np.maximum(np.arange(-reach, reach + 1), -frame.reach), frame.reach)
     places = middle[..., None] + ((apart * frame.outward) * offsets)[:, :, None, :]
-    return np.asarray(image.reshape(-1, image.shape[2])[places], np.uint8)
+    return image.reshape(-1, image.shape[2]).take(places, axis=0)
 
 
 def _steps(

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.sampling import Light, in_light, median
 from stadimeter.detectors.sheet.edges import (
     CLEAR_PX,
     LEAST_DROP,
@@ -305,8 +304,7 @@ def _steps(frame: _Frame, contrasts: Profiles, light: Light) -> tuple[Values, Pr
     in which they differ: here the one in which both sides of a side of the outline differ on the whole.
     """
     codes = frame.codes
-    colours = np.asarray(cv2.LUT(codes.reshape(len(codes), -1), light)).reshape(codes.shape)
-    lights = (colours @ contrasts[:, :, None])[..., 0]
+    lights = (in_light(codes, light) @ contrasts[:, :, None])[..., 0]
     inside, outside = lights[0] + lights[1], lights[-2] + lights[-1]
     contrast = inside - outside
     share = lights - (inside + outside) / 4

@@ -156,10 +156,10 @@ def _polygons(mask: Mask, smallest_side_px: float) -> list[Polygon]:
     if len(contours) > MOST_CONTOURS:
         return polygons
     for contour in contours:
-        if len(contour) < 4:
+        if len(contour) < 4 or cv2.contourArea(contour) < least_px2:
             continue
         _, _, width, height = cv2.boundingRect(contour)
-        if width < least_px or height < least_px or cv2.contourArea(contour) < least_px2:
+        if width < least_px or height < least_px:
             continue
         polygon = cv2.approxPolyDP(contour, TOLERANCE_PX, closed=True)
         if 4 <= len(polygon) <= MOST_PIECES:
