@@ -234,7 +234,7 @@ def _profiles(image: Image, frame: QuadFrame) -> NDArray[np.uint8]:
     middle = (frame.pixel * apart + frame.along * (width + 1 - apart)).astype(np.int64)
     offsets = np.minimum(np.maximum(np.arange(-reach, reach + 1), -frame.reach), frame.reach)
     places = middle[..., None] + ((apart * frame.outward) * offsets)[:, :, None, :]
-    return image.reshape(-1, image.shape[2]).take(places, axis=0)
+    return np.asarray(image.reshape(-1, image.shape[2]).take(places, axis=0), np.uint8)
 
 
 def _steps(
