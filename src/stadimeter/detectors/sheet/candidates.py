@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +67,16 @@ class Candidate:
         return x_px, y_px
 
 
+class Refused(NamedTuple):
+    """A candidate that failed a test; what is said of it is put into words when it is asked for."""
+
+    rank: float  # the more like the sheet, the more
+    stage: int
+    centre_px: tuple[float, float]
+    size_px: float
+    why: Callable[[], str]
+
+
 @dataclass(slots=True, kw_only=True)
 class Findings:
     """Result of a search."""
@@ -73,7 +85,7 @@ class Findings:
     kept: list[Candidate] = field(default_factory=list)
     # The largest outline that could be one and is cut off by the border, if there is no whole one.
     cut_off: Candidate | None = None
-    refused: list[tuple[float, int, RejectedCandidate]] = field(default_factory=list)
+    refused: list[Refused] = field(default_factory=list)
     outlines: int = 1  # how many outlines of four sides the picture shows at first sight
 
     @property
@@ -120,26 +132,28 @@ class Findings:
         for which in np.argsort(-ranks, kind="stable")[:REFUSED_OF_A_KIND].tolist():
             number = int(numbers[which])
             x_px, y_px = corners[number].mean(axis=0).tolist()
-            refused = RejectedCandidate(centre_px=(x_px, y_px), size_px=float(sizes[which]), reason=why(number))
-            self.refused.append((stage + float(ranks[which]), stage, refused))
+            rank = stage + float(ranks[which])
+            self.refused.append(Refused(rank, stage, (x_px, y_px), float(sizes[which]), partial(why, number)))
 
     def most_like_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""
-        return max((refused.size_px for _, at, refused in self.refused if at >= stage), default=0.0)
+        return max((each.size_px for each in self.refused if each.stage >= stage), default=0.0)
 
     def rejected(self) -> tuple[RejectedCandidate, ...]:
         """Return what was refused, the most like the sheet first, each place once."""
         best = self.best
         taken = None if self.doubt else best
         others = [each for each in self.kept if each is not taken]
-        every = [(KEPT_STAGE + each.evidence, KEPT_STAGE, _rejected(each)) for each in others]
+        every = [_refused(each) for each in others] + self.refused
         kept: list[RejectedCandidate] = []
         places = [] if taken is None else [taken.centre_px]
-        for _, _, each in sorted(every + self.refused, key=lambda item: (-item[0], -item[2].size_px)):
+        for each in sorted(every, key=lambda item: (-item.rank, -item.size_px)):
             if all(math.dist(each.centre_px, place) > 0.1 * each.size_px + 2 for place in places):
-                kept.append(each)
+                kept.append(RejectedCandidate(centre_px=each.centre_px, size_px=each.size_px, reason=each.why()))
                 places.append(each.centre_px)
-        return tuple(kept[:MOST_REFUSED])
+            if len(kept) == MOST_REFUSED:
+                break
+        return tuple(kept)
 
 
 def _score(candidate: Candidate) -> float:
@@ -150,11 +164,12 @@ def _differs(size_px: float, other_px: float) -> bool:
     return abs(math.log(size_px / other_px)) > RIVAL_LOG_SIZE
 
 
-def _rejected(candidate: Candidate) -> RejectedCandidate:
+def _refused(candidate: Candidate) -> Refused:
     reason = "fits too, but less well or smaller"
     if candidate.evidence < LEAST_EVIDENCE:
         reason = f"too little speaks for it: evidence {candidate.evidence:.1f}, limit {LEAST_EVIDENCE:.1f}"
-    return RejectedCandidate(centre_px=candidate.centre_px, size_px=candidate.longest_px, reason=reason)
+    rank = KEPT_STAGE + candidate.evidence
+    return Refused(rank, KEPT_STAGE, candidate.centre_px, candidate.longest_px, lambda: reason)
 
 
 Values = NDArray[np.float64]

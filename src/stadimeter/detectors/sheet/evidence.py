@@ -168,8 +168,9 @@ class Looks:
 
 def _shares_below(plane: Image) -> Values:
     """Return the share of pixels that are darker than each level, shape ``(257,)``."""
-    counts = np.bincount(plane.ravel(), minlength=256)
-    return np.concatenate(((0.0,), np.cumsum(counts) / max(plane.size, 1)))
+    some = plane[::2, ::2]
+    counts = np.bincount(some.ravel(), minlength=256)
+    return np.concatenate(((0.0,), np.cumsum(counts) / max(some.size, 1)))
 
 
 def _looked_up(shares: Values, levels: Values) -> Values:

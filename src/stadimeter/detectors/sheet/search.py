@@ -29,9 +29,9 @@ from stadimeter.detectors.sheet.candidates import (
 from stadimeter.detectors.sheet.edges import (
     QuadEdges,
     distinct_edges,
+    joined,
     measure_edges,
     measure_edges_closer,
-    settle_edges,
 )
 from stadimeter.detectors.sheet.evidence import (
     Looks,
@@ -41,12 +41,13 @@ from stadimeter.detectors.sheet.evidence import (
     sides_evidence,
     slack_share,
 )
-from stadimeter.detectors.sheet.one_outline import OutlineSides, measure_few
+from stadimeter.detectors.sheet.one_outline import measure_each, settle_each
 from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
     more_bright_masks,
+    not_seen_before,
     quick_masks,
     thorough_masks,
 )
@@ -118,14 +119,6 @@ LEAST_SHARE = 0.03
 """While the lens, or one side, is not known, what fits badly or is turned far away is not taken for the sheet; while
 the lens is not, neither is what is smaller than this share of the picture."""
 
-SIGMA_FACTOR = 2.0
-SIGMA_FLOOR_PX = 0.012
-SIGMA_BLUR = 0.02
-SHARP_EDGE_PX = 2.5
-"""The standard deviation of a corner's coordinates is ``hypot(2 s / sqrt(n), 0.012, 0.02 (e - 2.5))`` pixels, for sides
-of n steps that scatter by s and take e pixels from inside to outside. A line through n points is twice as unsure at its
-ends as in its middle. The last term is for what is beside a blurred edge and mixes into it."""
-
 MISFIT_FACTOR = 1.5
 """The stated standard deviation adds this multiple of the misfit: two of the eight coordinates are known beforehand,
 and where these are wrong the others are too. All of these were fitted on rendered sheets, on plain walls and on
@@ -165,6 +158,7 @@ class SheetSearch:
         looks = Looks(small, self._colour)
         findings = Findings()
         outlines = np.empty((0, 4, 2))
+        seen: set[tuple[float, ...]] = set()
         for masks in SEARCHES:
             smallest_px = max(self._min_side_px * scale / 2, LEAST_SEARCHED_PX)
             outlines = find_quadrilaterals(masks(small), smallest_px)
@@ -172,7 +166,8 @@ class SheetSearch:
             if masks is quick_masks:
                 findings.outlines = max(len(outlines), 1)
             on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))
-            self._judge(findings, outlines[~on_border.any(axis=1)], scale, expected, looks)
+            unseen = not_seen_before(outlines * scale, seen)
+            self._judge(findings, outlines[unseen & ~on_border.any(axis=1)], scale, expected, looks)
             if findings.best is not None and self._lens is not None and findings.best.evidence >= SURE_EVIDENCE:
                 break
         if findings.best is None:
@@ -184,15 +179,22 @@ class SheetSearch:
     ) -> None:
         """Put the candidates through all tests."""
         shaped = self._of_the_shape(findings, outlines)
-        fitting = self._fitting(findings, shaped, START_OFF_PX / scale)[:MOST_LOOKED_AT]
-        if not len(fitting):
-            return
-        edges = None
-        if len(fitting) <= FEW:
-            edges = measure_few(self._image, fitting, START_OFF_PX / scale, self._light, self._bent)
-        edges = self._settled(findings, fitting, scale) if edges is None else distinct_edges(edges)
+        # A single outline is measured before it is compared with the sheet: it will be compared again once it is.
+        edges = self._at_once(shaped, scale) if len(shaped) == 1 else None
+        if edges is None:
+            fitting = self._fitting(findings, shaped, START_OFF_PX / scale)[:MOST_LOOKED_AT]
+            if not len(fitting):
+                return
+            edges = self._at_once(fitting, scale) if len(shaped) > 1 and len(fitting) <= FEW else None
+            edges = self._settled(findings, fitting, scale) if edges is None else edges
         if len(edges):
             self._choose(findings, edges, scale, expected, looks)
+
+    def _at_once(self, outlines: Points, scale: float) -> QuadEdges | None:
+        """Measure the sides of a few candidates one by one; None where one of them is not seen whole at once."""
+        each = measure_each(self._image, outlines, START_OFF_PX / scale, self._light, self._bent)
+        whole = [edges for edges in each if edges is not None]
+        return distinct_edges(joined(whole)) if len(whole) == len(outlines) else None
 
     def _settled(self, findings: Findings, outlines: Points, scale: float) -> QuadEdges:
         """Measure the sides of many candidates, ever more closely, and ever fewer of them."""
@@ -201,7 +203,7 @@ class SheetSearch:
         if len(edges):
             edges = measure_edges_closer(self._image, edges, self._light, self._bent)
             edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MOST_SETTLED]
-        return distinct_edges(settle_edges(self._image, edges, self._light, self._bent)) if len(edges) else edges
+        return distinct_edges(settle_each(self._image, edges, self._light, self._bent)) if len(edges) else edges
 
     def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
         """Return the outlines that the sheet may have, whatever their sides look like."""
@@ -258,25 +260,25 @@ class SheetSearch:
         edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
         findings.refuse(2, edges.corners_px, ~straight, lambda i: straight_text(edges, i, FIRST_SUPPORT))
-        share = self._shape.fit(edges.corners_px).misfit_px / self._misfit_limits(edges, off_px)
-        near = share < 1
+        misfit_px, limits = self._shape.fit(edges.corners_px).misfit_px, self._misfit_limits(edges, off_px)
+        near = misfit_px < limits
         findings.refuse(
             3,
             edges.corners_px,
             straight & ~near,
-            lambda i: self._misfit_text(edges[[i]], off_px) + self._other_text(edges.corners_px[i]),
-            2 / np.maximum(share, 1.0),
+            lambda i: self._misfit_text(misfit_px[i], limits[i], edges.corners_px[i]),
+            2 * limits / np.maximum(misfit_px, limits),
         )
         return edges[straight & near]
 
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
         # The search at half the size is rough, so a sheet that is no exact rectangle either may be off by the sum.
         slack_px = self._slack * longest_sides_px(edges.corners_px)
-        return np.maximum(off_px, MISFIT_SIGMAS * corner_sigmas_px(edges)) + SLACK_SIGMAS * slack_px
+        return np.maximum(off_px, MISFIT_SIGMAS * edges.corner_sigmas_px) + SLACK_SIGMAS * slack_px
 
-    def _misfit_text(self, edges: QuadEdges, off_px: float = 0.0) -> str:
-        misfit_px, limit = self._shape.fit(edges.corners_px).misfit_px[0], self._misfit_limits(edges, off_px)[0]
-        return f"corners {misfit_px:.2f} px from those of the sheet, limit {limit:.2f} px"
+    def _misfit_text(self, misfit_px: float, limit_px: float, corners: Points) -> str:
+        text = f"corners {misfit_px:.2f} px from those of the sheet, limit {limit_px:.2f} px"
+        return text + self._other_text(corners)
 
     def _other_text(self, corners: Points) -> str:
         other = other_paper(corners, self._size, self._lens)
@@ -286,14 +288,17 @@ class SheetSearch:
         self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None, looks: Looks
     ) -> None:
         """Put the candidates through the last tests, and keep those that may be the sheet."""
-        fit, sigmas, limits = self._shape.fit(edges.corners_px), corner_sigmas_px(edges), self._misfit_limits(edges)
+        fit, sigmas, limits = self._shape.fit(edges.corners_px), edges.corner_sigmas_px, self._misfit_limits(edges)
         quality, least_quality = self._qualities(edges, fit, limits), 0.0 if self._is_strict else LEAST_QUALITY
         evidence = self._evidence(findings, edges, fit, expected, looks)
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
         tests = (
             *_size_test(edges, expected),
             *side_tests(edges, self._min_side_px),
-            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]]) + self._other_text(edges.corners_px[i])),
+            (
+                fit.misfit_px <= limits,
+                lambda i: self._misfit_text(fit.misfit_px[i], limits[i], edges.corners_px[i]),
+            ),
             (
                 quality >= least_quality,
                 lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {least_quality:.2f}",
@@ -308,7 +313,7 @@ class SheetSearch:
                 Candidate(
                     corners_px=edges.corners_px[number],
                     corner_sigma_px=math.hypot(sigmas[number], misfit_px),
-                    is_brighter=bool(np.median(edges.contrast[number]) >= 0),
+                    is_brighter=sum(sorted(edges.contrast[number].tolist())[1:3]) >= 0,
                     quality=float(quality[number]),
                     evidence=float(evidence[number]),
                 )
@@ -320,7 +325,7 @@ class SheetSearch:
         """Return how much speaks for each candidate; without the lens all that is known is what must be there."""
         if self._lens is None:
             return np.full(len(edges), SURE_EVIDENCE)
-        sigmas, longest_px = corner_sigmas_px(edges), longest_sides_px(edges.corners_px)
+        sigmas, longest_px = edges.corner_sigmas_px, longest_sides_px(edges.corners_px)
         if self._is_strict:
             shape = shape_evidence(fit, sigmas, longest_px, self._size)
         else:
@@ -361,19 +366,11 @@ class SheetSearch:
             first = int(np.argmax(good))
             findings.cut_off = Candidate(
                 corners_px=edges.corners_px[first],
-                corner_sigma_px=float(corner_sigmas_px(edges)[first]),
+                corner_sigma_px=float(edges.corner_sigmas_px[first]),
                 is_brighter=bool(np.median(edges.contrast[first]) >= 0),
                 quality=float(edges.support[first].mean()) / 2,
                 evidence=float(evidence[first]),
             )
-
-
-def corner_sigmas_px(edges: QuadEdges | OutlineSides) -> Values:
-    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``; of one, ``()``."""
-    of_steps = SIGMA_FACTOR**2 * edges.scatter_px**2 / np.maximum(edges.steps, 1)
-    of_blur = (SIGMA_BLUR * np.maximum(edges.edge_px - SHARP_EDGE_PX, 0.0)) ** 2
-    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=-1) + SIGMA_FLOOR_PX**2)
-    return sigmas
 
 
 def _margin_px(scale: float) -> float:
