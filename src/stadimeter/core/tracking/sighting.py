@@ -9,7 +9,7 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
 
 LARGEST = 1e6
-"""No figure of a sighting is larger, in metres or radians: what is beyond is broken, and its square may be no number."""
+"""No figure of a sighting is larger, in metres or radians: what is beyond is broken, its square perhaps no number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
