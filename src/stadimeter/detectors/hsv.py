@@ -97,6 +97,11 @@ def parse_hsv_range(text: object) -> HsvRange:
     for (name, _), low, high in zip(CHANNELS[1:], lower[1:], upper[1:], strict=True):
         if low > high:
             raise ValueError(f"{text!r}: the lower {name} {low} is above the upper one {high}, so no colour fits")
+    if (lower[0], upper[0]) != (0, 179) and round(upper[1] * upper[2] / 255) < LEAST_CHROMA:
+        raise ValueError(
+            f"{text!r}: all that is at most so saturated and bright is grey, which has no hue, so no colour fits; "
+            f"raise the upper saturation {upper[1]} or the upper value {upper[2]}, or let every hue count, 0 to 179"
+        )
     return HsvRange(lower, upper)
 
 
