@@ -68,3 +68,13 @@ def test_of_another_size_than_expected_a_ball_is_searched_in_the_whole_picture(b
     expected = Prediction(centre_px=(450, 240), size_px=50.0, sigma_px=2.0)
     found = ball_detector().detect(draw.frame(draw.noise(picture)), expected)
     assert found.centre_px == pytest.approx((150, 240), abs=0.2)
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("half_px", [6.0, 10.0, 20.0])
+def test_a_square_of_its_colour_is_no_ball(ball_detector, draw, wall, half_px: float, turn_rad: float) -> None:
+    turns = turn_rad + math.pi / 2 * np.arange(4)
+    corners = np.column_stack([np.cos(turns), np.sin(turns)]) * (half_px * math.sqrt(2)) + CENTRE
+    square = draw.polygon(wall(), [(float(x), float(y)) for x, y in corners], RED)
+    found = ball_detector().detect(draw.frame(draw.noise(cv2.GaussianBlur(square, (0, 0), 0.8))))
+    assert found.status is DetectionStatus.NOT_FOUND
