@@ -87,7 +87,7 @@ LEAST_BLURRED_SHADE, MOST_BLURRED_SHADE = -0.1, 0.4
 GAP_PX, GAP_OF_WIDTH, MOST_GAP_PX = 0.7, 0.5, 10.7
 """Distance from a blurred step at which its levels are read: half its width, and what point spread adds."""
 
-MOST_ROUNDS, UNSHADED_ROUNDS = 4, 1
+MOST_ROUNDS, UNSHADED_ROUNDS = 4, 2
 """Greatest number of times that the levels of a blurred step are read, each time from further away; and of the first of
 them, in which a wide step would look like shade."""
 
