@@ -88,3 +88,13 @@ def test_a_ball_within_a_hoop_of_its_colour_is_found(ball_detector, draw, wall) 
     found = ball_detector().detect(draw.frame(draw.noise(picture)))
     assert found.centre_px == pytest.approx((300, 250), abs=0.3)
     assert found.width_px == pytest.approx(80, rel=0.01)
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("half_px", [6.0, 10.0, 20.0])
+def test_a_square_of_its_colour_is_no_ball(ball_detector, draw, wall, half_px: float, turn_rad: float) -> None:
+    turns = turn_rad + math.pi / 2 * np.arange(4)
+    corners = np.column_stack([np.cos(turns), np.sin(turns)]) * (half_px * math.sqrt(2)) + CENTRE
+    square = draw.polygon(wall(), [(float(x), float(y)) for x, y in corners], RED)
+    found = ball_detector().detect(draw.frame(draw.noise(cv2.GaussianBlur(square, (0, 0), 0.8))))
+    assert found.status is DetectionStatus.NOT_FOUND

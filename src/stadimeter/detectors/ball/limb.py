@@ -19,7 +19,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import Circle, most_common_circle
-from stadimeter.detectors.ball.colours import Odds, colour_odds
+from stadimeter.detectors.ball.colours import BallColours, ball_colours
 from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
 from stadimeter.ranging.sphere_cone import LEAST_RAYS, ConeFrame, SphereCone, with_ones
 
@@ -162,8 +162,8 @@ def _looked_by_colour(image: Image, best: Limb, within_px: float, lens: CameraMo
     """Return the best supported limb of the first one and those found by colour, and how much they differ."""
     limb, looks = best, [best]
     for _ in range(LOOKS_BY_COLOUR):
-        odds = colour_odds(image, limb.circle)
-        found = None if odds is None else _settled(image, limb.circle, within_px, lens, odds)
+        colours = ball_colours(image, limb.circle)
+        found = None if colours is None else _settled(image, limb.circle, within_px, lens, colours)
         if found is None:
             break
         limb, within_px = found, _near_px(found)
@@ -176,14 +176,14 @@ def _looked_by_colour(image: Image, best: Limb, within_px: float, lens: CameraMo
 
 
 def _settled(
-    image: Image, circle: Circle, within_px: float, lens: CameraModel, odds: Odds | None = None
+    image: Image, circle: Circle, within_px: float, lens: CameraModel, colours: BallColours | None = None
 ) -> Limb | None:
     """Fit the limb near a circle, then around where the fit put it, until the same steps are found."""
     # Invariant: the result does not depend on where the search began. So the spokes are laid again around each fit
     # until the part of the picture that they cover holds the whole of every step.
     limb, reach_px = None, within_px + BEYOND_PX
     for _ in range(MOST_LOOKS):
-        edges = limb_edges(image, circle, reach_px, within_px, lens, odds)
+        edges = limb_edges(image, circle, reach_px, within_px, lens, colours)
         limb = None if edges is None else _fitted(edges, circle, lens)
         if edges is None or limb is None:
             return None
