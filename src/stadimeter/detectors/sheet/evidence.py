@@ -76,7 +76,7 @@ LEAST_CONTRAST = 4.0
 counts."""
 
 RIVAL_SHARE = 0.45
-MOST_RIVALS = 10
+MOST_RIVALS = 6
 RIVAL_POWER = 1.5
 """What differs from its surroundings by this share of a candidate's contrast, on the mean of its sides, is its rival.
 A picture that shows many of them is of a place that holds many more, hence a power of their number above 1; but more
