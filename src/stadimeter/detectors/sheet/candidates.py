@@ -29,8 +29,10 @@ SURE_EVIDENCE = 2.5
 
 RIVAL_EVIDENCE = 1.5
 RIVAL_LOG_SIZE = 0.05
-"""Another candidate with at most so much less evidence may be the sheet just as well; its size makes a difference if
-the logarithms of both differ by more."""
+RIVAL_LOG_SIZE_A_LENGTH, MOST_LENGTHS = 0.05, 3.0
+"""Another candidate with at most so much less evidence may be the sheet just as well. It contradicts if the logarithms
+of both sizes differ by more than this, and by so much more for each length of the sheet that it is away, up to so many:
+of two strips of tape beside each other on a wall that is turned away, one is nearer, and both are right."""
 
 SAME_PX = 1.0
 
@@ -86,7 +88,6 @@ class Findings:
     # The largest outline that could be one and is cut off by the border, if there is no whole one.
     cut_off: Candidate | None = None
     refused: list[Refused] = field(default_factory=list)
-    outlines: int = 1  # how many outlines of four sides the picture shows at first sight
 
     @property
     def best(self) -> Candidate | None:
@@ -95,13 +96,30 @@ class Findings:
 
     @property
     def rival(self) -> Candidate | None:
-        """Another one that is about as much like the sheet, and would be at another distance; None if there is none."""
+        """Another one that is about as much like the sheet and contradicts; None if there is none."""
+        best = self.best
+        return (
+            None
+            if best is None
+            else max((each for each in self._alike if _contradict(each, best)), key=_score, default=None)
+        )
+
+    @property
+    def twin(self) -> Candidate | None:
+        """Another one that is about as much like the sheet, and about as far away; None if there is none."""
         best = self.best
         if best is None:
             return None
+        twins = (each for each in self._alike if not _contradict(each, best) and _apart(each, best) > 0.5)
+        return max(twins, key=_score, default=None)
+
+    @property
+    def _alike(self) -> list[Candidate]:
+        best = self.best
+        if best is None:
+            return []
         least = min(best.evidence, SURE_EVIDENCE) - RIVAL_EVIDENCE
-        others = (each for each in self.kept if each.evidence >= least and _differs(each.longest_px, best.longest_px))
-        return max(others, key=_score, default=None)
+        return [each for each in self.kept if each.evidence >= least and each is not best]
 
     @property
     def doubt(self) -> str | None:
@@ -160,8 +178,15 @@ def _score(candidate: Candidate) -> float:
     return candidate.score
 
 
-def _differs(size_px: float, other_px: float) -> bool:
-    return abs(math.log(size_px / other_px)) > RIVAL_LOG_SIZE
+def _contradict(one: Candidate, other: Candidate) -> bool:
+    """Return whether two candidates would be sheets at different distances."""
+    allowed = RIVAL_LOG_SIZE + RIVAL_LOG_SIZE_A_LENGTH * min(_apart(one, other), MOST_LENGTHS)
+    return abs(math.log(one.longest_px / other.longest_px)) > allowed
+
+
+def _apart(one: Candidate, other: Candidate) -> float:
+    """Return how many of their lengths lie between their centres."""
+    return math.dist(one.centre_px, other.centre_px) / max(one.longest_px, other.longest_px)
 
 
 def _refused(candidate: Candidate) -> Refused:

@@ -7,7 +7,7 @@ candidate being the sheet and not one of the other outlines of the picture, see 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
-from stadimeter.detectors.hsv import HsvRange
+from stadimeter.detectors.hsv import HsvRange, Mask
 from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
 from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
 from stadimeter.detectors.sheet.candidates import (
-    LEAST_EVIDENCE,
     SURE_EVIDENCE,
     Candidate,
     Findings,
@@ -71,8 +70,8 @@ SEARCH_LONG_SIDES_PX = (320, 800)
 
 LEAST_SEARCHED_PX = 5.0
 
-SEARCHES = (quick_masks, bright_masks, more_bright_masks, thorough_masks)
-"""One after the other, until the sheet is found beyond doubt."""
+LATER_SEARCHES = (bright_masks, more_bright_masks, thorough_masks)
+"""After the quick one, one after the other, until the sheet is found beyond doubt."""
 
 GREATEST_TILT_RAD = math.radians(70)
 """A sheet turned away further from the line of sight is not looked for: it appears at a third of its length."""
@@ -155,16 +154,16 @@ class SheetSearch:
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX
         small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
-        looks = Looks(small, self._colour)
+        looks = Looks(small, scale, region.left_top_px, self._colour)
         findings = Findings()
         outlines = np.empty((0, 4, 2))
         seen: set[tuple[float, ...]] = set()
-        for masks in SEARCHES:
+        for masks in (self._first_masks, *LATER_SEARCHES):
             smallest_px = max(self._min_side_px * scale / 2, LEAST_SEARCHED_PX)
             outlines = find_quadrilaterals(masks(small), smallest_px)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
-            if masks is quick_masks:
-                findings.outlines = max(len(outlines), 1)
+            if masks == self._first_masks:
+                looks.note_others(outlines)
             on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))
             unseen = not_seen_before(outlines * scale, seen)
             self._judge(findings, outlines[unseen & ~on_border.any(axis=1)], scale, expected, looks)
@@ -174,6 +173,11 @@ class SheetSearch:
             self._judge_cut_off(findings, outlines, on_border, scale, looks)
         return findings
 
+    def _first_masks(self, picture: Image) -> Iterator[tuple[Mask, float]]:
+        yield from quick_masks(picture)
+        if self._colour is not None:
+            yield self._colour.mask(picture), 0.0
+
     def _judge(
         self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None, looks: Looks
     ) -> None:
@@ -182,7 +186,7 @@ class SheetSearch:
         # A single outline is measured before it is compared with the sheet: it will be compared again once it is.
         edges = self._at_once(shaped, scale) if len(shaped) == 1 else None
         if edges is None:
-            fitting = self._fitting(findings, shaped, START_OFF_PX / scale)[:MOST_LOOKED_AT]
+            fitting = looks.clearest_first(self._fitting(findings, shaped, START_OFF_PX / scale))[:MOST_LOOKED_AT]
             if not len(fitting):
                 return
             edges = self._at_once(fitting, scale) if len(shaped) > 1 and len(fitting) <= FEW else None
@@ -290,7 +294,7 @@ class SheetSearch:
         """Put the candidates through the last tests, and keep those that may be the sheet."""
         fit, sigmas, limits = self._shape.fit(edges.corners_px), edges.corner_sigmas_px, self._misfit_limits(edges)
         quality, least_quality = self._qualities(edges, fit, limits), 0.0 if self._is_strict else LEAST_QUALITY
-        evidence = self._evidence(findings, edges, fit, expected, looks)
+        evidence = self._evidence(edges, fit, expected, looks)
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
         tests = (
             *_size_test(edges, expected),
@@ -319,9 +323,7 @@ class SheetSearch:
                 )
             )
 
-    def _evidence(
-        self, findings: Findings, edges: QuadEdges, fit: SheetFit, expected: Prediction | None, looks: Looks
-    ) -> Values:
+    def _evidence(self, edges: QuadEdges, fit: SheetFit, expected: Prediction | None, looks: Looks) -> Values:
         """Return how much speaks for each candidate; without the lens all that is known is what must be there."""
         if self._lens is None:
             return np.full(len(edges), SURE_EVIDENCE)
@@ -330,7 +332,7 @@ class SheetSearch:
             shape = shape_evidence(fit, sigmas, longest_px, self._size)
         else:
             shape = facing_evidence(edges.corners_px, np.hypot(sigmas, self._slack * longest_px))
-        evidence = shape + looks.evidence(edges.inside) + sides_evidence(edges) - math.log(findings.outlines)
+        evidence = shape + looks.evidence(edges.corners_px, edges.inside) + sides_evidence(edges)
         if expected is None:
             return evidence
         off = np.log(longest_px / expected.size_px) / EXPECTED_LOG_SIZE
@@ -355,13 +357,14 @@ class SheetSearch:
         if not len(outlines):
             return
         edges = measure_edges(self._image, outlines, 2.0 + 2.0 / scale, self._light, self._bent, free)
-        evidence = cut_off_evidence(edges.corners_px, free) + looks.evidence(edges.inside)
-        evidence = np.nan_to_num(evidence - math.log(findings.outlines), nan=-np.inf)
+        evidence = cut_off_evidence(edges.corners_px, free) + looks.evidence(edges.corners_px, edges.inside, free)
+        evidence = np.nan_to_num(evidence, nan=-np.inf)
         straight = np.where(free, 1.0, edges.support).min(axis=1) >= LEAST_CUT_SUPPORT
         clear = np.where(free, np.inf, edges.colour_contrast).min(axis=1) >= LEAST_CONTRAST
         even = np.where(free, 0.0, edges.unevenness).max(axis=1) <= even_limits(edges)
         larger = longest_sides_px(outlines) > findings.most_like_px(SERIOUS_STAGE)
-        good = straight & clear & even & larger & (evidence >= LEAST_EVIDENCE)
+        # Of its shape two angles are seen, so what is left must leave no doubt.
+        good = straight & clear & even & larger & (evidence >= SURE_EVIDENCE)
         if good.any():
             first = int(np.argmax(good))
             findings.cut_off = Candidate(
