@@ -138,7 +138,7 @@ def test_of_two_strips_on_a_wall_that_is_turned_away_one_is_measured(draw) -> No
     assert seen.status is DetectionStatus.FOUND, seen.reason
 
 
-@pytest.mark.parametrize("seed", [1, 3, 9, 12])
+@pytest.mark.parametrize("seed", [1, 3, 12, 15, 18])
 def test_tape_on_a_carpet_is_found_by_how_it_stands_out(seed: int) -> None:
     flat = hard_tape(seed, sizes_px=(36.0, 60.0), backdrop=TEXTURE, pairs=0.0)
     made = render(flat.scene)

@@ -23,7 +23,7 @@ MOST_REFUSED = 8
 REFUSED_OF_A_KIND = 3
 KEPT_STAGE = 16
 
-LEAST_EVIDENCE = 0.8
+LEAST_EVIDENCE = 1.2
 SURE_EVIDENCE = 2.5
 """Least evidence of what is taken for the sheet, and that beyond which no other one is looked for."""
 
