@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from stadimeter.cameras.image_files import PLUGIN, ImageFilesCamera, ImageFilesOptions
-from stadimeter.cameras.picture import read_picture
+from stadimeter.cameras.picture import load_picture
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
 from stadimeter.core.frame import Frame
 from stadimeter.errors import EndOfFramesError, PictureError
@@ -41,7 +41,7 @@ def test_files_come_in_the_order_given(tmp_path: Path) -> None:
 
 def test_the_picture_is_the_file_s(tmp_path: Path) -> None:
     frame = all_frames(camera_of(write_grey(tmp_path / "a.png", 123)))[0]
-    assert np.array_equal(frame.image, read_picture(tmp_path / "a.png"))
+    assert np.array_equal(frame.image, load_picture(tmp_path / "a.png").image)
 
 
 def test_a_pattern_and_a_folder_come_in_the_order_of_names(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stadimeter.cameras.picture import decode_whole_jpeg, read_picture
+from stadimeter.cameras.picture import decode_whole_jpeg, load_picture
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
 
@@ -39,7 +39,7 @@ def turned(jpeg: bytes, orientation: int) -> bytes:
 
 def refusal(path: Path) -> str:
     with pytest.raises(PictureError) as raised:
-        read_picture(path)
+        load_picture(path)
     message = str(raised.value)
     assert str(path) in message
     assert "\n" not in message
@@ -51,7 +51,7 @@ def refusal(path: Path) -> str:
 def test_a_picture_without_loss_comes_back_as_it_was(tmp_path: Path, scene: Image, suffix: str) -> None:
     path = tmp_path / f"scene{suffix}"
     path.write_bytes(encode(scene, suffix))
-    assert np.array_equal(read_picture(path), scene)
+    assert np.array_equal(load_picture(path).image, scene)
 
 
 @pytest.mark.vision
@@ -59,7 +59,7 @@ def test_a_picture_without_loss_comes_back_as_it_was(tmp_path: Path, scene: Imag
 def test_a_whole_file_is_read(tmp_path: Path, scene: Image, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(encode(scene, path.suffix, KINDS[name]))
-    assert np.abs(read_picture(path).astype(int) - scene).mean() < 3
+    assert np.abs(load_picture(path).image.astype(int) - scene).mean() < 3
 
 
 @pytest.mark.vision
@@ -97,7 +97,7 @@ def test_the_end_of_a_thumbnail_is_not_taken_for_the_end_of_the_picture(tmp_path
     thumbnail = encode(scene[::4, ::4], ".jpg")
     data = with_exif(encode(scene, ".jpg"), b"MM\0*" + struct.pack(">IH", 8, 0) + bytes(4) + thumbnail)
     path.write_bytes(data)
-    assert read_picture(path).shape == scene.shape
+    assert load_picture(path).image.shape == scene.shape
     path.write_bytes(data[: len(data) * 3 // 4])
     assert "cut short" in refusal(path)
 
@@ -106,7 +106,7 @@ def test_the_end_of_a_thumbnail_is_not_taken_for_the_end_of_the_picture(tmp_path
 def test_bytes_after_the_end_of_a_jpeg_do_no_harm(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "phone.jpg"
     path.write_bytes(encode(scene, ".jpg") + b"MotionPhoto\xff\x00" * 20)
-    assert read_picture(path).shape == scene.shape
+    assert load_picture(path).image.shape == scene.shape
 
 
 @pytest.mark.vision
@@ -115,7 +115,7 @@ def test_a_turned_camera_s_picture_is_turned_upright(tmp_path: Path, scene: Imag
     upright = tmp_path / "upright.jpg"
     upright.write_bytes(encode(scene, ".jpg"))
     path.write_bytes(turned(encode(scene, ".jpg"), orientation=6))
-    assert np.array_equal(read_picture(path), cv2.rotate(read_picture(upright), cv2.ROTATE_90_CLOCKWISE))
+    assert np.array_equal(load_picture(path).image, cv2.rotate(load_picture(upright).image, cv2.ROTATE_90_CLOCKWISE))
 
 
 @pytest.mark.vision
@@ -123,7 +123,7 @@ def test_grey_becomes_three_equal_channels(tmp_path: Path, scene: Image) -> None
     path = tmp_path / "grey.png"
     grey = scene[..., 1]
     path.write_bytes(encode(grey, ".png"))
-    assert np.array_equal(read_picture(path), np.dstack([grey] * 3))
+    assert np.array_equal(load_picture(path).image, np.dstack([grey] * 3))
 
 
 @pytest.mark.vision
@@ -134,14 +134,14 @@ def test_the_upper_8_of_16_bits_are_kept(tmp_path: Path, channels: int) -> None:
     deep = np.random.default_rng(1).integers(0, 65536, shape, dtype=np.uint16)
     path.write_bytes(encode(deep, ".png"))
     upper = np.asarray(deep >> 8, int).reshape(20, 30, channels)
-    assert np.abs(read_picture(path) - upper).max() <= 1
+    assert np.abs(load_picture(path).image - upper).max() <= 1
 
 
 @pytest.mark.vision
 def test_transparency_is_dropped(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "glass.png"
     path.write_bytes(encode(np.dstack([scene, np.full(scene.shape[:2], 77, np.uint8)]), ".png"))
-    assert np.array_equal(read_picture(path), scene)
+    assert np.array_equal(load_picture(path).image, scene)
 
 
 def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
@@ -194,7 +194,7 @@ def test_pictures_of_real_cameras_are_whole(real_pictures: Path, folder: str) ->
     paths = [path for path in (real_pictures / folder).rglob("*") if path.suffix.lower() in {".jpg", ".jpeg", ".png"}]
     assert paths
     for path in paths:
-        assert read_picture(path).ndim == 3
+        assert load_picture(path).image.ndim == 3
 
 
 def coded(scene: Image, quality: int = 85, interval: int = 0) -> bytes:

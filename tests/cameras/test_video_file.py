@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import os
 import shutil
 import struct
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -116,6 +118,20 @@ def test_a_video_whose_index_was_cut_off_is_refused(tmp_path: Path) -> None:
     path = write_ramp(tmp_path / "ramp.mp4")
     path.write_bytes(path.read_bytes()[:-200])
     assert "or it is damaged" in refusal(path)
+
+
+def test_nothing_but_our_own_error_is_printed_of_a_video_that_was_cut_off(tmp_path: Path) -> None:
+    path = write_ramp(tmp_path / "ramp.mp4")
+    path.write_bytes(path.read_bytes()[:-200])
+    opens = "import sys; from stadimeter.cameras.video_file import *; from stadimeter.testing.manual_clock import *\n"
+    opens += "try: VideoFileCamera(Path(sys.argv[1]), None, ManualClock()).open()\n"
+    opens += "except PictureError as error: print(error)"
+    environment = {name: text for name, text in os.environ.items() if name != "OPENCV_FFMPEG_LOGLEVEL"}
+    ran = subprocess.run(
+        [sys.executable, "-c", opens, path], env=environment, capture_output=True, text=True, check=True
+    )
+    assert "or it is damaged" in ran.stdout
+    assert ran.stderr == ""
 
 
 @pytest.mark.skipif(not shutil.which("ffmpeg"), reason="needs ffmpeg to move the index to the front")

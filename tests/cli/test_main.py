@@ -57,6 +57,12 @@ def test_a_run_loads_nothing_that_only_other_views_and_commands_need():
     assert among(loaded_by("import stadimeter.cli.run"), unused) == []
 
 
+def test_measuring_a_picture_loads_no_rules():
+    loaded = loaded_by("import stadimeter.cli.measure")
+    assert among(loaded, ["stadimeter.workbench.measuring"])
+    assert among(loaded, ["stadimeter.core.rule", "stadimeter.core.conditions", "stadimeter.app.capture"]) == []
+
+
 def test_built_in_drivers_are_found_without_reading_the_record_of_every_installed_package(monkeypatch):
     monkeypatch.setattr(plugins, "installed", lambda group: pytest.fail(f"looked for {group} everywhere"))
     assert plugins.load_plugin(plugins.CAMERAS, "images").options

@@ -181,7 +181,7 @@ def test_a_configuration_says_what_to_look_for_and_through_which_camera(pictures
         (("--sheet", "0in,8in"), "--sheet: '0in' is not a length above zero"),
         (("--sheet", "11in,nan in"), "--sheet: 'nan in' is not a number with a unit"),
         (("--sheet", "11,8.5"), "has no unit"),
-        (("--ball", "6.4 parsec", "--hsv", "1,2,3:4,5,6"), "unknown unit 'parsec'"),
+        (("--ball", "6.4 parsec", "--hsv", "1,2,3:4,255,255"), "unknown unit 'parsec'"),
         (("--ball", "6cm", "--hsv", "1,2,3:4,5,600"), "value 600 is outside 0 to 255"),
         ((), "nothing says what to look for"),
         (("--config", "missing.toml"), "missing.toml: there is no such file"),

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-import stadimeter.cli.measure as measure_command
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError
+from stadimeter.workbench import frame_source
 from stadimeter.workbench.frame_source import Source
 
 pytestmark = pytest.mark.vision
@@ -215,7 +215,7 @@ class Interrupted:
 
 def test_a_live_camera_goes_on_until_ctrl_c(camera, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = Interrupted(_scene({3: LEFT}))
-    monkeypatch.setattr(measure_command, "open_source", lambda _: Source(capture=capture, is_live=True))
+    monkeypatch.setattr(frame_source, "open_source", lambda _: Source(capture=capture, is_live=True))
     result = _run("--live", "opencv,device=0", *camera, *TAG, "--json")
     records = [json.loads(line) for line in result.stdout.splitlines()]
     assert [(each["frame"], each["time_s"], each["id"]) for each in records] == [(0, 0.0, 3), (1, 0.25, 3)]

@@ -48,7 +48,7 @@ def test_a_sheet_by_its_name(name: str, sides_m: tuple[float, float], unit: obje
 def test_the_smallest_side_that_is_accepted_is_an_option() -> None:
     assert _wanted(sheet="A4", min_side=8.0).choices[0].options.min_side_px == 8
     assert _wanted(tag="8cm", family="36h11", min_side=12.0).choices[0].options.min_side_px == 12
-    assert _wanted(sheet="A4").choices[0].options.min_side_px == 14
+    assert _wanted(sheet="A4").choices[0].options.min_side_px == 8
 
 
 def test_a_named_target_may_have_its_size_by_name() -> None:

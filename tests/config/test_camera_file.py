@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model, save_camera_model
-from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
 from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import ConfigError
 
@@ -52,6 +53,17 @@ def test_what_was_saved_is_read_back_to_the_last_bit(file: Path) -> None:
     assert load_camera_model(file) == MODEL
 
 
+@pytest.mark.parametrize(
+    ("stated", "sigma_px"), [("", 0.1), ("edge_bias_px = 0.2", 0.1), ("edge_bias_sigma_px = 0", 0.0)]
+)
+def test_a_file_that_does_not_say_how_well_its_edge_bias_is_known_is_not_sure_of_it(
+    file: Path, stated: str, sigma_px: float
+) -> None:
+    file.write_text(f"{WRITTEN}{stated}\n")
+    assert load_camera_model(file).edge_bias_sigma_px == sigma_px
+    assert camera_model_from_table(tomllib.loads(WRITTEN)).edge_bias_sigma_px == 0.0
+
+
 @given(
     focal=st.floats(13, 6e6),
     centre=st.floats(-1e6, 1e6),
@@ -89,7 +101,10 @@ def test_a_person_can_read_it(file: Path) -> None:
 
 def test_a_short_file_has_square_pixels_and_the_axis_in_the_middle(file: Path) -> None:
     file.write_text(WRITTEN, encoding="utf-8")
-    assert load_camera_model(file) == CameraModel.with_focal_length(600.0, 640, 480)
+    unknown = UNKNOWN_EDGE_BIAS_SIGMA_PX
+    assert load_camera_model(file) == replace(
+        CameraModel.with_focal_length(600.0, 640, 480), edge_bias_sigma_px=unknown
+    )
 
 
 @pytest.mark.parametrize(

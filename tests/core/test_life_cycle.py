@@ -155,3 +155,18 @@ def seen_at(*distances_m, sigma_m):
     run = Rehearsal(Plan(targets=("ball",)), frame_s=1 / 30)
     run.see(*distances_m, sigma_m=sigma_m)
     return run
+
+
+@pytest.mark.parametrize(("by", "most"), [(0.03, 1.66), (0.06, 1.75), (0.1, 2.1)])
+def test_an_error_towards_the_camera_counts_for_little_more_than_one_away_from_it(by, most):
+    """The stated noise grows with the square of the measured distance, so what seems near seems sure."""
+    settled, settings = new_track("box"), Tracking()
+    for number in range(1, 61):
+        seen_m = 8.0 + 0.2 * (-1) ** number
+        settled = step(settled, measured("box", number / 15, seen_m, 0.006 * seen_m**2), number / 15, settings)
+
+    def share(seen_m):
+        pulled = step(settled, measured("box", 61 / 15, seen_m, 0.006 * seen_m**2), 61 / 15, settings)
+        return (pulled.track.distance_m - settled.track.distance_m) / (seen_m - settled.track.distance_m)
+
+    assert share(8.0 / (1 + by)) < most * share(8.0 / (1 - by))

@@ -68,3 +68,33 @@ def test_of_another_size_than_expected_a_ball_is_searched_in_the_whole_picture(b
     expected = Prediction(centre_px=(450, 240), size_px=50.0, sigma_px=2.0)
     found = ball_detector().detect(draw.frame(draw.noise(picture)), expected)
     assert found.centre_px == pytest.approx((150, 240), abs=0.2)
+
+
+def _hoop(image: Image, bgr: tuple[int, int, int]) -> Image:
+    drawn = image.copy()
+    cv2.circle(drawn, (320, 240), 120, bgr, 6, cv2.LINE_AA)
+    return drawn
+
+
+def test_a_hoop_is_no_ball_since_most_of_it_has_another_colour(ball_detector, draw, wall) -> None:
+    found = ball_detector().detect(draw.frame(draw.noise(_hoop(wall(), RED))))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert "has the ball's colour on 1" in found.reason
+    assert found.reason.endswith("limit 30%")
+
+
+def test_a_ball_within_a_hoop_of_its_colour_is_found(ball_detector, draw, wall) -> None:
+    picture = draw.disc(_hoop(wall(), RED), (300, 250), 40, RED)
+    found = ball_detector().detect(draw.frame(draw.noise(picture)))
+    assert found.centre_px == pytest.approx((300, 250), abs=0.3)
+    assert found.width_px == pytest.approx(80, rel=0.01)
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("half_px", [6.0, 10.0, 20.0])
+def test_a_square_of_its_colour_is_no_ball(ball_detector, draw, wall, half_px: float, turn_rad: float) -> None:
+    turns = turn_rad + math.pi / 2 * np.arange(4)
+    corners = np.column_stack([np.cos(turns), np.sin(turns)]) * (half_px * math.sqrt(2)) + CENTRE
+    square = draw.polygon(wall(), [(float(x), float(y)) for x, y in corners], RED)
+    found = ball_detector().detect(draw.frame(draw.noise(cv2.GaussianBlur(square, (0, 0), 0.8))))
+    assert found.status is DetectionStatus.NOT_FOUND

@@ -182,6 +182,11 @@ def test_a_disc_that_is_partly_hidden_is_measured_by_the_rest(shape: np.ndarray)
     assert found.width_px == pytest.approx(larger, abs=0.25)
 
 
+def test_a_disc_that_is_partly_hidden_is_less_sure_than_its_edges_are() -> None:
+    whole, bitten = seen(picture(ellipse(50, 50))), seen(picture(HIDDEN["a bite"]))
+    assert bitten.size_sigma_px > 1.5 * whole.size_sigma_px
+
+
 @pytest.mark.parametrize(("shade", "is_found"), [("bright", True), ("dark", False), ("any", True)])
 def test_the_shade_that_is_asked_for_is_taken(shade: str, is_found: bool) -> None:
     image = picture(ellipse(40, 30))

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from stadimeter.detectors.hsv import HsvRange, parse_hsv_range
@@ -71,6 +71,8 @@ def test_a_range_of_dark_colours_keeps_what_is_saturated() -> None:
         ("29,-1,6:64,255,255", "saturation -1 is outside 0 to 255"),
         ("29,86,6:64,255,256", "value 256 is outside 0 to 255"),
         ("29,86,6:64,20,255", "the lower saturation 86 is above the upper one 20, so no colour fits"),
+        ("29,0,0:64,255,7", "raise the upper saturation 255 or the upper value 7, or let every hue count, 0 to 179"),
+        ("29,0,0:64,40,40", "grey, which has no hue, so no colour fits"),
         ("²,86,6:64,255,255", "hue '²' is not a whole number"),
     ],
 )
@@ -88,4 +90,30 @@ def test_what_is_written_is_read_again(lower: tuple[int, int, int], upper: tuple
         (lower[0], min(lower[1], upper[1]), min(lower[2], upper[2])),
         (upper[0], max(lower[1], upper[1]), max(lower[2], upper[2])),
     )
+    assume(one.upper[1] * one.upper[2] >= 8 * 255)
     assert parse_hsv_range(str(one)) == one
+
+
+@given(
+    part=st.tuples(*[st.integers(1, 40)] * 2), corner=st.tuples(*[st.integers(0, 200)] * 2), seed=st.integers(0, 1000)
+)
+def test_a_part_of_a_picture_has_the_mask_that_it_has_in_the_whole(
+    part: tuple[int, int], corner: tuple[int, int], seed: int
+) -> None:
+    image = np.random.default_rng(seed).integers(0, 256, (300, 240, 3), dtype=np.uint8)
+    rows, columns = (slice(first, first + size) for first, size in zip(corner, part, strict=True))
+    green = parse_hsv_range("29,86,6:64,255,255")
+    assert np.array_equal(green.mask(image[rows, columns]), green.mask(image)[rows, columns])
+
+
+@given(saturation=st.integers(0, 255), value=st.integers(0, 255))
+def test_no_pixel_has_a_hue_in_a_range_that_is_refused(saturation: int, value: int) -> None:
+    value_of, grey = np.mgrid[:256, :256].astype(np.uint8)
+    greens = np.stack((np.minimum(grey, value_of), value_of, np.minimum(grey, value_of)), axis=-1)
+    upper = (160, saturation, value)
+    try:
+        parse_hsv_range(str(HsvRange((20, 0, 0), upper)))
+    except ValueError:
+        assert not HsvRange((20, 0, 0), upper).mask(greens).any()
+    else:
+        assert saturation * value > 1900

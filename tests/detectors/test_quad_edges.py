@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +10,13 @@ from hypothesis import strategies as st
 
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet.edges import measure_edges, settle_edges
-from stadimeter.detectors.sheet.quadrilaterals import find_quadrilaterals, quick_masks, thorough_masks
+from stadimeter.detectors.sheet.one_outline import SUPPORTED, measure_each, settle_each
+from stadimeter.detectors.sheet.quadrilaterals import (
+    find_quadrilaterals,
+    not_seen_before,
+    quick_masks,
+    thorough_masks,
+)
 from support.scenes.draw import sheet_scene
 from support.scenes.render import render
 
@@ -61,3 +68,29 @@ def test_something_that_touches_the_sheet_does_not_hide_its_outline() -> None:
     outlines = find_quadrilaterals([(mask, 0.0)], 10.0)
     wanted = np.array(((80, 50), (219, 50), (219, 149), (80, 149)))
     assert np.abs(outlines - wanted).max(axis=(1, 2)).min() < 2
+
+
+def test_one_by_one_candidates_settle_where_they_do_together() -> None:
+    starts = np.stack((CORNERS + 1.0, CORNERS - 0.5))
+    close = measure_edges(MADE.image, starts, 6.0, LIGHT)
+    together, alone = (settle(MADE.image, close, LIGHT) for settle in (settle_edges, settle_each))
+    assert alone.corners_px == pytest.approx(together.corners_px, abs=0.02)
+    assert alone.colour_contrast == pytest.approx(together.colour_contrast, rel=0.05)
+
+
+def test_a_side_half_hidden_is_left_to_the_more_thorough_search() -> None:
+    middle = CORNERS[:2].mean(axis=0)
+    left, right = np.add(middle, (-17, -12)), np.add(middle, (17, -12))
+    finger = np.array((left, right, CORNERS.mean(axis=0)))
+    hidden = np.asarray(cv2.fillPoly(MADE.image.copy(), [np.rint(finger).astype(np.int32)], (20, 60, 200)))
+    assert measure_each(hidden, CORNERS[None], 1.0, LIGHT) == [None]
+    settled = settle_each(hidden, measure_edges(hidden, CORNERS[None], 6.0, LIGHT), LIGHT)
+    assert np.abs(settled.corners_px[0] - CORNERS).max() < 0.2
+    assert settled.support.min() < SUPPORTED
+
+
+def test_an_outline_counts_as_seen_before_to_a_pixel() -> None:
+    seen: set[tuple[float, ...]] = set()
+    corners = np.round(np.stack((CORNERS, CORNERS + 5.0)))
+    assert not_seen_before(corners, seen).all()
+    assert not_seen_before(np.stack((corners[1] + 0.3, corners[1] + 2.0)), seen).tolist() == [False, True]

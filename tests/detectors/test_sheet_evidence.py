@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -14,9 +15,10 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.detectors.sheet.candidates import SheetFit
-from stadimeter.detectors.sheet.evidence import shape_evidence
+from stadimeter.detectors.sheet.evidence import Looks, shape_evidence
 from stadimeter.ranging.flat import SheetShape
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene
+from support.scenes.hard_flats import TEXTURE, hard_tape
 from support.scenes.render import render
 
 pytestmark = pytest.mark.vision
@@ -101,6 +103,68 @@ def test_of_sheets_beyond_doubt_the_largest_is_taken_with_a_remark(draw, wall) -
     seen = found(draw.polygon(picture, card((430, 300), 80), WHITE))
     assert seen.centre_px == pytest.approx((180, 150), abs=0.5)
     assert seen.reason == "the largest of several sheets; another one is 80 px long at (430, 300)"
+
+
+STRIP_M = np.array((2, 5.5)) * 0.0254
+LIT = (130, 245, 150)
+
+
+def two_strips(draw, depths_m: tuple[float, float], lean_deg: float = 0.0) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return a picture of strips of tape before the dark, 8 inches of dark between them, and their corners."""
+    picture, outlines = np.full((480, 640, 3), (24, 20, 22), np.uint8), []
+    for side, depth_m in zip((-1, 1), depths_m, strict=True):
+        lean = math.radians(side * lean_deg)
+        turn = np.array(((math.cos(lean), -math.sin(lean)), (math.sin(lean), math.cos(lean))))
+        place_m = (SQUARE * STRIP_M / 2) @ turn.T + (side * 5 * 0.0254, 0)
+        outlines.append(place_m * CAMERA.fx_px / depth_m + (318.3, 240.6))
+        picture = draw.polygon(picture, outlines[-1], LIT)
+    return draw.noise(picture), outlines
+
+
+@pytest.mark.parametrize("feet", [2, 3, 5, 7, 9])
+@pytest.mark.parametrize("lean_deg", [0.0, 14.5])
+@pytest.mark.parametrize("least", [{}, {"min_side_px": 8}])
+def test_of_two_strips_of_tape_beside_each_other_one_is_measured(draw, feet: int, lean_deg: float, least) -> None:
+    image, outlines = two_strips(draw, (feet * 0.3048, feet * 0.3048), lean_deg)
+    detector = SheetDetector("tape", SheetOptions.model_validate({"width": "2 in", "height": "5.5 in", **least}))
+    seen = detector.detect(Frame(image, 0.0, 0), lens=CAMERA)
+    assert seen.status is DetectionStatus.FOUND, seen.reason
+    assert min(np.abs(seen.outline_px.mean(axis=0) - each.mean(axis=0)).max() for each in outlines) < 0.5
+    assert "several fit alike" in seen.reason
+
+
+def test_of_two_strips_on_a_wall_that_is_turned_away_one_is_measured(draw) -> None:
+    seen = found(two_strips(draw, (1.17, 1.27))[0], width="2 in", height="5.5 in")
+    assert seen.status is DetectionStatus.FOUND, seen.reason
+
+
+@pytest.mark.parametrize("seed", [1, 3, 12, 15, 18])
+def test_tape_on_a_carpet_is_found_by_how_it_stands_out(seed: int) -> None:
+    flat = hard_tape(seed, sizes_px=(36.0, 60.0), backdrop=TEXTURE, pairs=0.0)
+    made = render(flat.scene)
+    seen = found(made.image, width=f"{flat.width_m} m", height=f"{flat.height_m} m", tolerance="0.7 mm")
+    assert seen.status is DetectionStatus.FOUND, seen.reason
+    assert np.abs(seen.outline_px.mean(axis=0) - made.truth.outline_px.mean(axis=0)).max() < 2
+
+
+def test_a_white_card_before_a_pale_wall_is_found_though_the_wall_has_its_colour(draw) -> None:
+    wall = np.full((480, 640, 3), (168, 172, 175), np.uint8)
+    seen = found(draw.noise(draw.polygon(wall, card((330.3, 210.7), 40, CUT_MM), WHITE)), hsv=WHITES)
+    assert seen.status is DetectionStatus.FOUND, seen.reason
+
+
+@given(levels=st.integers(20, 110), more=st.integers(5, 100))
+def test_the_more_an_outline_stands_out_the_more_speaks_for_it(levels: int, more: int) -> None:
+    corners = card((60, 60), 40)[None]
+
+    def evidence(contrast: int) -> float:
+        picture = np.full((120, 120, 3), 40, np.uint8)
+        picture[45:76, 40:81] += np.uint8(contrast)
+        looks = Looks(picture, 1.0, np.zeros(2), None)
+        looks.note_others(corners)
+        return float(looks.evidence(corners, np.full((1, 4, 3), 40.0 + contrast))[0])
+
+    assert evidence(min(levels + more, 200)) > evidence(levels)
 
 
 @pytest.mark.parametrize("bias_px", [3.6, 7.0, 7.4, 100.0, -7.0])

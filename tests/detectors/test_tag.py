@@ -389,3 +389,17 @@ def test_so_many_wrong_cells_are_accepted_as_leave_no_doubt_whatever_the_version
     """Six tenths of what a family could correct: half of the least distance that its authors state, rounded down."""
     accepted = {name: tag_family(name).most_errors for name in ("apriltag-16h5", "apriltag-36h11", "aruco-mip-36h12")}
     assert accepted == {"apriltag-16h5": 1, "apriltag-36h11": 3, "aruco-mip-36h12": 3}
+
+
+@pytest.mark.parametrize("bow_px", [0.6, -1.5, 3.0])
+def test_a_tag_with_a_bent_side_owns_up_to_it(bow_px: float) -> None:
+    """The upper side is bowed between its corners, which stay, as if the paper curled there."""
+    flat = pasted((3, 260, 180, 120))
+    down, along = np.mgrid[:480, :640].astype(np.float32)
+    from_middle, below = (along - 319.5) / 60, (down - 179.5) / 120
+    moved = bow_px * np.clip(1 - from_middle**2, 0, 1) * np.clip(1 - np.abs(below), 0, 1)
+    bent = cv2.remap(flat, along, down + moved, cv2.INTER_CUBIC)
+    straight_side, bent_side = seen(flat), seen(bent)
+    assert bent_side.size_sigma_px > 5 * straight_side.size_sigma_px
+    off_px = abs(math.sqrt(bent_side.width_px * bent_side.height_px) - 120)
+    assert 0.3 * bent_side.size_sigma_px < off_px < 2.5 * bent_side.size_sigma_px

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.cameras.picture import read_picture
+from stadimeter.cameras.picture import load_picture
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.errors import PictureError
 
@@ -163,10 +163,10 @@ def test_a_picture_that_asks_for_too_much_is_refused_or_harmless(tmp_path: Path,
     path = tmp_path / "bomb.png"
     PICTURES[kind](path)
     if kind == "remarks":  # they are left out
-        assert read_picture(path).shape == (4, 4, 3)
+        assert load_picture(path).image.shape == (4, 4, 3)
         return
     with pytest.raises(PictureError, match=r"bomb\.png"):
-        read_picture(path)
+        load_picture(path)
 
 
 @pytest.mark.long

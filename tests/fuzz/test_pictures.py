@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.cameras.picture import read_picture
+from stadimeter.cameras.picture import load_picture
 from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
 from stadimeter.errors import PictureError
 from stadimeter.workbench.calibration.calibrating import read_lens_settings
@@ -50,7 +50,7 @@ def fuzz(file: Path, mutate: Callable[..., bytes], flip: Callable[..., bytes], s
     for _ in range(count):
         file.write_bytes(rng.choice((mutate, flip))(rng, sound))
         try:
-            image = read_picture(file)
+            image = load_picture(file).image
         except PictureError as error:
             assert str(file) in str(error)  # noqa: PT017
         else:
@@ -63,7 +63,7 @@ def fuzz(file: Path, mutate: Callable[..., bytes], flip: Callable[..., bytes], s
 @pytest.mark.parametrize("name", KINDS)
 def test_a_sound_picture_of_each_kind_is_read(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(encoded(name))
-    assert read_picture(tmp_path / name).shape == (24, 32, 3)
+    assert load_picture(tmp_path / name).image.shape == (24, 32, 3)
 
 
 @pytest.mark.vision

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from stadimeter.ranging.plane_pose import (
-    PlanePose,
+    RectanglePose,
     ambiguity,
     distance_share,
     doubt_share,
@@ -74,7 +73,7 @@ def test_of_a_sheet_that_faces_the_camera_half_the_variance_of_its_tilt_is_state
     """To first order a small tilt changes no distance; to second order the sheet looks nearer, by half its square."""
     rng = np.random.default_rng(1)
     exact = directions_of(Pose(position_m=(0.0, 0.0, 0.6)))
-    normals = np.array([plane_poses(A4, exact + rng.normal(0, SIGMA, (4, 2)))[0].rotation[:2, 2] for _ in range(400)])
+    normals = np.array([plane_poses(A4, exact + rng.normal(0, SIGMA, (4, 2)))[0].normal[:2] for _ in range(400)])
     # Of σ² = (first s)² + (second s²)² the second part is what grows faster than the corners' own error s.
     shares = [distance_share(plane_poses(A4, exact)[0], A4, times * SIGMA) for times in (1, 100)]
     second = math.sqrt((shares[1] ** 2 - 1e4 * shares[0] ** 2) / (1e8 - 1e4))
@@ -85,26 +84,29 @@ def test_the_uncertainty_is_that_of_the_differences_that_shifts_and_turns_make()
     """The same propagation with derivatives by differences, of a sheet far off the optical axis and turned away."""
     pose = plane_poses(A4, directions_of(Pose(position_m=(0.6, -0.5, 1.0), tilt_rad=0.7, roll_rad=0.4)))[0]
 
+    rotation = np.array((pose.right, pose.up, pose.normal)).T
+    place = np.array(pose.position_m)
+
     def seen(change: np.ndarray) -> np.ndarray:
-        turned = (A4 @ pose.rotation.T) @ cv2.Rodrigues(change[:3])[0].T + pose.position_m + change[3:]
+        turned = (A4 @ rotation.T) @ cv2.Rodrigues(change[:3])[0].T + place + change[3:]
         return (turned[:, :2] / turned[:, 2:]).ravel()
 
     steps = 1e-6 * np.eye(6)
     jacobian = np.column_stack([(seen(step) - seen(-step)) / 2e-6 for step in steps])
     covariance = np.linalg.inv(jacobian.T @ jacobian) * SIGMA**2
-    outwards = pose.position_m / pose.distance_m
+    outwards = place / pose.distance_m
     along = math.sqrt(outwards @ covariance[3:, 3:] @ outwards) / pose.distance_m
-    tilts = np.diag(pose.rotation.T @ covariance[:3, :3] @ pose.rotation)[:2]
+    tilts = np.diag(rotation.T @ covariance[:3, :3] @ rotation)[:2]
     assert distance_share(pose, A4, SIGMA) == pytest.approx(math.hypot(along, tilts.max() / 2), rel=1e-6)
 
 
 def test_the_doubt_is_the_difference_in_distance_weighted_with_the_other_poses_probability() -> None:
-    best = PlanePose(position_m=np.array((0.0, 0.0, 2.0)), rotation=np.eye(3), misfit=1e-4)
-    other = PlanePose(position_m=np.array((0.0, 0.0, 2.1)), rotation=np.eye(3), misfit=2e-4)
+    best = RectanglePose((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 2.0), misfit=1e-4)
+    other = best._replace(position_m=(0.0, 0.0, 2.1), misfit=2e-4)
     # Eight coordinates: the other one is worse by 8 · (2² - 1²) = 24 squares of a standard deviation of 1e-4.
     probability = 1 / (1 + math.exp(24 / 2))
     assert doubt_share((best, other), 1e-4) == pytest.approx(math.sqrt(probability) * 0.05)
-    assert doubt_share((best, replace(other, misfit=1e-4)), 1e-4) == pytest.approx(math.sqrt(0.5) * 0.05)
+    assert doubt_share((best, other._replace(misfit=1e-4)), 1e-4) == pytest.approx(math.sqrt(0.5) * 0.05)
     assert doubt_share((best,), 1e-4) == 0
 
 

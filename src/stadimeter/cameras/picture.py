@@ -38,11 +38,6 @@ class Picture:
     subsampling: Subsampling  # how coarsely the file stores colour
 
 
-def read_picture(path: Path | str) -> Image:
-    """Return the pixels of `load_picture`."""
-    return load_picture(path).image
-
-
 def load_picture(path: Path | str) -> Picture:
     """Read a picture as 8 bits a channel, blue first, shape ``(height, width, 3)``.
 

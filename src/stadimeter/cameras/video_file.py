@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +22,9 @@ from stadimeter.errors import EndOfFramesError, PictureError
 
 SANE_RATES_HZ = (0.01, 1000.0)
 """A frame rate outside this range in a video's header is a mistake of the program that wrote it."""
+
+FFMPEG_LOG = ("OPENCV_FFMPEG_LOGLEVEL", "-8")
+"""Read by OpenCV as it opens its first video. FFmpeg then prints nothing beside the errors that are raised here."""
 
 ENOUGH_OF_THE_FRAMES = 0.9
 """A video that ends before this part of the frames it announces is damaged. Headers may be a few frames out."""
@@ -51,6 +55,7 @@ class VideoFileCamera(RecordedCamera):
     def _begin(self) -> float:
         if is_picture(check_file(self._path, "video")):
             raise PictureError(f"{self._path} is a picture, not a video; the camera for it is 'images'")
+        os.environ.setdefault(*FFMPEG_LOG)
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
             capture.release()

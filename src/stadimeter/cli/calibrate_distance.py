@@ -176,10 +176,6 @@ def _tell_the_worst(made: Calibration) -> None:
         )
 
 
-def _sigmas_off(picture: FocalLength) -> float:
-    return abs(picture.residual_share or 0.0) / picture.relative_sigma
-
-
 def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:
     if made.one_distance:
         why = "all pictures are at one distance, where it looks like another focal length"

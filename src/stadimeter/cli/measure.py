@@ -25,7 +25,6 @@ from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
 from stadimeter.workbench.annotation import annotate, write_picture
 from stadimeter.workbench.colour_profile import profile_notes
-from stadimeter.workbench.frame_source import open_source
 from stadimeter.workbench.measuring import Measuring, PictureResult, failed, measure_picture
 
 if TYPE_CHECKING:
@@ -248,6 +247,8 @@ class _Work:
 
     def frames(self, choice: DriverChoice, name: str) -> int:
         """Measure the frames of a video or a camera until they end or Ctrl-C; 0 if any shows all targets."""
+        from stadimeter.workbench.frame_source import open_source  # noqa: PLC0415 - loads the rules; pictures need none
+
         source = open_source(choice)
         seen, code = 0, NOT_FOUND
         try:

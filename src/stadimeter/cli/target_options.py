@@ -69,7 +69,7 @@ MinSideOption = Annotated[
     typer.Option(
         "--min-side",
         metavar="PIXELS",
-        help="Accept sheets and tags whose shorter side is at least this long in the picture; 14 and 16 pixels unless "
+        help="Accept sheets and tags whose shorter side is at least this long in the picture; 8 and 16 pixels unless "
         "you say so. Smaller ones are less certain, which the ± tells.",
     ),
 ]

@@ -15,7 +15,7 @@ from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
-from stadimeter.core.camera_model import CameraModel, Provenance, ToneCurve
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance, ToneCurve
 from stadimeter.core.frame import Subsampling
 from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
 from stadimeter.errors import CalibrationError, ConfigError, Problem
@@ -67,7 +67,8 @@ class CameraTable(BaseModel):
     edge_bias_px: Annotated[float, Field(ge=-MOST_EDGE_BIAS_PX, le=MOST_EDGE_BIAS_PX, strict=True)] = 0.0
     """How far outwards each edge of a bright target is measured."""
     edge_bias_sigma_px: Annotated[float, Field(ge=0, le=MOST_EDGE_BIAS_PX, strict=True)] = 0.0
-    """Its standard deviation: about 0.1 for a camera of whose tone curve and sharpening nothing is known."""
+    """Its standard deviation: 0.1 for a camera of whose tone curve and sharpening nothing is known. Where it is not
+    stated it is that in a camera file, and 0 in a table of a configuration, which is for worlds and their cameras."""
     focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
     """Standard deviation of the focal length, as a share of it."""
     lens_sigmas: tuple[SigmaOfParameter, ...] = ()
@@ -119,13 +120,13 @@ def camera_model_from_table(table: Mapping[str, Any]) -> CameraModel:
 
 
 def load_camera_model(path: Path) -> CameraModel:
-    """Read a camera file.
+    """Read a camera file. One that does not say how well its edge bias is known is not sure of it.
 
     Raises:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
     """
     source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=HOW_TO_MAKE_ONE)
-    return _model(source.table, str(path), source.spans)
+    return _model({"edge_bias_sigma_px": UNKNOWN_EDGE_BIAS_SIGMA_PX, **source.table}, str(path), source.spans)
 
 
 def save_camera_model(path: Path, model: CameraModel) -> None:

@@ -31,6 +31,10 @@ MORE_OF_DARK, LEAST_OF_DARK = 1.1, 4
 LEAST_TOLD_APART = 64
 """Among fewer pixels there is nothing to tell apart."""
 
+FEW_PIXELS = 1 << 16
+"""So many are converted as one row, which saves OpenCV what it spends on each: two thirds at 80 by 60. More may be
+spread over several threads, by rows."""
+
 EXAMPLE = "29,86,6:64,255,255"
 
 
@@ -52,7 +56,7 @@ class HsvRange:
 
         A pixel that is all but grey has no hue, so it counts only where every hue does.
         """
-        hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
+        hsv = _hsv(image)
         if (self.lower[0], self.upper[0]) == (0, 179):
             return _between(hsv, self.lower, self.upper)
         least_value = math.ceil(LEAST_CHROMA * 255 / max(self.lower[1], 1))
@@ -97,6 +101,11 @@ def parse_hsv_range(text: object) -> HsvRange:
     for (name, _), low, high in zip(CHANNELS[1:], lower[1:], upper[1:], strict=True):
         if low > high:
             raise ValueError(f"{text!r}: the lower {name} {low} is above the upper one {high}, so no colour fits")
+    if (lower[0], upper[0]) != (0, 179) and round(upper[1] * upper[2] / 255) < LEAST_CHROMA:
+        raise ValueError(
+            f"{text!r}: all that is at most so saturated and bright is grey, which has no hue, so no colour fits; "
+            f"raise the upper saturation {upper[1]} or the upper value {upper[2]}, or let every hue count, 0 to 179"
+        )
     return HsvRange(lower, upper)
 
 
@@ -115,6 +124,13 @@ def _parse_limit(limit: str, text: str) -> tuple[int, int, int]:
             raise ValueError(f"{text!r}: {name} {number} is outside 0 to {most}")
         numbers.append(int(number))
     return numbers[0], numbers[1], numbers[2]
+
+
+def _hsv(image: Image) -> cv2.typing.MatLike:
+    """Return hue, saturation and value of each pixel."""
+    if image.size > 3 * FEW_PIXELS:
+        return cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
+    return cv2.cvtColor(image.reshape(1, -1, 3), cv2.COLOR_BGR2HSV).reshape(image.shape)
 
 
 def _has_hue(hsv: cv2.typing.MatLike) -> cv2.typing.MatLike:

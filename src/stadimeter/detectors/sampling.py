@@ -88,6 +88,11 @@ def light_table(tone_curve: ToneCurve) -> Light:
     return table
 
 
+def in_light(codes: NDArray[np.uint8], light: Light) -> Samples:
+    """Return the light of code values of any shape; quicker than indexing with them."""
+    return np.asarray(cv2.LUT(codes.reshape(len(codes), -1), light), np.float32).reshape(codes.shape)
+
+
 def median(rows: NDArray[Real]) -> NDArray[Real]:
     """Return the (upper) median along the last axis, which stays with length 1; much faster than numpy's for few."""
     half = rows.shape[-1] // 2

@@ -72,8 +72,11 @@ def areas(corners: Points) -> Values:
 
 def polygon_area(corners: Points) -> float:
     """Return the area of a polygon, shape ``(n, 2)``, in the square of its unit by the shoelace formula."""
-    x, y = corners[:, 0], corners[:, 1]
-    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+    points = corners.tolist()
+    doubled = 0.0
+    for (ax, ay), (bx, by) in zip(points, (*points[1:], points[0]), strict=True):
+        doubled += ax * by - ay * bx
+    return 0.5 * abs(doubled)
 
 
 def side_lengths(corners: Points) -> tuple[float, float, float, float]:
@@ -102,9 +105,9 @@ def diagonals_meet(corners: Points) -> tuple[float, float]:
 
 def grown(corners: Points, by_px: float | Values) -> Points:
     """Move the sides of convex outlines, clockwise on the screen, ``(k, 4, 2)``, outwards; all alike or each apart."""
-    after = np.roll(corners, -1, axis=1) - corners
-    along = after / np.maximum(np.linalg.norm(after, axis=2, keepdims=True), 1e-9)
-    back = -np.roll(along, 1, axis=1)
+    after = corners[:, [1, 2, 3, 0]] - corners
+    along = after / np.maximum(np.hypot(after[..., 0], after[..., 1]), 1e-9)[..., None]
+    back = -along[:, [3, 0, 1, 2]]
     sine = np.abs(back[:, :, 0] * along[:, :, 1] - back[:, :, 1] * along[:, :, 0])
     moves_px = np.reshape(by_px, (-1, 1)) / np.maximum(sine, 0.2)
     return np.asarray(corners - (along + back) * moves_px[:, :, None])

@@ -62,8 +62,9 @@ class BallShape:
         apparent = (detection.width_px / camera.fx_px + detection.height_px / camera.fy_px) / 2
         noise_share = size_noise_share(detection, camera, apparent)
         centre = camera.direction(*detection.centre_px)
-        cone = None
-        if detection.measured_with != camera and len(detection.outline_px):
+        cone, lens = None, detection.measured_with
+        # Mostly it is the same object, which takes no look at what is in it.
+        if lens is not camera and lens != camera and len(detection.outline_px):
             cone = fit_cone(camera.directions(detection.outline_px), centre)
         if cone is None:
             depth_m = self._depth_m(apparent)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points
@@ -12,12 +13,14 @@ from stadimeter.core.target import Reading
 from stadimeter.ranging.circle_pose import circle_poses, cone_through
 from stadimeter.ranging.plane_pose import (
     COORDINATES,
-    PlanePose,
+    RectanglePose,
     ambiguity,
     distance_share,
     doubt_share,
+    nearest_pose,
     plane_poses,
     rectangle,
+    rectangle_poses,
 )
 from stadimeter.ranging.similar_triangles import read_by_one_length, size_noise_share
 
@@ -27,7 +30,7 @@ NO_IDEA = 1.0
 """The ambiguity of every disc: its outline fits two mirrored poses equally well."""
 
 CLOSER = 1e-9
-"""Poses are ordered by misfit; of two that fit to rounding, the one as the sheet hangs comes first."""
+"""Poses are ordered by how likely they are; of two that are so to rounding, the one as the sheet hangs comes first."""
 
 CONTENDER = 10.0
 """How a sheet hangs is decided before its pose is refined, where the other way is this many times as far off."""
@@ -154,16 +157,17 @@ class SheetShape(_Flat):
         has_pose = self.known_side == "auto" and len(detection.outline_px) == 4
         # A side is the difference of two corners, so each of these errs by its share of the square root of two.
         corner_sigma = detection.size_sigma_px / math.sqrt(2 * camera.fx_px * camera.fy_px)
-        poses = sheet_poses(camera.directions(detection.outline_px), self, corner_sigma) if has_pose else ()
+        hung = sheet_poses(camera.directions(detection.outline_px), self, corner_sigma) if has_pose else []
         bias_share = _edge_bias_share(detection, camera)
-        if not poses:
-            return _with_bias(read_by_one_length(detection, camera, size_m, apparent), bias_share)
-        best, corners_m = poses[0]
-        noise_share = distance_share(best, corners_m, corner_sigma)
+        if not hung:
+            return replace(read_by_one_length(detection, camera, size_m, apparent), systematic_share=bias_share)
+        best = hung[0]
+        corners_m = rectangle(best.width_m, best.height_m)
+        noise_share = distance_share(best.pose, corners_m, corner_sigma)
         if not math.isfinite(noise_share):
             noise_share = size_noise_share(detection, camera, apparent)
-        every = tuple(pose for pose, _ in poses)
-        return _with_bias(_of_pose(every, _doubt_share(every, corner_sigma), noise_share), bias_share)
+        every = tuple([each.pose for each in hung])
+        return _of_pose(every, math.hypot(_doubt_share(hung), bias_share), noise_share)
 
     def _one_side(self, width: float, height: float) -> tuple[float, float]:
         """Return the side that the distance is computed from, in metres and as it appears per unit of depth.
@@ -191,41 +195,54 @@ def _edge_bias_share(detection: Detection, camera: CameraModel) -> float:
     )
 
 
-def _with_bias(reading: Reading, bias_share: float) -> Reading:
-    return replace(reading, systematic_share=math.hypot(reading.systematic_share, bias_share))
+class HungSheet(NamedTuple):
+    """A pose that a sheet may have."""
+
+    pose: RectanglePose
+    width_m: float  # its side across the picture
+    height_m: float
+    unlikely: float  # the negative logarithm of its probability, but for a constant
 
 
-def sheet_poses(directions: Points, size: SheetShape, corner_sigma: float) -> tuple[tuple[PlanePose, Points], ...]:
+def sheet_poses(directions: Points, size: SheetShape, corner_sigma: float) -> list[HungSheet]:
     """Return the poses that a sheet may have, with its width across the picture or down it, the likeliest first.
 
-    With them come the corners in the sheet's frame, shape ``(4, 3)``. None where the corners are not those of a
-    rectangle in front of the camera. ``directions`` are where its corners appear, x and y per unit of depth with the
-    lens's distortion undone, clockwise in the picture, shape ``(4, 2)``; ``corner_sigma`` is their standard deviation.
+    None where the corners are not those of a rectangle in front of the camera. ``directions`` are where its corners
+    appear, x and y per unit of depth with the lens's distortion undone, clockwise in the picture, shape ``(4, 2)``;
+    ``corner_sigma`` is their standard deviation.
     """
-    found: list[tuple[PlanePose, Points]] = []
-    contender = math.inf
+    seen = directions.tolist()
+    ways = []
     for width_m, height_m in dict.fromkeys(((size.width_m, size.height_m), (size.height_m, size.width_m))):
-        corners_m = rectangle(width_m, height_m)
-        found += [(pose, corners_m) for pose in plane_poses(corners_m, directions, contender=contender)]
-        contender = CONTENDER * max(found[0][0].misfit, corner_sigma, CLOSER) if found else math.inf
-    found.sort(key=lambda each: round(_unlikely(each[0], corner_sigma) / CLOSER))
-    return tuple(found)
+        poses = rectangle_poses(width_m / 2, height_m / 2, seen)
+        if poses:
+            ways.append((poses, width_m, height_m))
+    ways.sort(key=lambda way: way[0][0].misfit)
+    found, contender = [], math.inf
+    for poses, width_m, height_m in ways:
+        if poses[0].misfit <= contender:
+            poses[0] = nearest_pose(poses[0], rectangle(width_m, height_m).tolist(), seen)
+        contender = min(contender, CONTENDER * max(poses[0].misfit, corner_sigma, CLOSER))
+        found += [HungSheet(pose, width_m, height_m, _unlikely(pose, corner_sigma)) for pose in poses]
+    # Of what is equal but for rounding, the one as the sheet hangs comes first.
+    as_it_hangs = size.width_m
+    found.sort(key=lambda each: (round(each.unlikely / CLOSER), each.width_m != as_it_hangs))
+    return found
 
 
-def _unlikely(pose: PlanePose, corner_sigma: float) -> float:
+def _unlikely(pose: RectanglePose, corner_sigma: float) -> float:
     """Return the negative logarithm of a pose's probability: corners err normally, tilts are spread about facing."""
     misfits = COORDINATES * (pose.misfit / max(corner_sigma, CLOSER)) ** 2
     return (misfits + (pose.tilt_rad / _USUAL_TILT_RAD) ** 2) / 2
 
 
-def _doubt_share(poses: tuple[PlanePose, ...], corner_sigma: float) -> float:
-    """Return the standard deviation of the distance, as a share, because another pose may be the true one."""
-    best = poses[0]
-    least = _unlikely(best, corner_sigma)
+def _doubt_share(hung: Sequence[HungSheet]) -> float:
+    """Return the standard deviation of the distance, as a share, because another pose than the first may be true."""
+    best_m, least = hung[0].pose.distance_m, hung[0].unlikely
     share = 0.0
-    for other in poses[1:]:
-        probability = 1 / (1 + math.exp(min(_unlikely(other, corner_sigma) - least, 700.0)))
-        share += math.sqrt(probability) * abs(other.distance_m / best.distance_m - 1)
+    for other in hung[1:]:
+        probability = 1 / (1 + math.exp(min(other.unlikely - least, 700.0)))
+        share += math.sqrt(probability) * abs(other.pose.distance_m / best_m - 1)
     return share
 
 
@@ -276,7 +293,7 @@ class TagShape(_Flat):
         return _of_pose(poses, doubt_share(poses, noise_share * apparent / math.sqrt(2)), noise_share)
 
 
-def tag_poses(directions: Points, size: TagShape) -> tuple[PlanePose, ...]:
+def tag_poses(directions: Points, size: TagShape) -> tuple[RectanglePose, ...]:
     """Return the two poses that a tag may have, the one that explains its corners best first.
 
     They are fewer where the corners are not those of a square in front of the camera. ``directions`` are where its
@@ -285,12 +302,11 @@ def tag_poses(directions: Points, size: TagShape) -> tuple[PlanePose, ...]:
     return plane_poses(rectangle(size.side_m, size.side_m), directions)
 
 
-def _of_pose(poses: tuple[PlanePose, ...], doubt: float, noise_share: float) -> Reading:
+def _of_pose(poses: tuple[RectanglePose, ...], doubt: float, noise_share: float) -> Reading:
     """Return the reading of the best of some poses; the doubt which of them is true counts as systematic."""
     best = poses[0]
-    x_m, y_m, z_m = best.position_m.tolist()
     return Reading(
-        position_m=(x_m, y_m, z_m),
+        position_m=best.position_m,
         noise_share=noise_share,
         systematic_share=doubt,
         tilt_rad=best.tilt_rad,

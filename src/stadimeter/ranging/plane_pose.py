@@ -49,10 +49,27 @@ class RectanglePose(NamedTuple):
 
     right: Vector  # its x axis, towards its right, in the camera frame: x right, y down, z forward
     up: Vector  # its y axis, towards its top
-    position_m: Vector
+    position_m: Vector  # its centre in the camera frame
     # How far the corners appear from where the pose has them, root mean square of their coordinates, per unit
     # of depth.
     misfit: float
+
+    @property
+    def normal(self) -> Vector:
+        """Its z axis, towards who looks at its front."""
+        (a, b, c), (d, e, f) = self.right, self.up
+        return b * f - c * e, c * d - a * f, a * e - b * d
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the straight line from the camera to the centre."""
+        return math.hypot(*self.position_m)
+
+    @property
+    def tilt_rad(self) -> float:
+        """Angle between the normal and the line of sight, 0 for face on."""
+        (a, b, c), (x, y, z) = self.normal, self.position_m
+        return math.acos(min(abs(a * x + b * y + c * z) / self.distance_m, 1.0))
 
 
 class _Middle(NamedTuple):
@@ -155,13 +172,18 @@ def _turns(middle: _Middle) -> list[tuple[Vector, Vector]]:
 
 def _placed(right: Vector, up: Vector, half_width_m: float, half_height_m: float, seen: Seen) -> RectanglePose | None:
     """Return the pose with the position that explains the corners best: linear least squares (ibid., section 5.4)."""
-    w, h = half_width_m, half_height_m
-    corners = ((-w, h), (w, h), (w, -h), (-w, -h))
+    ax, ay, az = right[0] * half_width_m, right[1] * half_width_m, right[2] * half_width_m
+    bx, by, bz = up[0] * half_height_m, up[1] * half_height_m, up[2] * half_height_m
+    # The corners as seen from the centre: two, and their opposites.
+    corners = (
+        (bx - ax, by - ay, bz - az),
+        (ax + bx, ay + by, az + bz),
+        (ax - bx, ay - by, az - bz),
+        (-ax - bx, -ay - by, -az - bz),
+    )
     sum_x = sum_y = squares = first = second = third = 0.0
-    for (a, b), (x, y) in zip(corners, seen, strict=True):
-        depth = a * right[2] + b * up[2]
-        off_x = x * depth - a * right[0] - b * up[0]
-        off_y = y * depth - a * right[1] - b * up[1]
+    for (across, down, depth), (x, y) in zip(corners, seen, strict=True):
+        off_x, off_y = x * depth - across, y * depth - down
         sum_x += x
         sum_y += y
         squares += x * x + y * y
@@ -174,32 +196,15 @@ def _placed(right: Vector, up: Vector, half_width_m: float, half_height_m: float
     if not spread > 0:
         return None
     z_m = ((sum_x * first + sum_y * second) / 4 - third) / spread
-    position_m = ((first + sum_x * z_m) / 4, (second + sum_y * z_m) / 4, z_m)
-    missed = misfit(right, up, position_m, corners, seen)
-    return RectanglePose(right, up, position_m, missed) if math.isfinite(missed) else None
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PlanePose:
-    """A pose of something flat."""
-
-    position_m: Points  # its centre in the camera frame, shape ``(3,)``: x right, y down, z forward
-    # Its axes in the camera frame as columns, shape ``(3, 3)``: x towards its right, y towards its top.
-    rotation: NDArray[np.float64]
-    # How far the corners appear from where the pose has them, root mean square of their coordinates, per unit
-    # of depth.
-    misfit: float
-
-    @property
-    def distance_m(self) -> float:
-        """Length of the straight line from the camera to the centre."""
-        return math.hypot(*self.position_m.tolist())
-
-    @property
-    def tilt_rad(self) -> float:
-        """Angle between the normal and the line of sight, 0 for face on."""
-        along_sight = float(self.rotation[:, 2] @ self.position_m) / self.distance_m
-        return math.acos(min(abs(along_sight), 1.0))
+    x_m, y_m = (first + sum_x * z_m) / 4, (second + sum_y * z_m) / 4
+    missed = 0.0
+    for (across, down, depth), (x, y) in zip(corners, seen, strict=True):
+        if not depth + z_m > 0:
+            return None
+        nearness = 1 / (depth + z_m)
+        miss_x, miss_y = x - (across + x_m) * nearness, y - (down + y_m) * nearness
+        missed += miss_x * miss_x + miss_y * miss_y
+    return RectanglePose(right, up, (x_m, y_m, z_m), math.sqrt(missed / COORDINATES))
 
 
 def rectangle(width_m: float, height_m: float) -> Points:
@@ -207,7 +212,7 @@ def rectangle(width_m: float, height_m: float) -> Points:
     return SQUARE * (width_m, height_m, 0.0)
 
 
-def plane_poses(corners_m: Points, directions: Points, *, contender: float = math.inf) -> tuple[PlanePose, ...]:
+def plane_poses(corners_m: Points, directions: Points) -> tuple[RectanglePose, ...]:
     """Return the two poses that a rectangle may have, the better one first; fewer if the corners are not those of one.
 
     The better one is refined by least squares. The other one is not, since from near by that would lead to the better
@@ -216,24 +221,23 @@ def plane_poses(corners_m: Points, directions: Points, *, contender: float = mat
     Args:
         corners_m: Its corners in its own frame, as `rectangle` gives them, shape ``(4, 3)``.
         directions: Where they appear, x and y per unit of depth with the lens's distortion undone, shape ``(4, 2)``.
-        contender: What is further off than this before it is refined is not: it is no contender.
     """
     half_width_m, half_height_m = float(corners_m[1, 0]), float(corners_m[0, 1])
     seen = directions.tolist()
     found = rectangle_poses(half_width_m, half_height_m, seen)
-    if found and found[0].misfit <= contender:
-        found[0] = _refined(found[0], corners_m.tolist(), seen)
-    return tuple([_as_arrays(pose) for pose in found])
+    if found:
+        found[0] = nearest_pose(found[0], corners_m.tolist(), seen)
+    return tuple(found)
 
 
-def ambiguity(poses: tuple[PlanePose, ...]) -> float:
+def ambiguity(poses: tuple[RectanglePose, ...]) -> float:
     """Return the best pose's misfit as a share of the other one's: 0 for certain, 1 for no idea which one it is."""
     if len(poses) < 2:
         return 0.0
     return poses[0].misfit / poses[1].misfit if poses[1].misfit > 0 else 1.0
 
 
-def doubt_share(poses: tuple[PlanePose, ...], corner_sigma: float) -> float:
+def doubt_share(poses: tuple[RectanglePose, ...], corner_sigma: float) -> float:
     """Return the standard deviation of the distance, as a share, because another pose may be the true one.
 
     The corners' standard deviation `corner_sigma` is that of coordinates per unit of depth.
@@ -245,7 +249,7 @@ def doubt_share(poses: tuple[PlanePose, ...], corner_sigma: float) -> float:
     )
 
 
-def distance_share(pose: PlanePose, corners_m: Points, corner_sigma: float) -> float:
+def distance_share(pose: RectanglePose, corners_m: Points, corner_sigma: float) -> float:
     """Return how unsure the distance is because corners are, by propagation through the pose's least squares fit.
 
     The inverse of the normal matrix is the covariance of the pose (R. Hartley and A. Zisserman, "Multiple View
@@ -253,38 +257,31 @@ def distance_share(pose: PlanePose, corners_m: Points, corner_sigma: float) -> f
     by half the tilt's variance. It is a standard deviation as a share of the distance, infinite where the corners,
     ``(4, 3)``, do not tell the pose; theirs, `corner_sigma`, is per unit of depth.
     """
-    right, up, _ = pose.rotation.T.tolist()
-    at = Pose(right, up, pose.position_m.tolist())
-    linear = linearised(at, corners_m.tolist(), NOWHERE)
+    linear = linearised(Pose(*pose[:3]), corners_m.tolist(), NOWHERE)
     if linear is None:
         return math.inf
     jacobian, _ = linear
     try:
-        covariance = np.linalg.inv(jacobian.T @ jacobian) * corner_sigma**2
+        covariance = np.linalg.inv(jacobian.T @ jacobian)
     except np.linalg.LinAlgError:
         return math.inf
-    outwards = pose.position_m / pose.distance_m
-    of_distance = max(float(outwards @ covariance[3:, 3:] @ outwards), 0.0)
-    of_turns = pose.rotation.T @ covariance[:3, :3] @ pose.rotation
-    of_tilt = max(float(of_turns[0, 0]), float(of_turns[1, 1]))
-    return math.hypot(math.sqrt(of_distance) / pose.distance_m, of_tilt / 2)
+    # How the tilts about both axes and the distance change with turns about the camera's axes and shifts.
+    slopes = np.zeros((3, 6))
+    slopes[0, :3], slopes[1, :3], slopes[2, 3:] = pose.right, pose.up, pose.position_m
+    about_right, about_up, outwards = (slopes @ covariance * slopes).sum(axis=1).tolist()
+    distance_m = pose.distance_m
+    of_distance = math.sqrt(max(outwards, 0.0)) / distance_m**2
+    return math.hypot(corner_sigma * of_distance, corner_sigma**2 * max(about_right, about_up) / 2)
 
 
-def _as_arrays(pose: RectanglePose) -> PlanePose:
-    (a, b, c), (d, e, f) = pose.right, pose.up
-    normal = (b * f - c * e, c * d - a * f, a * e - b * d)
-    rotation = np.array((pose.right, pose.up, normal)).T
-    return PlanePose(position_m=np.array(pose.position_m), rotation=rotation, misfit=pose.misfit)
-
-
-def _refined(pose: RectanglePose, corners_m: Seen, seen: Seen) -> RectanglePose:
-    """Return the pose nearby whose corners appear nearest to where they were seen."""
-    better = refined(Pose(pose.right, pose.up, pose.position_m), corners_m, seen)
+def nearest_pose(pose: RectanglePose, corners_m: Seen, seen: Seen) -> RectanglePose:
+    """Return the pose nearby whose corners, x and y in its plane, appear nearest to where they were seen."""
+    better = refined(Pose(*pose[:3]), corners_m, seen)
     missed = misfit(*better, corners_m, seen)
     return RectanglePose(*better, missed) if missed <= pose.misfit else pose
 
 
-def _probability(other: PlanePose, best: PlanePose, corner_sigma: float) -> float:
+def _probability(other: RectanglePose, best: RectanglePose, corner_sigma: float) -> float:
     """Return how probable the other pose is, if corners err normally: 1/2 at most."""
     worse = max(other.misfit**2 - best.misfit**2, 0.0) * COORDINATES / max(corner_sigma, 1e-12) ** 2
     return 1 / (1 + math.exp(min(worse / 2, 700.0)))
@@ -313,18 +310,20 @@ def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
             each, shape ``(c, 4, 2)``.
         aspect: Width over height of the rectangle.
     """
-    size = np.abs(directions - directions.mean(axis=1, keepdims=True)).max(axis=(1, 2))
+    middle = np.add.reduce(directions, axis=1, keepdims=True) / 4
+    size = np.abs(directions - middle).max(axis=(1, 2), initial=0.0)
     step = np.maximum(STEP * size, 1e-12)
-    right_angle, ratio = _conditions(directions + _SHIFTS * step[:, None, None])
-    slopes = ((right_angle[1:] - right_angle[0]) / step, (ratio[1:] - ratio[0]) / step)
-    a, b, c = ((slopes[i] * slopes[j]).sum(axis=0) for i, j in ((0, 0), (0, 1), (1, 1)))
-    angle, tried = right_angle[0], (ratio[0] - np.log(aspect), ratio[0] + np.log(aspect))
     with np.errstate(all="ignore"):  # outlines that are no quadrilateral give NaN
+        conditions = _conditions(directions + _SHIFTS * step[:, None, None])
+        slopes = (conditions[:, 1:] - conditions[:, :1]) / step
+        (a, c), b = np.add.reduce(slopes * slopes, axis=1), np.add.reduce(slopes[0] * slopes[1], axis=0)
+        (angle, ratio), log_aspect = conditions[:, 0], math.log(aspect)
         determinant = a * c - b * b
         # The square of the shortest move of all coordinates that takes both conditions to 0, to first order.
-        move = np.minimum(*((c * angle**2 - 2 * b * angle * off + a * off**2) / determinant for off in tried))
-    square = np.where(np.isfinite(move), np.maximum(move, 0.0), np.inf) / COORDINATES
-    area = COORDINATES * math.pi * np.sqrt(np.maximum(np.nan_to_num(determinant), 0.0))
+        off = np.stack((ratio - log_aspect, ratio + log_aspect))
+        move = ((c * angle * angle + a * off * off - (2 * b * angle) * off) / determinant).min(axis=0)
+        square = np.where(np.isfinite(move), np.maximum(move, 0.0), np.inf) / COORDINATES
+        area = (COORDINATES * math.pi) * np.sqrt(np.where(determinant > 0, determinant, 0.0))
     return RectangleFit(misfit=np.sqrt(square), chance_per_square=area)
 
 
@@ -333,20 +332,19 @@ def seen_sides(directions: Points) -> tuple[float, float]:
 
     The cosine is not 0 for what is no rectangle; NaN for no quadrilateral.
     """
-    cosine, ratio = _conditions(directions[None])
-    return float(cosine[0]), math.exp(float(ratio[0]))
+    with np.errstate(all="ignore"):
+        cosine, ratio = _conditions(directions[None]).tolist()
+    return cosine[0], math.exp(ratio[0])
 
 
-def _conditions(corners: Points) -> tuple[Values, Values]:
-    """Return the cosine between both sides in space, and the logarithm of their ratio; 0 for a square."""
-    x, y = np.moveaxis(corners[..., 0], -1, 0), np.moveaxis(corners[..., 1], -1, 0)
-    dx1, dx2, sx = x[1] - x[2], x[3] - x[2], x[0] - x[1] + x[2] - x[3]
-    dy1, dy2, sy = y[1] - y[2], y[3] - y[2], y[0] - y[1] + y[2] - y[3]
-    with np.errstate(all="ignore"):  # outlines that are no quadrilateral give NaN
-        area = dx1 * dy2 - dx2 * dy1
-        g, h = (sx * dy2 - dx2 * sy) / area, (dx1 * sy - sx * dy1) / area
-        first = (x[1] - x[0] + g * x[1], y[1] - y[0] + g * y[1], g)
-        second = (x[3] - x[0] + h * x[3], y[3] - y[0] + h * y[3], h)
-        squares = sum(each * each for each in first), sum(each * each for each in second)
-        product = sum(one * other for one, other in zip(first, second, strict=True))
-        return product / np.sqrt(squares[0] * squares[1]), np.log(squares[0] / squares[1]) / 2
+def _conditions(corners: Points) -> Values:
+    """Return the cosine between both sides in space, and the logarithm of their ratio, 0 for a square: ``(2, …)``."""
+    p0, p1, p2, p3 = np.ascontiguousarray(corners.transpose(-2, -1, *range(corners.ndim - 2)))
+    d1, d2, total = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
+    across = d1[0] * d2[1] - d2[0] * d1[1]
+    g, h = (total[0] * d2[1] - d2[0] * total[1]) / across, (d1[0] * total[1] - total[0] * d1[1]) / across
+    first, second = p1 - p0 + g * p1, p3 - p0 + h * p3
+    one = first[0] * first[0] + first[1] * first[1] + g * g
+    other = second[0] * second[0] + second[1] * second[1] + h * h
+    product = first[0] * second[0] + first[1] * second[1] + g * h
+    return np.stack((product / np.sqrt(one * other), np.log(one / other) / 2))

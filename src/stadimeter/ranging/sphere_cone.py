@@ -94,7 +94,8 @@ class ConeFrame:
         self._rows = np.empty((4, rays.shape[1]))
         self._rows[0] = 1.0
         across = np.divide(along[1:], along[0], out=self._rows[1:3])
-        squared = (across * across).sum(axis=0)
+        squares = across * across
+        squared = squares[0] + squares[1]
         np.divide(squared, np.sqrt(squared + 1) + 1, out=self._rows[3])
 
     def fit(self, weights: Values | None = None) -> SphereCone | None:
@@ -111,8 +112,9 @@ class ConeFrame:
         """
         squared = 1 - cone.sine**2
         cosine, factor = math.sqrt(squared), scale * squared / cone.sine
-        g, q1, q2 = (_dot(axis, cone.axis) / cosine for axis in self._basis)
-        terms = np.array(((1 - g) * factor, -q1 * factor, -q2 * factor, factor))
+        ahead, across, down = self._basis
+        g, back = _dot(ahead, cone.axis) / cosine, -factor / cosine
+        terms = np.array(((1 - g) * factor, _dot(across, cone.axis) * back, _dot(down, cone.axis) * back, factor))
         return np.asarray(terms.dot(self._rows))
 
     def _cone(self, sums: list[list[float]]) -> SphereCone | None:

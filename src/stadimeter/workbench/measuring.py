@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.detectors import NamedDetector
@@ -21,7 +22,9 @@ from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts
 from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigmas_rad, separation
-from stadimeter.workbench.frame_source import Source
+
+if TYPE_CHECKING:
+    from stadimeter.workbench.frame_source import Source
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -178,7 +178,15 @@ def hard_tape(
     target = _placed(rng, made, max(TAPE_M), sizes_px, TILTS_DEG)
     behind = backdrop_of(rng, kind, bgr)
     scene = _taken(rng, seed, target, behind)
-    return HardFlat(scene=scene, backdrop=kind, cut_m=cut_m, width_m=TAPE_M[0], height_m=TAPE_M[1], twins=int(has_twin))
+    return HardFlat(
+        scene=scene,
+        backdrop=kind,
+        cut_m=cut_m,
+        width_m=TAPE_M[0],
+        height_m=TAPE_M[1],
+        twins=int(has_twin),
+        bgr=bgr,
+    )
 
 
 def hard_disc(seed: int, tilts_deg: tuple[float, float] = (0.0, 60.0), *, backdrop: str | None = None) -> HardFlat:

@@ -58,6 +58,15 @@ class MotionState(NamedTuple):
     manoeuvring_share: float
     together: FilterState | None = None
 
+    @property
+    def distance_m(self) -> float:
+        """The mean of all, weighted by their probabilities."""
+        return (
+            self.constant_share * self.constant.distance_m
+            + self.swaying_share * self.swaying.distance_m
+            + self.manoeuvring_share * self.manoeuvring.distance_m
+        )
+
     def estimate(self) -> FilterState:
         """Return the mean and covariance of all, weighted by their probabilities."""
         if self.together is not None:

@@ -52,6 +52,11 @@ class Blob:
         return 2 * self.circle.radius_px
 
     @property
+    def fill(self) -> float:
+        """The share of the circle around it that has the colour."""
+        return self.coloured_px2 / (math.pi * self.circle.radius_px**2)
+
+    @property
     def area_px2(self) -> float:
         """The area within its outlines."""
         return sum(map(cv2.contourArea, self.contours)) * self.step**2

@@ -5,9 +5,15 @@ none of these: it is where the colours of the ball end and those of its surround
 inside a first circle and well outside of it. For each colour the logarithm of the ratio of both shares says which side
 it belongs to, whatever either side consists of. Along a spoke, the sum of these logarithms up to a pixel, all that is
 inside of it, is greatest at the limb: that is the likeliest place for the one change from ball to surroundings.
+
+Which of the places that are likely is the limb is seen by the steepest step along the axis of colours that tells ball
+and surroundings apart best: Fisher's linear discriminant. Along it, light and shade on the ball and the grain of the
+floor vary little, so that the edge of a shadow is no step.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -37,6 +43,9 @@ BITS = 4
 BINS = 1 << BITS
 """Colours are told apart by the highest bits of each channel."""
 
+SPREAD = np.eye(BINS, dtype=np.float32) + 0.5 * (np.eye(BINS, k=1) + np.eye(BINS, k=-1)).astype(np.float32)
+"""Each count, and half of those of either neighbour."""
+
 RARE_SHARE = 0.02
 """A share of pixels that counts as chance, added to both sides of the ratio."""
 
@@ -46,32 +55,63 @@ MOST_ODDS = 1.0
 PLAUSIBLE_ODDS = 2.0
 """A place on a spoke whose sum is lower than the greatest by more than this is not the limb."""
 
+SPREAD_OF_NOISE = 30.0
+"""Variance of each channel that is added to that of the colours, in squared levels: noise, and that few were seen."""
+
 PLACES = np.array([BINS * BINS, BINS, 1], np.intp)
 
 
-def colour_odds(image: Image, circle: Circle) -> Odds | None:
-    """Return for each colour how much it speaks for the ball inside a circle, negative for what is around it.
+class BallColours(NamedTuple):
+    """What tells a ball and its surroundings apart."""
 
-    Returns:
-        The logarithms by the index of `_bins`, shape ``(4096,)``; None where too few pixels are in the picture.
-    """
+    # How much each colour speaks for the ball, negative for what is around it: logarithms by the index of `_bins`,
+    # shape ``(4096,)``.
+    odds: Odds
+    axis: Odds  # the direction from the colours around it to those of the ball, of length 1, shape ``(3,)``
+
+
+def ball_colours(image: Image, circle: Circle) -> BallColours | None:
+    """Learn the colours of the ball inside a circle and of what is around it; None from too few pixels."""
     half_px = REACH_SHARE * circle.radius_px + REACH_PX
     left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
     part = image[top : max(int(circle.y_px + half_px) + 1, 0), left : max(int(circle.x_px + half_px) + 1, 0)]
     if part.size == 0:
         return None
     height, width = part.shape[:2]
-    bins = _bins(np.asarray(cv2.resize(part, (GRID, GRID), interpolation=cv2.INTER_NEAREST), np.uint8))
+    pixels = np.asarray(cv2.resize(part, (GRID, GRID), interpolation=cv2.INTER_NEAREST), np.uint8)
     cells = np.arange(GRID)
     x, y = left + cells * width // GRID - circle.x_px, top + cells * height // GRID - circle.y_px
     apart = np.sqrt(np.add.outer(y * y, x * x))
-    inside = bins[apart < circle.radius_px - max(INSIDE_SHARE * circle.radius_px, INSIDE_PX)]
-    outside = bins[apart > circle.radius_px + max(OUTSIDE_SHARE * circle.radius_px, OUTSIDE_PX)]
+    inside = pixels[apart < circle.radius_px - max(INSIDE_SHARE * circle.radius_px, INSIDE_PX)]
+    outside = pixels[apart > circle.radius_px + max(OUTSIDE_SHARE * circle.radius_px, OUTSIDE_PX)]
     if min(len(inside), len(outside)) < LEAST_COUNTED:
         return None
-    shares = np.stack([np.bincount(each, minlength=BINS**3) / len(each) for each in (inside, outside)])
+    return BallColours(_odds(inside, outside), _axis(inside.astype(np.float32), outside.astype(np.float32)))
+
+
+def _odds(inside: Image, outside: Image) -> Odds:
+    shares = np.stack([np.bincount(_bins(each), minlength=BINS**3) / len(each) for each in (inside, outside)])
     ball, around = _smoothed(shares.astype(np.float32)) + RARE_SHARE
     return np.asarray(np.clip(np.log(ball / around), -MOST_ODDS, MOST_ODDS), np.float32)
+
+
+def _axis(inside: Odds, outside: Odds) -> Odds:
+    """Return the direction along which both are furthest apart for how much each of them varies."""
+    spread = SPREAD_OF_NOISE * np.eye(3) + (np.cov(inside, rowvar=False) + np.cov(outside, rowvar=False)) / 2
+    axis = np.linalg.solve(spread, inside.mean(axis=0) - outside.mean(axis=0))
+    return np.asarray(axis / max(float(np.sqrt(axis.dot(axis))), 1e-9), np.float32)
+
+
+def likely_drop(codes: Image, colours: BallColours) -> Odds:
+    """Return how far the colour of each spoke falls from the ball's to others, from the pixel before to the one after.
+
+    Returns:
+        Levels of 8 bits along the axis, shape ``(n, k - 2)`` for ``(n, k, 3)``; 0 where it does not fall and where the
+        limb cannot be by `plausible`.
+    """
+    along = codes.astype(np.float32).dot(colours.axis)
+    drop = np.maximum(along[:, :-2] - along[:, 2:], 0)
+    return np.asarray(drop * plausible(codes, colours.odds)[:, 1:-1])
 
 
 def plausible(codes: Image, odds: Odds) -> Flags:
@@ -86,16 +126,13 @@ def plausible(codes: Image, odds: Odds) -> Flags:
 
 
 def _bins(codes: Image) -> NDArray[np.intp]:
-    return np.asarray((codes >> (8 - BITS)).dot(PLACES), np.intp)
+    # Exact in floating point; numpy's product with a matrix of two axes is much faster than any other.
+    highest = (codes >> (8 - BITS)).astype(np.float32).reshape(-1, 3)
+    return np.asarray(highest.dot(PLACES.astype(np.float32)).astype(np.intp).reshape(codes.shape[:-1]))
 
 
 def _smoothed(shares: Odds) -> Odds:
     """Spread the counts of each colour to its neighbours: light and noise move colours by more than a bin."""
-    cubes = shares.reshape(2, BINS, BINS, BINS)
-    for axis in (1, 2, 3):
-        spread = np.moveaxis(cubes.copy(), axis, 0)
-        source = np.moveaxis(cubes, axis, 0)
-        spread[1:] += 0.5 * source[:-1]
-        spread[:-1] += 0.5 * source[1:]
-        cubes = np.moveaxis(spread, 0, axis)
-    return np.asarray(cubes.reshape(2, -1))
+    blue = SPREAD @ shares.reshape(-1, BINS, BINS * BINS)
+    green = SPREAD @ blue.reshape(-1, BINS, BINS)
+    return np.asarray((green.reshape(-1, BINS) @ SPREAD).reshape(shares.shape))

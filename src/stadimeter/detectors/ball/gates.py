@@ -32,16 +32,24 @@ LEAST_CUT_OFF = 0.25
 MARGIN_PX = 1.0
 """A limb this near to the outermost pixels is cut off."""
 
-AGREEING_WITHIN, AGREEING_SHARE = 0.12, 0.7
-"""A limb that is off by less than this share of the radius, in place and size, from what was expected is supported by
-that as well: a circle that chance puts together is hardly ever just there. So this share of what is asked for is
-enough."""
+AGREEING_PLACE, AGREEING_SIZE, AGREEING_SHARE = 0.5, 0.08, 0.7
+"""A limb that is off by less than these shares of the radius, in place and size, from what was expected is supported by
+that as well: a circle that chance puts together is hardly ever there and as large. A hand moves a ball by half its
+radius in a frame, but not that much nearer. So the last share of what is asked for is enough."""
+
+SQUARE_SHARE, SQUARE_OFF = 0.3, 0.06
+"""A limb is that of something with four corners if waves of four to the turn have more than this share of the variance
+of its steps, and are higher than this share of the radius."""
+
+SQUARE_SCATTER, LEAST_OF_SQUARE = 0.04, 12
+"""With less scatter, as a share of the radius, there are no such waves; of fewer steps they are not seen."""
 
 LEAST_FILL = 0.3
 """Least share of the ball that has its colour."""
 
-LEAST_QUALITY = 0.07
-"""Circles that chance puts together from the edges of other things have less."""
+LEAST_QUALITY, QUALITY_OF_SMALL_PX = 0.06, 0.3
+"""Circles that chance puts together from the edges of other things have less: the first, and the second over the radius
+in pixels, since chance makes small ones more often."""
 
 MOST_SCATTER_PX = 3.0
 """Greatest allowance without blur: steps of texture scatter more, and lie near to any large circle."""
@@ -132,18 +140,21 @@ class BallGates:
                 limb.circle,
                 f"is not round: {support:.0%} of a circle to {limb.scatter_px:.1f} px, limit {needed:.0%}",
             )
+        if not agrees and _is_square(limb):
+            return _rejected(limb.circle, "is not round: it has corners, as four waves around it tell")
         margin = support - needed
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
         # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
         is_known = expected is not None and margin >= BEST_MARGIN
         fill = 1.0 if is_known else self._fill(image, limb.circle, coloured_px2)
         if fill < LEAST_FILL:
-            return _rejected(limb.circle, f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}")
+            return too_little_colour(limb.circle, fill)
         if margin < CLEAR_MARGIN:
             margin -= OVERRUN_WEIGHT * self._overrun(image, limb, lens)
         ball = Ball(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
-        if ball.quality < LEAST_QUALITY and not agrees:
-            return _rejected(limb.circle, f"is hardly round: quality {ball.quality:.2f}, limit {LEAST_QUALITY:g}")
+        least = LEAST_QUALITY + QUALITY_OF_SMALL_PX / radius_px
+        if ball.quality < least and not agrees:
+            return _rejected(limb.circle, f"is hardly round: quality {ball.quality:.2f}, limit {least:.2f}")
         return ball
 
     def _overrun(self, image: Image, limb: Limb, lens: CameraModel) -> float:
@@ -174,13 +185,38 @@ class BallGates:
 def _agree(circle: Circle, expected: Circle) -> bool:
     """Return whether a circle is just where and as large as one is expected."""
     off_px = math.hypot(circle.x_px - expected.x_px, circle.y_px - expected.y_px)
-    off_px = max(off_px, abs(circle.radius_px - expected.radius_px))
-    return off_px <= AGREEING_WITHIN * expected.radius_px
+    larger_px = abs(circle.radius_px - expected.radius_px)
+    return off_px <= AGREEING_PLACE * expected.radius_px and larger_px <= AGREEING_SIZE * expected.radius_px
+
+
+def _is_square(limb: Limb) -> bool:
+    """Return whether the steps lie as on a square: nearer in the middle of each side, further away at the corners."""
+    if limb.scatter_px < SQUARE_SCATTER * limb.circle.radius_px or len(limb.points_px) < LEAST_OF_SQUARE:
+        return False
+    x, y = (limb.points_px - (limb.circle.x_px, limb.circle.y_px)).T
+    radii_px, turns = np.hypot(x, y), np.outer((1, 2, 4), np.arctan2(y, x))
+    waves = np.vstack([np.ones(len(x)), np.cos(turns), np.sin(turns)])
+    # What a circle beside the centre and an ellipse leave is compared with what four waves to the turn leave as well.
+    (_, round_px2), (fit, all_px2) = _fitted(waves[[0, 1, 2, 4, 5]], radii_px), _fitted(waves, radii_px)
+    height_px = math.hypot(fit[3], fit[6])
+    return height_px > SQUARE_OFF * limb.circle.radius_px and all_px2 < (1 - SQUARE_SHARE) * round_px2
+
+
+def _fitted(waves: NDArray[np.float64], radii_px: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Return the heights of the waves that come nearest to the radii, and the sum of the squares that they leave."""
+    fit = np.asarray(np.linalg.lstsq(waves.T, radii_px, rcond=None)[0], np.float64)
+    left_px = radii_px - fit @ waves
+    return fit, float(left_px @ left_px)
 
 
 def without_limb(start: Circle) -> RejectedCandidate:
     """Return why there is no ball where no limb was found near a circle."""
     return _rejected(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle")
+
+
+def too_little_colour(circle: Circle, fill: float) -> RejectedCandidate:
+    """Return why there is no ball where this share of a circle has its colour."""
+    return _rejected(circle, f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}")
 
 
 def most_score(radius_px: float) -> float:

@@ -19,7 +19,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import Circle, most_common_circle
-from stadimeter.detectors.ball.colours import Odds, colour_odds
+from stadimeter.detectors.ball.colours import BallColours, ball_colours
 from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
 from stadimeter.ranging.sphere_cone import LEAST_RAYS, ConeFrame, SphereCone, with_ones
 
@@ -49,6 +49,10 @@ LOOK_SCATTER_PX, LOOK_SCATTER_OF_BLUR = 0.25, 0.2
 """Greatest number of looks for steps between the ball's colours and others. They are taken where a smaller share of
 the spokes has a step on the limb, or where these scatter by more: pixels, and a share of what blur adds to their
 width."""
+
+HOPELESS_SUPPORT = 0.35
+"""Where neither the first look nor one by colour sees more of a limb than this, a second one by colour does not find
+it either: of 530 balls it found one."""
 
 RIVAL_SHARE = 0.7
 """A look that is supported this well, as a share of the best one, may be right as well."""
@@ -158,28 +162,28 @@ def _looked_by_colour(image: Image, best: Limb, within_px: float, lens: CameraMo
     """Return the best supported limb of the first one and those found by colour, and how much they differ."""
     limb, looks = best, [best]
     for _ in range(LOOKS_BY_COLOUR):
-        odds = colour_odds(image, limb.circle)
-        found = None if odds is None else _settled(image, limb.circle, within_px, lens, odds)
+        colours = ball_colours(image, limb.circle)
+        found = None if colours is None else _settled(image, limb.circle, within_px, lens, colours)
         if found is None:
             break
         limb, within_px = found, _near_px(found)
         looks.append(limb)
         best = limb if limb.worth >= best.worth else best
-        if not limb.is_doubtful:
+        if not limb.is_doubtful or max(each.support_inside for each in looks) < HOPELESS_SUPPORT:
             break
     radii_px = [each.straight_radius_px for each in looks if each.worth >= RIVAL_SHARE * best.worth]
     return replace(best, change_px=max(radii_px) - min(radii_px))
 
 
 def _settled(
-    image: Image, circle: Circle, within_px: float, lens: CameraModel, odds: Odds | None = None
+    image: Image, circle: Circle, within_px: float, lens: CameraModel, colours: BallColours | None = None
 ) -> Limb | None:
     """Fit the limb near a circle, then around where the fit put it, until the same steps are found."""
     # Invariant: the result does not depend on where the search began. So the spokes are laid again around each fit
     # until the part of the picture that they cover holds the whole of every step.
     limb, reach_px = None, within_px + BEYOND_PX
     for _ in range(MOST_LOOKS):
-        edges = limb_edges(image, circle, reach_px, within_px, lens, odds)
+        edges = limb_edges(image, circle, reach_px, within_px, lens, colours)
         limb = None if edges is None else _fitted(edges, circle, lens)
         if edges is None or limb is None:
             return None
@@ -265,25 +269,27 @@ def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_p
     for _ in range(ROUNDS):
         if cone is None:
             return None
-        signed = frame.misses(cone, _pixels_a_radian(cone, lens))
-        misses = np.abs(signed)
+        misses = frame.misses(cone, _pixels_a_radian(cone, lens))
         usual, limit, furthest = _limits(misses, most_px)
         if limit > SETTLED_SHARE * last_px or furthest < NARROWEST_PX:
             break
         last_px = limit
         # Tukey's biweight: (1 - (miss / limit)²)², and nothing beyond the limit.
-        share = misses * (1 / limit)
-        weights = np.maximum(1 - share * share, 0.0)
-        cone = frame.fit(weights * weights)
+        weights = misses * (1 / limit)
+        weights *= weights
+        np.subtract(1.0, weights, out=weights)
+        np.maximum(weights, 0.0, out=weights)
+        weights *= weights
+        cone = frame.fit(weights)
     if cone is None:
         return None
-    on_it = misses < limit
-    return _Fit(cone, signed, on_it, int(np.count_nonzero(on_it)), usual)
+    on_it = np.abs(misses) < limit
+    return _Fit(cone, misses, on_it, int(np.count_nonzero(on_it)), usual)
 
 
 def _limits(misses: Values, most_px: float) -> tuple[float, float, float]:
     """Return how far steps usually are from the cone, from where on they do not belong to it, and the furthest."""
-    ordered = misses.copy()
+    ordered = np.abs(misses)
     ordered.sort()
     usual = float(ordered[int(RANK * len(ordered))]) / RANK_SIGMAS
     return usual, min(max(OUTLIER_SIGMAS * usual, NARROWEST_PX), most_px), float(ordered[-1])

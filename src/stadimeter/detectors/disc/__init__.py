@@ -87,14 +87,15 @@ SIGMA_BEND = 0.6
 SIGMA_BLUR, SIGMA_MUCH_BLUR = 0.008, 0.03
 SIGMA_CURVE = 0.05
 SIGMA_COMPRESSED_PX = 0.035
+SIGMA_HIDDEN = 2.5
 """The standard deviation of the larger diameter is the root of the sum of the squares of ``1.4 s``, ``0.004``,
-``0.6 b``, ``min(0.008 e⁴, 0.03 e)``, ``0.05 e² k`` and q in px: s is what follows from the scatter of the edges if each
-errs on its own, b how far the outline is from an ellipse, e the blur of the edge, k the curvature where the outline
-bends most, and q 0.035 where colour is stored at a lower resolution, as in JPEG and MJPEG, which makes a white disc
-0.02 px too small in all frames.
+``0.6 b``, ``min(0.008 e⁴, 0.03 e)``, ``0.05 e² k`` and q in px, times ``1 + 2.5 h``: s is what follows from the scatter
+of the edges if each errs on its own, b how far the outline is from an ellipse, e the blur of the edge, k the curvature
+where the outline bends most, q 0.035 where colour is stored at a lower resolution, as in JPEG and MJPEG, which makes a
+white disc 0.02 px too small in all frames, and h the share of the outline that is hidden, where the rest is carried on.
 
 Fitted on rendered discs of 24 to 240 px, tilted by 0 to 60 degrees: clean, before clutter, with noise, moved by 3 and
-6 px, in JPEG.
+6 px, in JPEG, hidden by 20 %.
 """
 
 Shade = Literal["bright", "dark", "any"]
@@ -285,7 +286,7 @@ class DiscDetector:
 
 def _size_sigma_px(edges: EllipseEdges, *, compressed: bool) -> float:
     larger, smaller, _ = edges.ellipse.axes()
-    return math.hypot(
+    return (1 + SIGMA_HIDDEN * (1 - edges.support)) * math.hypot(
         SIGMA_FACTOR * edges.sigma_px,
         SIGMA_FLOOR_PX,
         SIGMA_BEND * edges.bend_px,

@@ -51,7 +51,7 @@ class SheetOptions(Options):
     """Its vertical side as it hangs."""
     known_side: KnownSide = "auto"
     """Which side the distance is computed from: ``auto``, ``width`` or ``height``."""
-    min_side_px: Annotated[float, Field(ge=8)] = 14.0
+    min_side_px: Annotated[float, Field(ge=8)] = 8.0
     """Sheets whose shorter side is smaller than this in the picture are not accepted."""
     tolerance: Length | None = None
     """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
@@ -184,8 +184,10 @@ class SheetDetector:
 
 def _others_text(findings: Findings) -> str:
     """Say that there are several sheets, if there are."""
-    rival = findings.rival
-    return "" if rival is None else f"the largest of several sheets; another one is {rival.where}"
+    rival, twin = findings.rival, findings.twin
+    if rival is not None:
+        return f"the largest of several sheets; another one is {rival.where}"
+    return "" if twin is None else f"several fit alike; another one is {twin.where}"
 
 
 def _around(prediction: Prediction, image: Image) -> Region | None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +23,16 @@ MOST_REFUSED = 8
 REFUSED_OF_A_KIND = 3
 KEPT_STAGE = 16
 
-LEAST_EVIDENCE = 0.8
+LEAST_EVIDENCE = 1.2
 SURE_EVIDENCE = 2.5
 """Least evidence of what is taken for the sheet, and that beyond which no other one is looked for."""
 
 RIVAL_EVIDENCE = 1.5
 RIVAL_LOG_SIZE = 0.05
-"""Another candidate with at most so much less evidence may be the sheet just as well; its size makes a difference if
-the logarithms of both differ by more."""
+RIVAL_LOG_SIZE_A_LENGTH, MOST_LENGTHS = 0.05, 3.0
+"""Another candidate with at most so much less evidence may be the sheet just as well. It contradicts if the logarithms
+of both sizes differ by more than this, and by so much more for each length of the sheet that it is away, up to so many:
+of two strips of tape beside each other on a wall that is turned away, one is nearer, and both are right."""
 
 SAME_PX = 1.0
 
@@ -65,6 +69,16 @@ class Candidate:
         return x_px, y_px
 
 
+class Refused(NamedTuple):
+    """A candidate that failed a test; what is said of it is put into words when it is asked for."""
+
+    rank: float  # the more like the sheet, the more
+    stage: int
+    centre_px: tuple[float, float]
+    size_px: float
+    why: Callable[[], str]
+
+
 @dataclass(slots=True, kw_only=True)
 class Findings:
     """Result of a search."""
@@ -73,8 +87,7 @@ class Findings:
     kept: list[Candidate] = field(default_factory=list)
     # The largest outline that could be one and is cut off by the border, if there is no whole one.
     cut_off: Candidate | None = None
-    refused: list[tuple[float, int, RejectedCandidate]] = field(default_factory=list)
-    outlines: int = 1  # how many outlines of four sides the picture shows at first sight
+    refused: list[Refused] = field(default_factory=list)
 
     @property
     def best(self) -> Candidate | None:
@@ -83,13 +96,30 @@ class Findings:
 
     @property
     def rival(self) -> Candidate | None:
-        """Another one that is about as much like the sheet, and would be at another distance; None if there is none."""
+        """Another one that is about as much like the sheet and contradicts; None if there is none."""
+        best = self.best
+        return (
+            None
+            if best is None
+            else max((each for each in self._alike if _contradict(each, best)), key=_score, default=None)
+        )
+
+    @property
+    def twin(self) -> Candidate | None:
+        """Another one that is about as much like the sheet, and about as far away; None if there is none."""
         best = self.best
         if best is None:
             return None
+        twins = (each for each in self._alike if not _contradict(each, best) and _apart(each, best) > 0.5)
+        return max(twins, key=_score, default=None)
+
+    @property
+    def _alike(self) -> list[Candidate]:
+        best = self.best
+        if best is None:
+            return []
         least = min(best.evidence, SURE_EVIDENCE) - RIVAL_EVIDENCE
-        others = (each for each in self.kept if each.evidence >= least and _differs(each.longest_px, best.longest_px))
-        return max(others, key=_score, default=None)
+        return [each for each in self.kept if each.evidence >= least and each is not best]
 
     @property
     def doubt(self) -> str | None:
@@ -120,41 +150,51 @@ class Findings:
         for which in np.argsort(-ranks, kind="stable")[:REFUSED_OF_A_KIND].tolist():
             number = int(numbers[which])
             x_px, y_px = corners[number].mean(axis=0).tolist()
-            refused = RejectedCandidate(centre_px=(x_px, y_px), size_px=float(sizes[which]), reason=why(number))
-            self.refused.append((stage + float(ranks[which]), stage, refused))
+            rank = stage + float(ranks[which])
+            self.refused.append(Refused(rank, stage, (x_px, y_px), float(sizes[which]), partial(why, number)))
 
     def most_like_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""
-        return max((refused.size_px for _, at, refused in self.refused if at >= stage), default=0.0)
+        return max((each.size_px for each in self.refused if each.stage >= stage), default=0.0)
 
     def rejected(self) -> tuple[RejectedCandidate, ...]:
         """Return what was refused, the most like the sheet first, each place once."""
         best = self.best
         taken = None if self.doubt else best
         others = [each for each in self.kept if each is not taken]
-        every = [(KEPT_STAGE + each.evidence, KEPT_STAGE, _rejected(each)) for each in others]
+        every = [_refused(each) for each in others] + self.refused
         kept: list[RejectedCandidate] = []
         places = [] if taken is None else [taken.centre_px]
-        for _, _, each in sorted(every + self.refused, key=lambda item: (-item[0], -item[2].size_px)):
+        for each in sorted(every, key=lambda item: (-item.rank, -item.size_px)):
             if all(math.dist(each.centre_px, place) > 0.1 * each.size_px + 2 for place in places):
-                kept.append(each)
+                kept.append(RejectedCandidate(centre_px=each.centre_px, size_px=each.size_px, reason=each.why()))
                 places.append(each.centre_px)
-        return tuple(kept[:MOST_REFUSED])
+            if len(kept) == MOST_REFUSED:
+                break
+        return tuple(kept)
 
 
 def _score(candidate: Candidate) -> float:
     return candidate.score
 
 
-def _differs(size_px: float, other_px: float) -> bool:
-    return abs(math.log(size_px / other_px)) > RIVAL_LOG_SIZE
+def _contradict(one: Candidate, other: Candidate) -> bool:
+    """Return whether two candidates would be sheets at different distances."""
+    allowed = RIVAL_LOG_SIZE + RIVAL_LOG_SIZE_A_LENGTH * min(_apart(one, other), MOST_LENGTHS)
+    return abs(math.log(one.longest_px / other.longest_px)) > allowed
 
 
-def _rejected(candidate: Candidate) -> RejectedCandidate:
+def _apart(one: Candidate, other: Candidate) -> float:
+    """Return how many of their lengths lie between their centres."""
+    return math.dist(one.centre_px, other.centre_px) / max(one.longest_px, other.longest_px)
+
+
+def _refused(candidate: Candidate) -> Refused:
     reason = "fits too, but less well or smaller"
     if candidate.evidence < LEAST_EVIDENCE:
         reason = f"too little speaks for it: evidence {candidate.evidence:.1f}, limit {LEAST_EVIDENCE:.1f}"
-    return RejectedCandidate(centre_px=candidate.centre_px, size_px=candidate.longest_px, reason=reason)
+    rank = KEPT_STAGE + candidate.evidence
+    return Refused(rank, KEPT_STAGE, candidate.centre_px, candidate.longest_px, lambda: reason)
 
 
 Values = NDArray[np.float64]

@@ -13,6 +13,7 @@ found: another version of OpenCV, which may round a contour differently, gives t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.sampling import Light, in_light, median
 from stadimeter.detectors.sheet.lines import (
     QuadFrame,
     Values,
@@ -60,6 +61,14 @@ SETTLED_PX = 0.01
 
 LOOKS = 6
 
+SIGMA_FACTOR = 2.0
+SIGMA_FLOOR_PX = 0.012
+SIGMA_BLUR = 0.02
+SHARP_EDGE_PX = 2.5
+"""The standard deviation of a corner's coordinates is ``hypot(2 s / sqrt(n), 0.012, 0.02 (e - 2.5))`` pixels, for sides
+of n steps that scatter by s and take e pixels from inside to outside. A line through n points is twice as unsure at its
+ends as in its middle. The last term is for what is beside a blurred edge and mixes into it."""
+
 SAME_PX = 1.0
 """Candidates whose corners are all nearer to each other are one."""
 
@@ -78,6 +87,11 @@ class QuadEdges:
     inside: Values  # the colour inside each side, in levels, shape ``(c, 4, 3)``
     unevenness: Values  # by how many levels the inside along each side usually differs from that colour, ``(c, 4)``
 
+    @property
+    def corner_sigmas_px(self) -> Values:
+        """Standard deviation of the coordinates of their corners, shape ``(c,)``."""
+        return corner_sigmas_px(self.scatter_px, self.steps, self.edge_px)
+
     def __len__(self) -> int:
         """Return how many candidates there are."""
         return len(self.corners_px)
@@ -85,6 +99,20 @@ class QuadEdges:
     def __getitem__(self, which: object) -> QuadEdges:
         """Return some of the candidates, as numpy would choose them."""
         return QuadEdges(**{name: getattr(self, name)[which] for name in self.__slots__})
+
+
+def corner_sigmas_px(scatter_px: Values, steps: NDArray[np.int64], edge_px: Values) -> Values:
+    """Return the standard deviation of the coordinates of corners between four sides; the last axis is of the sides."""
+    of_steps = SIGMA_FACTOR**2 * scatter_px**2 / np.maximum(steps, 1)
+    of_blur = (SIGMA_BLUR * np.maximum(edge_px - SHARP_EDGE_PX, 0.0)) ** 2
+    return np.asarray(np.sqrt(np.add.reduce(of_steps + of_blur, axis=-1) / 4 + SIGMA_FLOOR_PX**2))
+
+
+def joined(every: Sequence[QuadEdges]) -> QuadEdges:
+    """Return candidates together."""
+    if len(every) == 1:
+        return every[0]
+    return QuadEdges(**{name: np.concatenate([getattr(each, name) for each in every]) for name in QuadEdges.__slots__})
 
 
 def measure_edges(
@@ -170,7 +198,7 @@ def _fit(image: Image, frame: QuadFrame, light: Light, free: NDArray[np.bool_] |
     difference = inside_codes - outside_codes
     most = np.abs(difference).max(axis=3)
     usual = median(most)
-    across, drop, rough = _steps(light[codes], *_means(light[levels]), frame, reach)
+    across, drop, rough = _steps(in_light(codes, light), *_means(in_light(levels, light)), frame, reach)
     worth = np.minimum(most / np.maximum(usual, 1.0), 1.0) / (1 + (rough / np.maximum(median(rough), SMOOTH)) ** 2)
     worth = worth * ((drop > LEAST_DROP) & (most > LEAST_LEVELS))
     lines = fit_lines(frame, across, worth.astype(np.float64))
@@ -206,7 +234,7 @@ def _profiles(image: Image, frame: QuadFrame) -> NDArray[np.uint8]:
     middle = (frame.pixel * apart + frame.along * (width + 1 - apart)).astype(np.int64)
     offsets = np.minimum(np.maximum(np.arange(-reach, reach + 1), -frame.reach), frame.reach)
     places = middle[..., None] + ((apart * frame.outward) * offsets)[:, :, None, :]
-    return np.asarray(image.reshape(-1, image.shape[2])[places], np.uint8)
+    return np.asarray(image.reshape(-1, image.shape[2]).take(places, axis=0), np.uint8)
 
 
 def _steps(

@@ -4,11 +4,15 @@ It compares how probable what is seen is of the sheet, with its tolerances, and 
 Its parts are independent, so they add up:
 
 - **Shape.** Four corners have eight coordinates and a pose six degrees of freedom, so a picture of the sheet fulfils
-  two conditions as exactly as its corners are measured and it was cut. Other outlines are spread evenly over both. For
-  small sheets, or badly cut ones, this tells little: nearly every outline fits.
+  two conditions as exactly as its corners are measured and it was cut. Other outlines are spread evenly over both, or,
+  where they are rectangles too, over one. For small sheets, or badly cut ones, this tells little: nearly every outline
+  fits.
 - **Looks.** A sheet is mostly the brightest thing in the picture, or of a colour that the user has named.
+- **Contrast.** It is brighter than what is behind it on all four sides, or darker on all of them, and by more than most
+  things are. What is of many colours, such as a carpet, has no outline of which this is so.
 - **Sides.** They are seen whole, and straight.
-- **The picture.** The more outlines there are, the more probably one of them does all this by chance.
+- **Rivals.** The more outlines of about such a contrast there are, the more probably one of them does all this by
+  chance. What stands out less, such as the specks of a carpet, is no rival.
 
 All constants were chosen on rendered pictures, with and without sheets, so that in one of a hundred cluttered pictures
 without a sheet one is seen.
@@ -31,6 +35,8 @@ from stadimeter.detectors.sheet.lines import Values
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import COORDINATES
 
+Which = NDArray[np.bool_]
+
 FLATNESS_SHARE = 0.00125
 TOLERANCE_FACTOR = 0.4
 """Standard deviation of the corners of a sheet from those of an exact rectangle: a share of its size because nothing is
@@ -38,9 +44,12 @@ quite flat, and this multiple of the tolerance of its sides."""
 
 CUT_M = 0.0006
 CUT_PX = 0.15
-CUT_BY_HAND = 0.3
-"""What scissors, tape or a knife in a careful hand add to it, and what rough edges do in a picture; and the share of
-sheets that are so and not printed."""
+CUT_BY_HAND, DAMAGED = 0.3, 0.1
+"""What scissors, tape or a knife in a careful hand add to it, and what rough edges do in a picture; the share of sheets
+that are so and not printed; and that of those which are bent, torn or half in shadow, whose shape tells nothing."""
+
+RECTANGLES = 0.05
+"""The share of other outlines that are rectangles too."""
 
 HEAVY_TAIL = 4.0
 """Degrees of freedom of Student's distribution of the misfit: some sheets are worse than their tolerance."""
@@ -50,8 +59,8 @@ LEAST_RATIO = 1e-6
 ALIKE = 6
 """Levels of 8 bits within which brightness does not differ."""
 
-FEW_SHARE = 0.05
-BRIGHT_MOST, BRIGHT_LEAST, DARK_MOST, ANY_LOOKS = 0.55, 0.15, 0.1, 0.2
+FEW_SHARE = 0.08
+BRIGHT_MOST, BRIGHT_LEAST, DARK_MOST, ANY_LOOKS = 0.51, 0.14, 0.1, 0.25
 """Of how many sheets the darkest channel is brighter than nearly all of the picture, of how many only the brightest
 one, how many are darker than nearly all of it, and how many look anyhow. "Nearly" is exponential with this mean."""
 
@@ -60,6 +69,22 @@ LEAST_COLOUR_SHARE = 0.02
 """The share of sheets that have the colour named for them; least share of the picture that is taken to have it."""
 
 SUPPORT_POWER = 6.0
+
+USUAL_CONTRAST = 50.0
+LEAST_CONTRAST = 4.0
+"""Contrast, in levels, that sheets have as often as other outlines, with more in proportion; and the least that
+counts."""
+
+RIVAL_SHARE = 0.45
+MOST_RIVALS = 6
+RIVAL_POWER = 1.5
+"""What differs from its surroundings by this share of a candidate's contrast, on the mean of its sides, is its rival.
+A picture that shows many of them is of a place that holds many more, hence a power of their number above 1; but more
+than this are parts of one thing, such as the panels of a door, and count no further."""
+
+ALONG = np.array((0.25, 0.5, 0.75))
+BESIDE_PX = 1.5
+"""Where colours beside a side are read: at these shares of its length, so far in and out in the reduced picture."""
 
 FACING_RAD = 0.06
 FACING_LOG_RATIO = 0.05
@@ -90,14 +115,15 @@ def shape_evidence(fit: SheetFit, sigmas_px: Values, longest_px: Values, size: S
     printed, by_hand = (slack_share(size, by_hand=each) * longest_px for each in (False, True))
     exact = _shape_ratio(fit, np.hypot(sigmas_px, printed))
     rough = _shape_ratio(fit, np.hypot(np.hypot(sigmas_px, CUT_PX), by_hand))
-    ratio = (1 - CUT_BY_HAND) * exact + CUT_BY_HAND * rough
+    ratio = (1 - CUT_BY_HAND - DAMAGED) * exact + CUT_BY_HAND * rough + DAMAGED
     return np.asarray(np.log(np.maximum(ratio, LEAST_RATIO)))
 
 
 def _shape_ratio(fit: SheetFit, sigmas_px: Values) -> Values:
     squares = COORDINATES * (fit.misfit_px / sigmas_px) ** 2
-    spread = fit.chance_per_square * sigmas_px**2 / (COORDINATES / 2)
-    return np.asarray((1 + squares / HEAVY_TAIL) ** -(HEAVY_TAIL / 2 + 1) / np.clip(spread, LEAST_RATIO, 1.0))
+    spread = np.clip(fit.chance_per_square * sigmas_px**2 / (COORDINATES / 2), LEAST_RATIO, 1.0)
+    spread = (1 - RECTANGLES) * spread + RECTANGLES * np.sqrt(spread)
+    return np.asarray((1 + squares / HEAVY_TAIL) ** -(HEAVY_TAIL / 2 + 1) / spread)
 
 
 def facing_evidence(corners_px: Points, sigmas_px: Values) -> Values:
@@ -112,7 +138,7 @@ def facing_evidence(corners_px: Points, sigmas_px: Values) -> Values:
     return np.asarray(-math.log(FACING_OF_ANY) - (squares.sum(axis=1) + (ratios**2).sum(axis=1)) / 2)
 
 
-def cut_off_evidence(corners_px: Points, free: NDArray[np.bool_]) -> Values:
+def cut_off_evidence(corners_px: Points, free: Which) -> Values:
     """Return how much outlines that the border cuts look like a rectangle; `free` are the sides that are not seen."""
     cosines, _ = _cosines(corners_px)
     seen = ~(free | free[:, [3, 0, 1, 2]])
@@ -133,22 +159,66 @@ def sides_evidence(edges: QuadEdges) -> Values:
 
 
 class Looks:
-    """What a picture looks like, to tell how probable the looks of a sheet are there."""
+    """What a part of a picture looks like, to tell how probable the looks of a sheet are there.
 
-    def __init__(self, picture: Image, colour: HsvRange | None) -> None:
+    Args:
+        picture: That part, reduced.
+        scale: Its scale.
+        left_top_px: Where it begins in the whole picture.
+        colour: The colours of the sheet, if they are named.
+    """
+
+    def __init__(self, picture: Image, scale: float, left_top_px: Points, colour: HsvRange | None) -> None:
+        self._picture, self._scale, self._left_top_px = picture, scale, left_top_px
         self._colour = colour
-        if colour is not None:
-            self._share = float(np.count_nonzero(colour.mask(picture))) / max(picture.shape[0] * picture.shape[1], 1)
-            return
+        self._others = np.empty(0)
         channels = cv2.split(picture)
         planes = (cv2.min(cv2.min(channels[0], channels[1]), channels[2]), cv2.max(cv2.max(*channels[:2]), channels[2]))
-        self._below = [_shares_below(np.asarray(plane, np.uint8)) for plane in planes]
+        mask = None if colour is None else colour.mask(picture)
+        self._share = 1.0 if mask is None else float(np.count_nonzero(mask)) / max(mask.size, 1)
+        self._below = [_shares_below(np.asarray(plane, np.uint8), mask) for plane in planes]
 
-    def evidence(self, inside: Values) -> Values:
-        """Return how much the looks of outlines speak for the sheet; their colours inside are ``(c, 4, 3)``."""
+    def note_others(self, outlines_px: Points) -> None:
+        """Note the outlines that the picture shows at first sight, ``(c, 4, 2)``."""
+        self._others = _mean_contrast(self._steps(outlines_px))
+
+    def clearest_first(self, outlines_px: Points) -> Points:
+        """Return outlines in the order of how much they stand out on all their sides."""
+        return np.asarray(outlines_px[np.argsort(-_least_contrast(self._steps(outlines_px)), kind="stable")])
+
+    def evidence(self, corners_px: Points, inside: Values, free: Which | None = None) -> Values:
+        """Return how much the looks of outlines, and how they stand out, speak for the sheet.
+
+        Args:
+            corners_px: Their corners, shape ``(c, 4, 2)``.
+            inside: Their colours inside each side, shape ``(c, 4, 3)``.
+            free: Which sides are none but where the border cuts, shape ``(c, 4)``.
+        """
+        steps = self._steps(corners_px)
+        rivals = (self._others >= RIVAL_SHARE * _mean_contrast(steps)[:, None]).sum(axis=1)
+        contrast = np.maximum(_least_contrast(steps, free), LEAST_CONTRAST) / USUAL_CONTRAST
         usual = np.median(inside, axis=1)
-        if self._colour is not None:
-            return self._of_colour(usual, self._colour)
+        looks = self._brightness(usual) if self._colour is None else self._of_colour(usual, self._colour)
+        return np.asarray(looks + np.log(contrast) - RIVAL_POWER * np.log(np.clip(rivals, 1, MOST_RIVALS)))
+
+    def _steps(self, corners_px: Points) -> Values:
+        """Return by how many levels the inside of each side is brighter, in each channel, shape ``(c, 4, 3)``."""
+        corners = (corners_px - self._left_top_px + 0.5) * self._scale - 0.5
+        vector = corners[:, [1, 2, 3, 0]] - corners
+        outward = np.stack((vector[..., 1], -vector[..., 0]), axis=-1)
+        outward *= BESIDE_PX / np.maximum(np.hypot(outward[..., 0], outward[..., 1]), 1e-9)[..., None]
+        on_side = corners[:, :, None] + ALONG[:, None] * vector[:, :, None]
+        inside, outside = self._at(on_side - outward[:, :, None]), self._at(on_side + outward[:, :, None])
+        return np.asarray((inside - outside).mean(axis=2))
+
+    def _at(self, places: Points) -> Values:
+        """Return the colours of the picture at the nearest pixels."""
+        height, width = self._picture.shape[:2]
+        x, y = np.moveaxis(np.rint(np.nan_to_num(places, nan=0.0)), -1, 0)
+        x, y = (np.clip(each, 0, last - 1).astype(np.intp) for each, last in ((x, width), (y, height)))
+        return np.asarray(self._picture[y, x], np.float64)
+
+    def _brightness(self, usual: Values) -> Values:
         in_darkest, in_brightest = self._below
         darkest, brightest = usual.min(axis=1), usual.max(axis=1)
         density = (
@@ -163,13 +233,32 @@ class Looks:
         pixels = np.clip(np.rint(usual), 0, 255).astype(np.uint8)[:, None]
         has_it = colour.mask(np.ascontiguousarray(pixels))[:, 0] > 0
         share = min(max(self._share, LEAST_COLOUR_SHARE), 1 - LEAST_COLOUR_SHARE)
-        return np.where(has_it, math.log(OF_THE_COLOUR / share), math.log((1 - OF_THE_COLOUR) / (1 - share)))
+        # A range for white holds a pale wall too; then the brightest of what has the colour is most like the sheet.
+        of_it = math.log(OF_THE_COLOUR / share) + self._brightness(usual)
+        return np.where(has_it, of_it, math.log((1 - OF_THE_COLOUR) / (1 - share)))
 
 
-def _shares_below(plane: Image) -> Values:
-    """Return the share of pixels that are darker than each level, shape ``(257,)``."""
-    counts = np.bincount(plane.ravel(), minlength=256)
-    return np.concatenate(((0.0,), np.cumsum(counts) / max(plane.size, 1)))
+def _mean_contrast(steps: Values) -> Values:
+    """Return by how many levels outlines differ from what is around, of the channel that differs most on each side."""
+    return np.asarray(np.abs(steps).max(axis=2).mean(axis=1))
+
+
+def _least_contrast(steps: Values, free: Which | None = None) -> Values:
+    """Return by how many levels outlines are brighter on all sides, or darker, in the channel where they are most so.
+
+    Negative where they are neither in any.
+    """
+    brighter, darker = steps, -steps
+    if free is not None:
+        brighter, darker = (np.where(free[..., None], np.inf, each) for each in (brighter, darker))
+    return np.asarray(np.maximum(brighter.min(axis=1), darker.min(axis=1)).max(axis=1))
+
+
+def _shares_below(plane: Image, mask: Image | None) -> Values:
+    """Return the share of pixels in a mask that are darker than each level, shape ``(257,)``, of every second pixel."""
+    some, of_them = plane[::2, ::2], None if mask is None else mask[::2, ::2]
+    counts = np.bincount((some if of_them is None else some[of_them > 0]).ravel(), minlength=256)
+    return np.concatenate(((0.0,), np.cumsum(counts) / max(counts.sum(), 1)))
 
 
 def _looked_up(shares: Values, levels: Values) -> Values:

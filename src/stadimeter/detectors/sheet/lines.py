@@ -140,10 +140,11 @@ def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     offset, slope = most_agreed(along, off, worth > 0, widest / frame.cosine)
     limit = widest
     distance = (off - offset - slope * along) * frame.cosine
+    terms = np.stack((np.ones_like(along), along, along * along, off, along * off), axis=3)
     for _ in range(ROUNDS):
         limit = _limit(distance, (worth > 0) & (np.abs(distance) < limit), widest)
         weight = np.maximum(1 - (distance / limit) ** 2, 0) ** 2 * worth
-        offset, slope = _weighted_lines(along, off, weight)
+        offset, slope = _weighted_lines(terms, weight)
         distance = (off - offset - slope * along) * frame.cosine
     used = (worth > 0) & (np.abs(distance) < limit)
     scatter = np.sqrt((used * distance**2).sum(axis=2) / np.maximum(used.sum(axis=2) - 2, 1))
@@ -177,7 +178,7 @@ def most_agreed(along: Values, off: Values, found: NDArray[np.bool_], limit: Val
     offsets = off[..., first] - slopes * along[..., first]
     slopes = slopes * (np.abs(slopes) < 1)
     near = np.abs(off[..., None, :] - offsets[..., None] - slopes[..., None] * along[..., None, :]) / limit[..., None]
-    votes = (np.maximum(1 - near * near, 0) * found[..., None, :]).sum(axis=3)
+    votes = (np.maximum(1 - near * near, 0) @ found[..., None].astype(np.float64))[..., 0]
     best = np.argmax(votes * found[..., first] * found[..., second], axis=2)[..., None]
     return np.take_along_axis(offsets, best, 2), np.take_along_axis(slopes, best, 2)
 
@@ -190,10 +191,10 @@ def _limit(distance: Values, used: NDArray[np.bool_], widest: Values) -> Values:
     return np.minimum(np.maximum(3 * MAD_TO_SIGMA * usual, LIMITS_PX[0]), widest)
 
 
-def _weighted_lines(along: Values, off: Values, weight: Values) -> tuple[Values, Values]:
-    weighted = weight * along
-    total = np.maximum(weight.sum(axis=2, keepdims=True), 1e-9)
-    first, second = weighted.sum(axis=2, keepdims=True), (weighted * along).sum(axis=2, keepdims=True)
-    height, together = (weight * off).sum(axis=2, keepdims=True), (weighted * off).sum(axis=2, keepdims=True)
+def _weighted_lines(terms: Values, weight: Values) -> tuple[Values, Values]:
+    """Return the lines that fit best, from 1, along, along², off and along · off of each step, ``(c, 4, n, 5)``."""
+    sums = weight[:, :, None] @ terms
+    total, first, second, height, together = (sums[..., which] for which in range(5))
+    total = np.maximum(total, 1e-9)
     slope = (together - first * height / total) / np.maximum(second - first * first / total, 1e-9)
     return (height - slope * first) / total, slope

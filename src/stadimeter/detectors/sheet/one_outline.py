@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.sampling import Light, in_light, median
 from stadimeter.detectors.sheet.edges import (
     CLEAR_PX,
     LEAST_DROP,
@@ -28,6 +28,9 @@ from stadimeter.detectors.sheet.edges import (
     REACHES_PX,
     SMOOTH,
     QuadEdges,
+    corner_sigmas_px,
+    joined,
+    settle_edges,
 )
 from stadimeter.detectors.sheet.lines import BEND_SHARE, REACH_SHARE, bend
 from stadimeter.detectors.sides import CORNER_SHARE, LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA
@@ -49,6 +52,9 @@ LEAST_REACH_PX = 3
 
 USUAL_EDGE_PX = 2.6
 """Width of an edge before it is measured."""
+
+SETTLED_OFF_PX = 0.5
+"""How far from where they were measured closely sides may be, a standard deviation."""
 
 FAR_SIGMAS = 3.0
 """Sides are looked for within one standard deviation first, and within this many of them only if they are not there."""
@@ -79,6 +85,11 @@ class OutlineSides:
     codes_inside: NDArray[np.uint8]  # the two outermost pixels inside each step, ``(2, 4, n, 3)``
     reach_px: float  # how far across was looked
     rough: float  # how far beside the edges profiles usually are from level, as a share of the contrast
+
+    @property
+    def corner_sigma_px(self) -> float:
+        """Standard deviation of the coordinates of the corners."""
+        return float(corner_sigmas_px(self.scatter_px, self.steps, self.edge_px))
 
     def as_edges(self) -> QuadEdges:
         """Return them as candidates' sides, of one candidate."""
@@ -117,6 +128,7 @@ class _Frame(NamedTuple):
     off_pixel: Values  # how far across from the pixel the side is expected
     outward: Values  # which way across leads out, 1 or -1
     cosine: Values
+    widest_px: Values  # how far from its line a step may be at most
     reach: int
     codes: NDArray[np.uint8]  # the pixels across, from the inside to the outside, ``(2 reach + 1, 4, n, 3)``
 
@@ -151,19 +163,23 @@ def measure_outline(
     return sides
 
 
-def measure_few(
+def measure_each(
     image: Image, outlines_px: Points, sigma_px: float, light: Light, lens: CameraModel | None = None
-) -> QuadEdges | None:
-    """Measure the sides of a few outlines, ``(c, 4, 2)``; None where one of them is not seen whole at once."""
-    every = []
-    for corners_px in outlines_px:
-        sides = measure_outline(image, corners_px, sigma_px, light, lens)
-        if sides is None or sides.support.min() < SUPPORTED:
-            return None
-        every.append(sides.as_edges())
-    if len(every) == 1:
-        return every[0]
-    return QuadEdges(**{name: np.concatenate([getattr(each, name) for each in every]) for name in QuadEdges.__slots__})
+) -> list[QuadEdges | None]:
+    """Measure the sides of a few outlines, ``(c, 4, 2)``, one by one; None for one that is not seen whole at once."""
+    every = (measure_outline(image, corners_px, sigma_px, light, lens) for corners_px in outlines_px)
+    return [None if sides is None or sides.support.min() < SUPPORTED else sides.as_edges() for sides in every]
+
+
+def settle_each(image: Image, edges: QuadEdges, light: Light, lens: CameraModel | None = None) -> QuadEdges:
+    """Measure the sides of candidates that were measured closely, until they stay."""
+    each = measure_each(image, edges.corners_px, SETTLED_OFF_PX, light, lens)
+    missing = [number for number, sides in enumerate(each) if sides is None]
+    if missing:
+        settled = settle_edges(image, edges[missing], light, lens)
+        for place, number in enumerate(missing):
+            each[number] = settled[[place]]
+    return joined([sides for sides in each if sides is not None])
 
 
 def _look(
@@ -188,7 +204,8 @@ def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel 
         sides.append(_Side(flat, slope, level - slope * start, abs(forward) / length_px, length_px))
         outward = -1 if (forward > 0) == flat else 1
         apart, beside = (width, 1) if flat else (1, width)
-        rows.append((start, forward, slope, sides[-1].at_zero, sides[-1].cosine, apart, beside, outward))
+        widest_px = max(LIMITS_PX[1], BEND_SHARE * length_px)
+        rows.append((start, forward, slope, sides[-1].at_zero, sides[-1].cosine, widest_px, apart, beside, outward))
         first, last = round(start + CORNER_SHARE * forward), round(start + (1 - CORNER_SHARE) * forward)
         middle.append((first + last) / 2)
         extents.append(abs(forward))
@@ -196,14 +213,14 @@ def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel 
     if reach < LEAST_REACH_PX:
         return None
     steps = int(min(max((1 - 2 * CORNER_SHARE) * max(extents), LEAST_STEPS), MOST_STEPS))
-    start, forward, slope, at_zero, cosine, apart, beside, outward = np.array(rows).T[:, :, None]
+    start, forward, slope, at_zero, cosine, widest, apart, beside, outward = np.array(rows).T[:, :, None]
     along = np.rint(start + _shares(steps) * forward)
     across = along * slope + at_zero
     if lens is not None and lens.distortion:
         flat = np.array([[side.flat for side in sides]])
         across += bend(corners_px[None], flat, along[None], lens)[0]
     pixel = np.rint(across)
-    places = (pixel * apart + along * beside + (apart * outward) * _beside(reach)).astype(np.intp)
+    places = (pixel * apart + along * beside).astype(np.intp) + (apart * outward).astype(np.intp) * _beside(reach)
     return _Frame(
         sides=sides,
         middle=middle,
@@ -211,6 +228,7 @@ def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel 
         off_pixel=across - pixel,
         outward=outward,
         cosine=cosine,
+        widest_px=widest,
         reach=reach,
         codes=image.reshape(-1, image.shape[2]).take(places, axis=0),
     )
@@ -234,8 +252,8 @@ def _shares(steps: int) -> Values:
 
 
 @cache
-def _beside(reach: int) -> Values:
-    return np.arange(-reach, reach + 1.0)[:, None, None]
+def _beside(reach: int) -> NDArray[np.intp]:
+    return np.arange(-reach, reach + 1)[:, None, None]
 
 
 @cache
@@ -243,7 +261,7 @@ def _columns(sides: int, steps: int) -> NDArray[np.intp]:
     return np.arange(sides * steps).reshape(sides, steps)
 
 
-def _crossing(share: Profiles) -> tuple[Profiles, Values]:
+def _crossing(share: Profiles) -> tuple[Profiles, Profiles]:
     """Return how much profiles drop where they pass half way from the inside to the outside, and where that is."""
     is_in = share >= 0
     drops = share[:-1] - share[1:]
@@ -251,7 +269,7 @@ def _crossing(share: Profiles) -> tuple[Profiles, Values]:
     best = drops.argmax(axis=0)
     place = best * best.size + _columns(*best.shape)
     drop = drops.take(place)
-    return drop, best + share.take(place) / np.maximum(drop, LEAST_DROP)
+    return drop, best.astype(np.float32) + share.take(place) / np.maximum(drop, LEAST_DROP)
 
 
 def _measured(frame: _Frame, light: Light) -> OutlineSides | None:
@@ -259,7 +277,7 @@ def _measured(frame: _Frame, light: Light) -> OutlineSides | None:
     codes = frame.codes
     count = codes.shape[2]
     difference = np.subtract(codes[0], codes[-1], dtype=np.float32)
-    contrasts = np.add.reduce(difference, axis=1, dtype=np.float64) / count
+    contrasts = np.add.reduce(difference, axis=1) / np.float32(count)
     off, worth, drop, rough = _steps(frame, contrasts, light)
     line = _fit_lines(frame, off, worth)
     corners = _intersections(frame, line.offset, line.slope)
@@ -279,18 +297,18 @@ def _measured(frame: _Frame, light: Light) -> OutlineSides | None:
     )
 
 
-def _steps(frame: _Frame, contrasts: Values, light: Light) -> tuple[Values, Profiles, Profiles, float]:
+def _steps(frame: _Frame, contrasts: Profiles, light: Light) -> tuple[Values, Profiles, Profiles, float]:
     """Return how far off the edge is in each place, how much that counts, how steep it is, and how rough it is beside.
 
     A step is a mixture of the two colours beside it, in light. So half way between them is half way along any direction
     in which they differ: here the one in which both sides of a side of the outline differ on the whole.
     """
-    lights = np.einsum("pskx,sx->psk", light.take(frame.codes), contrasts.astype(np.float32))
+    codes = frame.codes
+    lights = (in_light(codes, light) @ contrasts[:, :, None])[..., 0]
     inside, outside = lights[0] + lights[1], lights[-2] + lights[-1]
     contrast = inside - outside
-    share = lights * 2
-    share -= (inside + outside) / 2
-    share /= np.where(np.abs(contrast) > LEAST_LIGHT, contrast, np.inf)
+    share = lights - (inside + outside) / 4
+    share *= 2 / np.where(np.abs(contrast) > LEAST_LIGHT, contrast, np.inf).astype(np.float32)
     drop, beyond = _crossing(share)
     apart = np.abs(_rows(frame.reach) - beyond)
     np.abs(share, out=share)
@@ -328,8 +346,7 @@ def _fit_lines(frame: _Frame, off: Values, worth: Profiles) -> _Lines:
     slope = median((off[:, -half:] - off[:, :half]) / (along[:, -half:] - along[:, :half]))
     rest = off - slope * along
     distance = np.abs(rest - median(rest)) * cosine
-    widest = np.array([[max(LIMITS_PX[1], BEND_SHARE * side.length_px)] for side in frame.sides])
-    limit = np.minimum(np.maximum(3 * MAD_TO_SIGMA * median(distance), LIMITS_PX[0]), widest)
+    limit = np.minimum(np.maximum(3 * MAD_TO_SIGMA * median(distance), LIMITS_PX[0]), frame.widest_px)
     distance /= limit
     terms = np.empty((5, *off.shape))
     weight = np.maximum(1 - distance * distance, 0, out=terms[0])

@@ -21,6 +21,7 @@ from stadimeter.detectors.sides import areas, grown
 
 Mask = NDArray[np.uint8]
 Values = NDArray[np.float64]
+Polygon = NDArray[np.generic]
 
 LEVELS = 10
 """Levels at which a channel is split where one does not do."""
@@ -57,7 +58,13 @@ ALIKE_COSINE = 0.97
 LEAST_SINE = 0.2
 """Neighbouring sides meet at a larger angle than that of this sine: 12 degrees."""
 
+LEAST_SIDE = 0.7
+"""Candidates are roughly known, so their sides may be shorter than the smallest, by this factor."""
+
 SAME_PX = 3.0
+
+AFTER, BEFORE = [1, 2, 3, 0], [3, 0, 1, 2]
+"""Corners and sides in order, from the next one and from the one before."""
 
 
 def quick_masks(image: Image) -> Iterator[tuple[Mask, float]]:
@@ -100,21 +107,26 @@ def find_quadrilaterals(masks: Iterable[tuple[Mask, float]], smallest_side_px: f
     Each mask comes with the number of pixels by which things are too small in it. The corners are clockwise on the
     screen from the one nearest to the top left, shape ``(c, 4, 2)``; the largest outline is first.
     """
-    pieces: list[Points] = []
+    polygons: list[Polygon] = []
     too_small: list[float] = []
     for mask, too_small_px in masks:
-        pieces += _pieces(mask, smallest_side_px)
-        too_small += [too_small_px] * (len(pieces) - len(too_small))
-    if not pieces:
+        polygons += _polygons(mask, smallest_side_px)
+        too_small += [too_small_px] * (len(polygons) - len(too_small))
+    if not polygons:
         return np.empty((0, 4, 2))
-    starts, vectors = np.moveaxis(np.array(pieces), 1, 0)
-    rows, corners = _of_pieces(starts, vectors, smallest_side_px)
+    of_four = np.array([len(polygon) == 4 for polygon in polygons])
+    found = [_whole(polygons, np.nonzero(of_four)[0], smallest_side_px)]
+    if not of_four.all():
+        found.append(_of_pieces(polygons, np.nonzero(~of_four)[0], smallest_side_px))
+    rows, corners = (np.concatenate(each) for each in zip(*found, strict=True))
     corners = _in_standard_order(corners)
     return _distinct(grown(corners, np.array(too_small)[rows]) if any(too_small) else corners)
 
 
 def _levels(plane: Mask, which: slice) -> Iterator[tuple[Mask, float]]:
-    low, high = np.percentile(plane[::2, ::2], LEVEL_RANGE)
+    some = plane[::2, ::2]
+    shares = np.cumsum(np.bincount(some.ravel(), minlength=256)) * (100 / some.size)
+    low, high = np.searchsorted(shares, LEVEL_RANGE).tolist()
     for level in np.linspace(low, high, LEVELS + 2)[1:-1][which]:
         yield np.asarray(cv2.threshold(plane, float(level), 255, cv2.THRESH_BINARY)[1], np.uint8), 0.0
 
@@ -136,59 +148,83 @@ def _change(image: Image) -> Mask:
     return np.asarray(steepest, np.uint8)
 
 
-def _pieces(mask: Mask, smallest_side_px: float) -> list[Points]:
-    """Return for each outline where its longest straight pieces start, and how they lead on, each ``(2, 6, 2)``."""
+def _polygons(mask: Mask, smallest_side_px: float) -> list[Polygon]:
+    """Return polygons that stand for the outlines in a mask that are large enough, each ``(n, 1, 2)``."""
     contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-    least_px, least_px2 = 0.7 * smallest_side_px, smallest_side_px**2
-    pieces: list[Points] = []
+    least_px, least_px2 = LEAST_SIDE * smallest_side_px, smallest_side_px**2
+    polygons: list[Polygon] = []
     if len(contours) > MOST_CONTOURS:
-        return pieces
+        return polygons
     for contour in contours:
-        if len(contour) < 4:
+        if len(contour) < 4 or cv2.contourArea(contour) < least_px2:
             continue
         _, _, width, height = cv2.boundingRect(contour)
-        if width < least_px or height < least_px or cv2.contourArea(contour) < least_px2:
+        if width < least_px or height < least_px:
             continue
         polygon = cv2.approxPolyDP(contour, TOLERANCE_PX, closed=True)
         if 4 <= len(polygon) <= MOST_PIECES:
-            pieces.append(_longest(polygon))
+            polygons.append(polygon)
         if len(polygon) > RAGGED_PIECES:
             around = cv2.approxPolyDP(cv2.convexHull(contour), TOLERANCE_PX, closed=True)
             if len(around) >= 4:
-                pieces.append(_longest(around))
-    return pieces
+                polygons.append(around)
+    return polygons
 
 
-def _longest(outline: NDArray[np.generic]) -> Points:
-    polygon = outline[:, 0].astype(np.float64)
-    vector = np.concatenate((polygon[1:], polygon[:1])) - polygon
-    longest = np.sort(np.argsort(-(vector * vector).sum(axis=1))[:LONGEST_PIECES])
-    pieces = np.zeros((2, LONGEST_PIECES, 2))
-    pieces[0, : len(longest)], pieces[1, : len(longest)] = polygon[longest], vector[longest]
-    return pieces
+def _whole(polygons: list[Polygon], rows: NDArray[np.intp], smallest_side_px: float) -> tuple[NDArray[np.intp], Points]:
+    """Return which of the polygons of four corners are quadrilaterals that a sheet may be, and these."""
+    corners = np.array([polygons[row] for row in rows.tolist()], np.float64).reshape(-1, 4, 2)
+    vectors = corners[:, AFTER] - corners
+    length = np.hypot(vectors[..., 0], vectors[..., 1])
+    sine = _cross(vectors, vectors[:, AFTER]) / np.maximum(length * length[:, AFTER], 1e-9)
+    good = _turns_one_way(sine) & (length > LEAST_SIDE * smallest_side_px).all(axis=1)
+    return rows[good], corners[good]
 
 
-def _of_pieces(starts: Points, vectors: Points, smallest_side_px: float) -> tuple[NDArray[np.intp], Points]:
-    """Return the quadrilaterals that any four pieces of an outline form: whose they are, and corners ``(c, 4, 2)``."""
+def _turns_one_way(sine: Values) -> NDArray[np.bool_]:
+    """Return what is convex: the sides turn the same way at all four corners, and by more than the least angle."""
+    return np.asarray((sine > LEAST_SINE).all(axis=-1) | (sine < -LEAST_SINE).all(axis=-1))
+
+
+def _longest(polygons: list[Polygon]) -> tuple[Points, Points]:
+    """Return where the longest straight pieces of polygons start, and how they lead on, both ``(m, 6, 2)``."""
+    counts = np.array([len(polygon) for polygon in polygons])
+    starts = np.concatenate(polygons)[:, 0].astype(np.float64)
+    firsts = np.cumsum(counts) - counts
+    after = np.arange(1, len(starts) + 1)
+    after[firsts + counts - 1] = firsts
+    vectors = starts[after] - starts
+    # A row for each polygon; what is no piece is shorter than any and comes last.
+    row = np.repeat(np.arange(len(polygons)), counts)
+    squares = np.full((len(polygons), max(int(counts.max()), LONGEST_PIECES)), -1.0)
+    squares[row, np.arange(len(starts)) - firsts[row]] = (vectors * vectors).sum(axis=1)
+    longest = np.sort(np.argsort(-squares, axis=1, kind="stable")[:, :LONGEST_PIECES], axis=1)
+    is_piece = (longest < counts[:, None])[..., None]
+    places = np.minimum(firsts[:, None] + longest, len(starts) - 1)
+    return starts[places] * is_piece, vectors[places] * is_piece
+
+
+def _of_pieces(
+    polygons: list[Polygon], rows: NDArray[np.intp], smallest_side_px: float
+) -> tuple[NDArray[np.intp], Points]:
+    """Return the quadrilaterals that any four pieces of a polygon form: whose they are, and corners ``(c, 4, 2)``."""
+    starts, vectors = _longest([polygons[row] for row in rows.tolist()])
     length = np.hypot(vectors[..., 0], vectors[..., 1])
     along = vectors / np.maximum(length, 1e-9)[..., None]
-    cover = _in_line(starts, vectors, along, length)
     chosen = _fours()
-    start, ahead = starts[:, chosen], along[:, chosen]
-    after, ahead_after = np.roll(start, -1, axis=2), np.roll(ahead, -1, axis=2)
-    sine = _cross(ahead, ahead_after)
-    # Convex: the sides turn the same way at all four corners, and by more than the least angle.
-    turning = (np.abs(sine) > LEAST_SINE).all(axis=2) & (np.abs(np.sign(sine).sum(axis=2)) == 4)
-    row, four = np.nonzero(turning & (length[:, chosen] > 0).all(axis=2))
-    start, ahead, after, ahead_after, sine = (each[row, four] for each in (start, ahead, after, ahead_after, sine))
-    met = start + (_cross(after - start, ahead_after) / sine)[..., None] * ahead
-    corners = np.roll(met, 1, axis=1)
+    ahead = along[:, chosen]
+    sine = _cross(ahead, ahead[:, :, AFTER])
+    row, four = np.nonzero(_turns_one_way(sine) & (length[:, chosen] > 0).all(axis=2))
+    pieces = chosen[four]
+    start, ahead, sine = starts[row[:, None], pieces], ahead[row, four], sine[row, four]
+    met = start + (_cross(start[:, AFTER] - start, ahead[:, AFTER]) / sine)[..., None] * ahead
+    corners = met[:, BEFORE]
     # Each side must be made up of enough outline: three sides of a box and a stray piece meet in four corners too.
-    sides = met - corners
-    reached = (sides * ahead).sum(axis=2)
-    is_made_up = cover[row[:, None], chosen[four]] > LEAST_COVER * reached
-    good = ((reached > 0.7 * smallest_side_px) & is_made_up).all(axis=1)
-    return row[good], corners[good]
+    reached = ((met - corners) * ahead).sum(axis=2)
+    good = np.nonzero((reached > LEAST_SIDE * smallest_side_px).all(axis=1))[0]
+    cover = _in_line(starts, vectors, along, length)
+    good = good[(cover[row[good, None], pieces[good]] > LEAST_COVER * reached[good]).all(axis=1)]
+    return rows[row[good]], corners[good]
 
 
 def _in_line(starts: Points, vectors: Points, along: Points, length: Values) -> Values:
@@ -226,3 +262,11 @@ def _distinct(corners: Points) -> Points:
         cells.setdefault(tuple(cell), number)
     corners = corners[list(cells.values())]
     return np.asarray(corners[np.argsort(-areas(corners), kind="stable")])
+
+
+def not_seen_before(corners: Points, seen: set[tuple[float, ...]]) -> NDArray[np.bool_]:
+    """Return which outlines, ``(c, 4, 2)``, are not among those seen, to a pixel, and add them to these."""
+    cells = [tuple(cell) for cell in np.rint(corners.reshape(-1, 8)).tolist()]
+    new = np.array([cell not in seen for cell in cells], np.bool_)
+    seen.update(cells)
+    return new

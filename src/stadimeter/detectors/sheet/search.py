@@ -7,7 +7,7 @@ candidate being the sheet and not one of the other outlines of the picture, see 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Prediction
 from stadimeter.core.frame import Image
-from stadimeter.detectors.hsv import HsvRange
+from stadimeter.detectors.hsv import HsvRange, Mask
 from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
 from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
 from stadimeter.detectors.sheet.candidates import (
-    LEAST_EVIDENCE,
     SURE_EVIDENCE,
     Candidate,
     Findings,
@@ -29,9 +28,9 @@ from stadimeter.detectors.sheet.candidates import (
 from stadimeter.detectors.sheet.edges import (
     QuadEdges,
     distinct_edges,
+    joined,
     measure_edges,
     measure_edges_closer,
-    settle_edges,
 )
 from stadimeter.detectors.sheet.evidence import (
     Looks,
@@ -41,12 +40,13 @@ from stadimeter.detectors.sheet.evidence import (
     sides_evidence,
     slack_share,
 )
-from stadimeter.detectors.sheet.one_outline import OutlineSides, measure_few
+from stadimeter.detectors.sheet.one_outline import measure_each, settle_each
 from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
     more_bright_masks,
+    not_seen_before,
     quick_masks,
     thorough_masks,
 )
@@ -70,8 +70,8 @@ SEARCH_LONG_SIDES_PX = (320, 800)
 
 LEAST_SEARCHED_PX = 5.0
 
-SEARCHES = (quick_masks, bright_masks, more_bright_masks, thorough_masks)
-"""One after the other, until the sheet is found beyond doubt."""
+LATER_SEARCHES = (bright_masks, more_bright_masks, thorough_masks)
+"""After the quick one, one after the other, until the sheet is found beyond doubt."""
 
 GREATEST_TILT_RAD = math.radians(70)
 """A sheet turned away further from the line of sight is not looked for: it appears at a third of its length."""
@@ -118,14 +118,6 @@ LEAST_SHARE = 0.03
 """While the lens, or one side, is not known, what fits badly or is turned far away is not taken for the sheet; while
 the lens is not, neither is what is smaller than this share of the picture."""
 
-SIGMA_FACTOR = 2.0
-SIGMA_FLOOR_PX = 0.012
-SIGMA_BLUR = 0.02
-SHARP_EDGE_PX = 2.5
-"""The standard deviation of a corner's coordinates is ``hypot(2 s / sqrt(n), 0.012, 0.02 (e - 2.5))`` pixels, for sides
-of n steps that scatter by s and take e pixels from inside to outside. A line through n points is twice as unsure at its
-ends as in its middle. The last term is for what is beside a blurred edge and mixes into it."""
-
 MISFIT_FACTOR = 1.5
 """The stated standard deviation adds this multiple of the misfit: two of the eight coordinates are known beforehand,
 and where these are wrong the others are too. All of these were fitted on rendered sheets, on plain walls and on
@@ -162,37 +154,51 @@ class SheetSearch:
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX
         small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
-        looks = Looks(small, self._colour)
+        looks = Looks(small, scale, region.left_top_px, self._colour)
         findings = Findings()
         outlines = np.empty((0, 4, 2))
-        for masks in SEARCHES:
+        seen: set[tuple[float, ...]] = set()
+        for masks in (self._first_masks, *LATER_SEARCHES):
             smallest_px = max(self._min_side_px * scale / 2, LEAST_SEARCHED_PX)
             outlines = find_quadrilaterals(masks(small), smallest_px)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
-            if masks is quick_masks:
-                findings.outlines = max(len(outlines), 1)
+            if masks == self._first_masks:
+                looks.note_others(outlines)
             on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))
-            self._judge(findings, outlines[~on_border.any(axis=1)], scale, expected, looks)
+            unseen = not_seen_before(outlines * scale, seen)
+            self._judge(findings, outlines[unseen & ~on_border.any(axis=1)], scale, expected, looks)
             if findings.best is not None and self._lens is not None and findings.best.evidence >= SURE_EVIDENCE:
                 break
         if findings.best is None:
             self._judge_cut_off(findings, outlines, on_border, scale, looks)
         return findings
 
+    def _first_masks(self, picture: Image) -> Iterator[tuple[Mask, float]]:
+        yield from quick_masks(picture)
+        if self._colour is not None:
+            yield self._colour.mask(picture), 0.0
+
     def _judge(
         self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None, looks: Looks
     ) -> None:
         """Put the candidates through all tests."""
         shaped = self._of_the_shape(findings, outlines)
-        fitting = self._fitting(findings, shaped, START_OFF_PX / scale)[:MOST_LOOKED_AT]
-        if not len(fitting):
-            return
-        edges = None
-        if len(fitting) <= FEW:
-            edges = measure_few(self._image, fitting, START_OFF_PX / scale, self._light, self._bent)
-        edges = self._settled(findings, fitting, scale) if edges is None else distinct_edges(edges)
+        # A single outline is measured before it is compared with the sheet: it will be compared again once it is.
+        edges = self._at_once(shaped, scale) if len(shaped) == 1 else None
+        if edges is None:
+            fitting = looks.clearest_first(self._fitting(findings, shaped, START_OFF_PX / scale))[:MOST_LOOKED_AT]
+            if not len(fitting):
+                return
+            edges = self._at_once(fitting, scale) if len(shaped) > 1 and len(fitting) <= FEW else None
+            edges = self._settled(findings, fitting, scale) if edges is None else edges
         if len(edges):
             self._choose(findings, edges, scale, expected, looks)
+
+    def _at_once(self, outlines: Points, scale: float) -> QuadEdges | None:
+        """Measure the sides of a few candidates one by one; None where one of them is not seen whole at once."""
+        each = measure_each(self._image, outlines, START_OFF_PX / scale, self._light, self._bent)
+        whole = [edges for edges in each if edges is not None]
+        return distinct_edges(joined(whole)) if len(whole) == len(outlines) else None
 
     def _settled(self, findings: Findings, outlines: Points, scale: float) -> QuadEdges:
         """Measure the sides of many candidates, ever more closely, and ever fewer of them."""
@@ -201,7 +207,7 @@ class SheetSearch:
         if len(edges):
             edges = measure_edges_closer(self._image, edges, self._light, self._bent)
             edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MOST_SETTLED]
-        return distinct_edges(settle_edges(self._image, edges, self._light, self._bent)) if len(edges) else edges
+        return distinct_edges(settle_each(self._image, edges, self._light, self._bent)) if len(edges) else edges
 
     def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
         """Return the outlines that the sheet may have, whatever their sides look like."""
@@ -258,25 +264,25 @@ class SheetSearch:
         edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
         findings.refuse(2, edges.corners_px, ~straight, lambda i: straight_text(edges, i, FIRST_SUPPORT))
-        share = self._shape.fit(edges.corners_px).misfit_px / self._misfit_limits(edges, off_px)
-        near = share < 1
+        misfit_px, limits = self._shape.fit(edges.corners_px).misfit_px, self._misfit_limits(edges, off_px)
+        near = misfit_px < limits
         findings.refuse(
             3,
             edges.corners_px,
             straight & ~near,
-            lambda i: self._misfit_text(edges[[i]], off_px) + self._other_text(edges.corners_px[i]),
-            2 / np.maximum(share, 1.0),
+            lambda i: self._misfit_text(misfit_px[i], limits[i], edges.corners_px[i]),
+            2 * limits / np.maximum(misfit_px, limits),
         )
         return edges[straight & near]
 
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
         # The search at half the size is rough, so a sheet that is no exact rectangle either may be off by the sum.
         slack_px = self._slack * longest_sides_px(edges.corners_px)
-        return np.maximum(off_px, MISFIT_SIGMAS * corner_sigmas_px(edges)) + SLACK_SIGMAS * slack_px
+        return np.maximum(off_px, MISFIT_SIGMAS * edges.corner_sigmas_px) + SLACK_SIGMAS * slack_px
 
-    def _misfit_text(self, edges: QuadEdges, off_px: float = 0.0) -> str:
-        misfit_px, limit = self._shape.fit(edges.corners_px).misfit_px[0], self._misfit_limits(edges, off_px)[0]
-        return f"corners {misfit_px:.2f} px from those of the sheet, limit {limit:.2f} px"
+    def _misfit_text(self, misfit_px: float, limit_px: float, corners: Points) -> str:
+        text = f"corners {misfit_px:.2f} px from those of the sheet, limit {limit_px:.2f} px"
+        return text + self._other_text(corners)
 
     def _other_text(self, corners: Points) -> str:
         other = other_paper(corners, self._size, self._lens)
@@ -286,14 +292,17 @@ class SheetSearch:
         self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None, looks: Looks
     ) -> None:
         """Put the candidates through the last tests, and keep those that may be the sheet."""
-        fit, sigmas, limits = self._shape.fit(edges.corners_px), corner_sigmas_px(edges), self._misfit_limits(edges)
+        fit, sigmas, limits = self._shape.fit(edges.corners_px), edges.corner_sigmas_px, self._misfit_limits(edges)
         quality, least_quality = self._qualities(edges, fit, limits), 0.0 if self._is_strict else LEAST_QUALITY
-        evidence = self._evidence(findings, edges, fit, expected, looks)
+        evidence = self._evidence(edges, fit, expected, looks)
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
         tests = (
             *_size_test(edges, expected),
             *side_tests(edges, self._min_side_px),
-            (fit.misfit_px <= limits, lambda i: self._misfit_text(edges[[i]]) + self._other_text(edges.corners_px[i])),
+            (
+                fit.misfit_px <= limits,
+                lambda i: self._misfit_text(fit.misfit_px[i], limits[i], edges.corners_px[i]),
+            ),
             (
                 quality >= least_quality,
                 lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {least_quality:.2f}",
@@ -308,24 +317,22 @@ class SheetSearch:
                 Candidate(
                     corners_px=edges.corners_px[number],
                     corner_sigma_px=math.hypot(sigmas[number], misfit_px),
-                    is_brighter=bool(np.median(edges.contrast[number]) >= 0),
+                    is_brighter=sum(sorted(edges.contrast[number].tolist())[1:3]) >= 0,
                     quality=float(quality[number]),
                     evidence=float(evidence[number]),
                 )
             )
 
-    def _evidence(
-        self, findings: Findings, edges: QuadEdges, fit: SheetFit, expected: Prediction | None, looks: Looks
-    ) -> Values:
+    def _evidence(self, edges: QuadEdges, fit: SheetFit, expected: Prediction | None, looks: Looks) -> Values:
         """Return how much speaks for each candidate; without the lens all that is known is what must be there."""
         if self._lens is None:
             return np.full(len(edges), SURE_EVIDENCE)
-        sigmas, longest_px = corner_sigmas_px(edges), longest_sides_px(edges.corners_px)
+        sigmas, longest_px = edges.corner_sigmas_px, longest_sides_px(edges.corners_px)
         if self._is_strict:
             shape = shape_evidence(fit, sigmas, longest_px, self._size)
         else:
             shape = facing_evidence(edges.corners_px, np.hypot(sigmas, self._slack * longest_px))
-        evidence = shape + looks.evidence(edges.inside) + sides_evidence(edges) - math.log(findings.outlines)
+        evidence = shape + looks.evidence(edges.corners_px, edges.inside) + sides_evidence(edges)
         if expected is None:
             return evidence
         off = np.log(longest_px / expected.size_px) / EXPECTED_LOG_SIZE
@@ -350,30 +357,23 @@ class SheetSearch:
         if not len(outlines):
             return
         edges = measure_edges(self._image, outlines, 2.0 + 2.0 / scale, self._light, self._bent, free)
-        evidence = cut_off_evidence(edges.corners_px, free) + looks.evidence(edges.inside)
-        evidence = np.nan_to_num(evidence - math.log(findings.outlines), nan=-np.inf)
+        evidence = cut_off_evidence(edges.corners_px, free) + looks.evidence(edges.corners_px, edges.inside, free)
+        evidence = np.nan_to_num(evidence, nan=-np.inf)
         straight = np.where(free, 1.0, edges.support).min(axis=1) >= LEAST_CUT_SUPPORT
         clear = np.where(free, np.inf, edges.colour_contrast).min(axis=1) >= LEAST_CONTRAST
         even = np.where(free, 0.0, edges.unevenness).max(axis=1) <= even_limits(edges)
         larger = longest_sides_px(outlines) > findings.most_like_px(SERIOUS_STAGE)
-        good = straight & clear & even & larger & (evidence >= LEAST_EVIDENCE)
+        # Of its shape two angles are seen, so what is left must leave no doubt.
+        good = straight & clear & even & larger & (evidence >= SURE_EVIDENCE)
         if good.any():
             first = int(np.argmax(good))
             findings.cut_off = Candidate(
                 corners_px=edges.corners_px[first],
-                corner_sigma_px=float(corner_sigmas_px(edges)[first]),
+                corner_sigma_px=float(edges.corner_sigmas_px[first]),
                 is_brighter=bool(np.median(edges.contrast[first]) >= 0),
                 quality=float(edges.support[first].mean()) / 2,
                 evidence=float(evidence[first]),
             )
-
-
-def corner_sigmas_px(edges: QuadEdges | OutlineSides) -> Values:
-    """Return the standard deviation of the coordinates of candidates' corners, shape ``(c,)``; of one, ``()``."""
-    of_steps = SIGMA_FACTOR**2 * edges.scatter_px**2 / np.maximum(edges.steps, 1)
-    of_blur = (SIGMA_BLUR * np.maximum(edges.edge_px - SHARP_EDGE_PX, 0.0)) ** 2
-    sigmas: Values = np.sqrt((of_steps + of_blur).mean(axis=-1) + SIGMA_FLOOR_PX**2)
-    return sigmas
 
 
 def _margin_px(scale: float) -> float:

@@ -23,7 +23,6 @@ from stadimeter.detectors.sheet.search import (
     MISFIT_FACTOR,
     MISFIT_SIGMAS,
     SLACK_SIGMAS,
-    corner_sigmas_px,
 )
 from stadimeter.detectors.sheet.side_tests import (
     GREATEST_BEND_PX,
@@ -53,7 +52,7 @@ def follow(
     sides = measure_outline(image, outline_px, sigma_px, light_table(lens.tone_curve), bent)
     if sides is None or not _looks_whole(sides, expected, min_side_px):
         return None
-    corner_px = float(corner_sigmas_px(sides))
+    corner_px = sides.corner_sigma_px
     longest_px = max(side_lengths(sides.corners_px))
     limit_px = MISFIT_SIGMAS * corner_px + SLACK_SIGMAS * slack_share(size) * longest_px
     misfit_px = _misfit_px(sides.corners_px, size, lens, limit_px)

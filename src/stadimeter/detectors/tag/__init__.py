@@ -51,14 +51,16 @@ SIGMA_FACTOR = 2.4
 SIGMA_FLOOR_PX = 0.007
 SIGMA_CROWDING_PX, CROWDING_POWER = 0.32, 3.5
 SIGMA_COMPRESSED_PX = 0.02
+SIGMA_BEND = 1.3
 SHARPEST_PX = 1.8
-"""The standard deviation of a side is ``hypot(2.4 s / sqrt(n), 0.007, 0.32 (e / c)^3.5, q)`` pixels, for n steps that
-scatter by s, an edge that takes e pixels from black to white, and cells of c pixels; q is 0.02 where colour is stored
-at a lower resolution, as in JPEG and MJPEG, whose blocks move whole sides.
+"""The standard deviation of a side is ``hypot(2.4 s / sqrt(n), 0.007, 0.32 (e / c)^3.5, q, 1.3 b)`` pixels, for n
+steps that scatter by s, an edge that takes e pixels from black to white, cells of c pixels, and sides that are bent by
+b, as those of a tag in a hand; q is 0.02 where colour is stored at a lower resolution, as in JPEG and MJPEG, whose
+blocks move whole sides.
 
 Steps beside each other err together, hence the factor. The third term is for blurred edges that run into each other
 across a cell; e counts as 1.8 at least, since in the smallest cells it cannot be seen. Fitted on rendered tags of 16 to
-200 px, clean, with noise, JPEG and motion blur. A camera whose tone
+200 px, clean, with noise, JPEG and motion blur, and with a side bent by 0.5 to 3 %. A camera whose tone
 curve differs from what its model says errs by more, in all frames alike, see `CameraModel.edge_bias_sigma_px`.
 """
 
@@ -297,7 +299,8 @@ def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> floa
     variances_px2 = [scatter**2 / max(steps, 1) for scatter, steps in zip(sides.scatter_px, sides.steps, strict=True)]
     of_steps = SIGMA_FACTOR * math.sqrt(sum(variances_px2) / len(variances_px2))
     of_crowding = SIGMA_CROWDING_PX * (max(*sides.edge_px, SHARPEST_PX) / cell_px) ** CROWDING_POWER
-    return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding, SIGMA_COMPRESSED_PX * compressed)
+    of_bends = SIGMA_BEND * sides.bend_px
+    return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding, SIGMA_COMPRESSED_PX * compressed, of_bends)
 
 
 def _build(options: TagOptions, context: DriverContext) -> TagDetector:

@@ -50,6 +50,9 @@ MOST_RISING = 0.03
 """An edge goes on where the light at the end of the look differs by more than this share of the contrast from that of
 the last two pixels together."""
 
+PARABOLA_VARIANCE, TIMES_NOISE = 5.0, 2.0
+"""The variance of a bend that noise feigns is that of a line's offset times five; twice that is left out."""
+
 LEAST_RISE = 0.04
 """Least difference of the two pixels of a step, as a share of that between black and white."""
 
@@ -66,6 +69,7 @@ class TagSides:
     scatter_px: OfSides  # standard deviation of the steps about each line
     steps: tuple[int, ...]  # how many steps each line was fitted to
     edge_px: OfSides  # how many pixels each side takes from black to white at its steepest
+    bend_px: float  # by how much the sides are bent, as by a curled corner, all together
 
 
 class _Steps(NamedTuple):
@@ -119,6 +123,7 @@ def _fit(grey: Plane, frame: SideFrame, look: Look, light: Light) -> TagSides | 
         scatter_px=lines.scatter_px,
         steps=lines.steps,
         edge_px=steps.edge_px,
+        bend_px=lines.bend_px,
     )
 
 
@@ -200,6 +205,7 @@ class TagLines:
     support: OfSides  # the share of the steps along each side that lie on its line
     scatter_px: OfSides  # standard deviation of these steps about each line
     steps: tuple[int, ...]  # how many these are
+    bend_px: float  # by how much the steps follow a bend, the root of the sum of the squares of all sides
 
 
 def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit: bool) -> TagLines:
@@ -233,7 +239,26 @@ def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit:
         support=tuple([each / used.shape[1] for each in steps]),
         scatter_px=tuple([(of_side / max(n - 2, 1)) ** 0.5 for of_side, n in zip(squares, steps, strict=True)]),
         steps=tuple(steps),
+        bend_px=_bend_px(distance * used, sum(squares), sum(steps)) if refit else 0.0,
     )
+
+
+def _bend_px(distance: Values, squares_px2: float, steps: int) -> float:
+    """Return the root of the sum over the sides of the squares of their bends, beyond what noise feigns.
+
+    A bend is that of the parabola that is nearest to the distances of the steps from the line. Noise feigns five times
+    the variance of a line's offset.
+    """
+    parabola = _parabola(distance.shape[1])
+    bends = distance @ parabola / (parabola @ parabola)
+    of_noise = len(distance) ** 2 * squares_px2 / max(steps, 1) ** 2
+    return math.sqrt(max(0.0, float(bends @ bends) - TIMES_NOISE * PARABOLA_VARIANCE * of_noise))
+
+
+@cache
+def _parabola(steps: int) -> Values:
+    """Return Legendre's second polynomial along a side: a parabola without a line in it, from 1 to -1/2 and back."""
+    return np.asarray(1.5 * np.linspace(-1, 1, steps) ** 2 - 0.5)
 
 
 def intersections(frame: SideFrame, lines: TagLines) -> Points | None:

@@ -128,8 +128,8 @@ class MomentWatch:
         return next_s <= end_s - _ROUNDING_S
 
 
-class AlwaysWatch:
-    """Expects something in every cycle."""
+class _Expectation:
+    """What is expected of a cycle, and what is said of the cycle in which it was not met."""
 
     def __init__(
         self, subject: Subject, expected: str, is_met: Callable[[Cycle], bool], got: Callable[[Cycle], str]
@@ -138,18 +138,22 @@ class AlwaysWatch:
         self._expected = expected
         self._is_met = is_met
         self._got = got
-        self._failure: Failure | None = None
+        self._cycle: Cycle | None = None
+
+
+class AlwaysWatch(_Expectation):
+    """Expects something in every cycle."""
 
     def see(self, cycle: Cycle) -> None:
         """Take in the next cycle."""
-        if self._failure is None and not self._is_met(cycle):
-            got = f"{self._got(cycle)} at {cycle.at_s:.2f} s"
-            self._failure = self._subject.failure(self._expected, got, cycle)
+        if self._cycle is None and not self._is_met(cycle):
+            self._cycle = cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield the first cycle in which it was not met."""
-        if self._failure is not None:
-            yield self._failure
+        if self._cycle is not None:
+            got = f"{self._got(self._cycle)} at {self._cycle.at_s:.2f} s"
+            yield self._subject.failure(self._expected, got, self._cycle)
 
 
 class PeakWatch:
@@ -176,26 +180,17 @@ class PeakWatch:
             yield self._subject.failure(f"{self._least:.2f}{self._unit} reached", got, cycle)
 
 
-class EndWatch:
+class EndWatch(_Expectation):
     """Expects something in the last cycle."""
-
-    def __init__(
-        self, subject: Subject, expected: str, is_met: Callable[[Cycle], bool], got: Callable[[Cycle], str]
-    ) -> None:
-        self._subject = subject
-        self._expected = expected
-        self._is_met = is_met
-        self._got = got
-        self._last: Cycle | None = None
 
     def see(self, cycle: Cycle) -> None:
         """Take in the next cycle."""
-        self._last = cycle
+        self._cycle = cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield what is wrong at the end."""
-        if self._last is not None and not self._is_met(self._last):
-            yield self._subject.failure(f"{self._expected} at the end", self._got(self._last), self._last)
+        if self._cycle is not None and not self._is_met(self._cycle):
+            yield self._subject.failure(f"{self._expected} at the end", self._got(self._cycle), self._cycle)
 
 
 class CountWatch:
@@ -223,7 +218,7 @@ class CountWatch:
         self._count = 0
         self._shown: list[tuple[float, str]] = []
         self._near: Cycle | None = None
-        self._last: Cycle | None = None
+        self._cycle: Cycle | None = None
 
     def see(self, cycle: Cycle) -> None:
         """Take in the next cycle."""
@@ -234,17 +229,17 @@ class CountWatch:
             self._near = None
             if len(self._shown) < SHOWN_EVENTS:
                 self._shown.append((event.at_s - cycle.start_s, f"{event.kind.value}: {event.reason}"))
-        self._last = cycle
+        self._cycle = cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield the count if it is wrong, with the first event too many, or the moment that came nearest."""
-        least, most = self._limits(self._last.at_s if self._last else 0.0)
+        least, most = self._limits(self._cycle.at_s if self._cycle else 0.0)
         if least <= self._count <= most:
             return
         expected = self._words(least) if least == most else f"{self._words(most)} at most"
         got = self._words(self._count) + self._times()
         if self._count < least:
-            yield self._subject.failure(expected, got, self._near or self._last)
+            yield self._subject.failure(expected, got, self._near or self._cycle)
             return
         at_s, why = self._shown[min(int(most), len(self._shown) - 1)]
         yield Failure(subject=self._subject.name, key=self._subject.key, expected=expected, got=got, at_s=at_s, why=why)
