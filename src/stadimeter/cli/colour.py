@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -75,15 +76,13 @@ def colour(
         found = load_plugin(DETECTORS, "ball").propose_colour
         proposal: ColourProposal | None = found(samples) if found else None
         if proposal is None:
-            raise ConfigError(
-                "nothing in the picture stands out as a ball of one colour; point at it with --at X,Y, in pixels"
-            )
-        _print(names, proposal)
+            raise ConfigError(_nothing(samples))
+        _print(names, samples, proposal)
         paths = copy_paths(names, copies, "colour")
         for name, sample, view in zip(names, samples, proposal.views, strict=True):
             write_picture(paths[name], colour_picture(sample.frame.image, view, proposal.colour))
             typer.echo(f"written: {paths[name]}")
-        is_found = all(view.detection.status is not DetectionStatus.NOT_FOUND for view in proposal.views)
+        is_found = all(map(_is_there, samples, proposal.views))
     raise typer.Exit(DONE if is_found else NOT_FOUND)
 
 
@@ -120,9 +119,25 @@ def _place(text: str, name: str, frame: Frame) -> Place:
     return place
 
 
-def _print(names: Sequence[Path], proposal: ColourProposal) -> None:
-    for name, view in zip(names, proposal.views, strict=True):
-        typer.echo(f"{name}: {_in_words(view)}")
+def _nothing(samples: Sequence[ColourSample]) -> str:
+    if any(sample.places_px for sample in samples):
+        return "what you point at has no outline of its own: it is background; point at the middle of the ball"
+    return "nothing in the picture stands out as a ball of one colour; point at it with --at X,Y, in pixels"
+
+
+def _is_there(sample: ColourSample, view: ColourView) -> bool:
+    """Return whether a ball is seen, and where the person has pointed."""
+    seen = view.detection
+    if seen.status is DetectionStatus.NOT_FOUND:
+        return False
+    reach_px = seen.width_px / 2
+    return not sample.places_px or any(math.dist(seen.centre_px, each) <= reach_px for each in sample.places_px)
+
+
+def _print(names: Sequence[Path], samples: Sequence[ColourSample], proposal: ColourProposal) -> None:
+    for name, sample, view in zip(names, samples, proposal.views, strict=True):
+        elsewhere = "" if _is_there(sample, view) or not len(view.detection.outline_px) else ", not where you point"
+        typer.echo(f"{name}: {_in_words(view)}{elsewhere}")
         for number, other in enumerate(view.others, start=1):
             x_px, y_px = other.centre_px
             typer.echo(

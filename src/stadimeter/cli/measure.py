@@ -24,6 +24,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
 from stadimeter.workbench.annotation import annotate, write_picture
+from stadimeter.workbench.colour_notes import colour_notes
 from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.measuring import Measuring, PictureResult, failed, measure_picture
 
@@ -133,6 +134,7 @@ def measure(
         targets = build_detectors(wanted.choices, camera_model)
         work = _Work(
             measuring=Measuring(targets, camera_model),
+            choices=wanted.choices,
             targets=targets,
             camera_model=camera_model,
             printer=printer_of([live or "", *map(str, images or ())], wanted, as_json=as_json, explain=explain),
@@ -234,6 +236,7 @@ class _Work:
     """Everything that `measure` needs for its inputs: what to look for, through which lens, and how to print it."""
 
     measuring: Measuring
+    choices: Sequence[DriverChoice]
     targets: Sequence[NamedDetector]
     camera_model: CameraModel
     printer: Printer
@@ -243,6 +246,8 @@ class _Work:
         """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
         result = measure_picture(image, self.targets, self.camera_model)
         code = self._printed(result)
+        for words in colour_notes(result, self.choices):
+            _note(words)
         return max(code, _write_copy(result, copy)) if copy else code
 
     def frames(self, choice: DriverChoice, name: str) -> int:

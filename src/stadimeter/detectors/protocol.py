@@ -104,7 +104,7 @@ class ProposesColour(Protocol):
     """Part of a detector's plugin: finds out the range of colours of its target."""
 
     def __call__(self, samples: Sequence[ColourSample]) -> ColourProposal | None:
-        """Return a range for all the pictures; None if nothing stands out in them and nobody has pointed at it."""
+        """Return a range for all the pictures; None if nothing stands out there, or the background was pointed at."""
         ...
 
 

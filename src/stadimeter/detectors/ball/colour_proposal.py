@@ -62,14 +62,17 @@ Detect = Callable[[Frame, HsvRange], Detection]
 
 
 def propose(samples: Sequence[ColourSample], detect: Detect) -> ColourProposal | None:
-    """Return the range of colours of a ball; None if nothing there looks like one, and no place was pointed at.
+    """Return the range of colours of a ball; None if nothing there looks like one, or the background was pointed at.
 
     In a picture without a place, the ball is looked for with the range of those before it first.
     """
     found: list[HsvRange] = []
     for frame, places in map(_smaller, samples):
         known = places or _place_by(found, frame, detect)
-        found += [_at(frame, place, detect) for place in known] or _standing_out(frame, detect)
+        if known:
+            found += filter(None, (_at(frame, place, detect) for place in known))
+        else:
+            found += _standing_out(frame, detect)
     if not found:
         return None
     colour = joined(found)
@@ -94,8 +97,8 @@ def _place_by(found: Sequence[HsvRange], frame: Frame, detect: Detect) -> tuple[
     return (detection.centre_px,) if detection and detection.status is DetectionStatus.FOUND else ()
 
 
-def _at(frame: Frame, place: Place, detect: Detect) -> HsvRange:
-    """Return the best range at a place; where no ball is seen with any, one of a middling width."""
+def _at(frame: Frame, place: Place, detect: Detect) -> HsvRange | None:
+    """Return the best range at a place; where no ball is seen with any, one of a middling width; None of background."""
     hsv = smoothed(frame.image)
     by_place = list(ranges_at(hsv, place))
     best = _best(frame, by_place, place, detect)
@@ -104,7 +107,7 @@ def _at(frame: Frame, place: Place, detect: Detect) -> HsvRange:
         best = near if best is None or (near is not None and near.score > best.score) else best
     if best is not None:
         return best.colour
-    return by_place[len(by_place) // 2] if by_place else HsvRange((0, 0, 0), (179, 255, 255))
+    return by_place[len(by_place) // 2] if by_place else None
 
 
 def _standing_out(frame: Frame, detect: Detect) -> list[HsvRange]:
@@ -117,7 +120,8 @@ def _standing_out(frame: Frame, detect: Detect) -> list[HsvRange]:
         best = _best(frame, ranges[first : first + FIRST_TRIED], blob.place, detect)
         if best is not None:
             tried.append((best.score * blob.score, blob.place))
-    return [_at(frame, max(tried)[1], detect)] if tried else []
+    best_there = _at(frame, max(tried)[1], detect) if tried else None
+    return [] if best_there is None else [best_there]
 
 
 def _best(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detect) -> _Range | None:

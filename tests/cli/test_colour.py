@@ -1,0 +1,139 @@
+"""`colour`: the range of colours of a ball, as a person finds it out."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from stadimeter.cli.main import app
+from stadimeter.config.camera_file import save_camera_model
+from stadimeter.core.camera_model import CameraModel
+
+pytestmark = pytest.mark.vision
+
+GREEN, ORANGE = (60, 170, 70), (30, 110, 230)
+
+
+def _run(*arguments: object) -> Result:
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def _picture(path: Path, *balls: tuple[tuple[int, int], int, tuple[int, int, int]], light: float = 1.0) -> Path:
+    image = np.full((480, 640, 3), (150, 155, 160), np.uint8)
+    for centre, radius_px, bgr in balls:
+        cv2.circle(image, centre, radius_px, bgr, cv2.FILLED, cv2.LINE_AA)
+    noise = np.random.default_rng(0).normal(0, 2, image.shape)
+    cv2.imwrite(str(path), np.clip(light * image + noise, 0, 255).astype(np.uint8))
+    return path
+
+
+@pytest.fixture
+def green_ball(tmp_path: Path) -> Path:
+    return _picture(tmp_path / "ball.png", ((300, 200), 40, GREEN))
+
+
+def _range_in(output: str) -> str:
+    found = re.search(r'^hsv = "(.+)"$', output, re.MULTILINE)
+    assert found, output
+    return found[1]
+
+
+def _measured(picture: Path, colour: str) -> Result:
+    camera = picture.parent / "camera.toml"
+    save_camera_model(camera, CameraModel.with_focal_length(600.0, 640, 480))
+    return _run("measure", picture, "--camera", camera, "--ball", "6.4cm", "--hsv", colour)
+
+
+@pytest.mark.parametrize("at", [[], ["--at", "310,190"], ["--at", "290,210", "--at", "315,205"]])
+def test_a_ball_is_measured_with_the_range_that_is_proposed_for_it(green_ball: Path, at: list[str]) -> None:
+    told = _run("colour", green_ball, *at, "--annotate", green_ball.parent)
+    assert told.exit_code == 0
+    assert "a ball at 300,200, 81 px across" in told.stdout
+    assert "no other thing has a hue near it" in told.stdout
+    assert _measured(green_ball, _range_in(told.stdout)).exit_code == 0
+
+
+def test_what_has_the_colour_stands_out_in_a_copy_of_the_picture(green_ball: Path, tmp_path: Path) -> None:
+    _run("colour", green_ball, "--annotate", tmp_path / "shown")
+    shown = cv2.imread(str(tmp_path / "shown" / "ball-colour.png"))
+    assert np.ptp(shown[210, 320].astype(int)) > 50, "the ball keeps its colour"
+    assert np.ptp(shown[240, 500].astype(int)) < 10, "what is around it is grey"
+
+
+def test_of_two_balls_the_one_that_is_pointed_at_gives_the_range(tmp_path: Path) -> None:
+    two = _picture(tmp_path / "two.png", ((150, 200), 40, GREEN), ((450, 240), 30, ORANGE))
+    told = _run("colour", two, "--at", "455,238", "--annotate", tmp_path)
+    assert re.search(r"a ball at 450,240, 6[01] px across", told.stdout)
+
+
+def test_another_thing_of_the_colour_is_told_with_its_place(tmp_path: Path) -> None:
+    two = _picture(tmp_path / "two.png", ((150, 200), 40, GREEN), ((450, 240), 30, GREEN))
+    told = _run("colour", two, "--at", "150,200", "--annotate", tmp_path)
+    assert "something else has that colour, at 450,240" in told.stdout
+
+
+def test_two_lights_join_into_a_range_for_both(tmp_path: Path) -> None:
+    noon = _picture(tmp_path / "noon.png", ((300, 200), 40, GREEN))
+    dusk = _picture(tmp_path / "dusk.png", ((200, 260), 36, GREEN), light=0.35)
+    told = _run("colour", f"{noon}@300,200", f"{dusk}@200,260", "--annotate", tmp_path)
+    assert told.exit_code == 0
+    for picture in (noon, dusk):
+        assert _measured(picture, _range_in(told.stdout)).exit_code == 0
+    assert (tmp_path / "noon-colour.png").is_file()
+    assert (tmp_path / "dusk-colour.png").is_file()
+
+
+def test_a_picture_without_anything_of_a_colour_asks_for_a_place(tmp_path: Path) -> None:
+    told = _run("colour", _picture(tmp_path / "grey.png"), "--annotate", tmp_path)
+    assert told.exit_code == 2
+    assert "point at it with --at X,Y" in told.stderr
+
+
+def test_pointing_at_the_background_says_so(green_ball: Path) -> None:
+    told = _run("colour", green_ball, "--at", "600,20", "--annotate", green_ball.parent)
+    assert told.exit_code == 2
+    assert "it is background; point at the middle of the ball" in told.stderr
+
+
+def test_pointing_at_something_that_is_no_ball_says_that_none_is_found_there(green_ball: Path) -> None:
+    image = cv2.imread(str(green_ball))
+    cv2.rectangle(image, (420, 300), (560, 330), ORANGE, cv2.FILLED)
+    cv2.imwrite(str(green_ball), image)
+    told = _run("colour", green_ball, "--at", "490,315", "--annotate", green_ball.parent)
+    assert told.exit_code == 1
+    assert "no ball is found with this range" in told.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--at", "900,20"], "900,20 is not in"),
+        (["--at", "here"], "'here' is not a place; write it such as 312,240"),
+        (["nowhere.png", "--at", "3,4"], "--at is a place in one picture"),
+    ],
+)
+def test_a_place_that_is_none_is_refused(green_ball: Path, arguments: list[str], words: str) -> None:
+    told = _run("colour", green_ball, *arguments)
+    assert told.exit_code == 2
+    assert words in told.stderr
+
+
+def test_pictures_or_a_camera_are_needed() -> None:
+    assert "give pictures of the ball, or --live" in _run("colour").stderr
+
+
+def test_measure_proposes_a_range_where_no_pixel_has_the_colour(green_ball: Path) -> None:
+    told = _measured(green_ball, "110,150,60:130,255,255")
+    assert told.exit_code == 1
+    assert "something round, 81 px across at 300,200, has other colours" in told.stderr
+    found = re.search(r'hsv = "(.+)"', told.stderr)
+    assert found
+    assert _measured(green_ball, found[1]).exit_code == 0

@@ -1,0 +1,76 @@
+"""Ranges of colours for balls as they are met: striped, felt, on carpets, in hands."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.core.detection import DetectionStatus
+from stadimeter.core.frame import Frame
+from stadimeter.detectors.ball import PLUGIN
+from stadimeter.detectors.ball.colour_ranges import joined, ranges_at, smoothed, widened
+from stadimeter.detectors.hsv import HsvRange
+from stadimeter.detectors.protocol import ColourSample
+from support.scenes.hard_balls import hard_ball
+from support.scenes.render import render
+
+pytestmark = pytest.mark.vision
+
+
+@pytest.mark.parametrize("is_pointed_at", [True, False])
+def test_most_balls_as_they_are_met_are_found_with_the_range_that_is_proposed(is_pointed_at: bool) -> None:
+    found = 0
+    for seed in range(12):
+        ball = hard_ball(seed, (20.0, 70.0))
+        made = render(ball.scene)
+        (x_px, y_px), radius_px = made.truth.outline_px.mean(axis=0).tolist(), ball.radius_px
+        places = ((x_px + 0.3 * radius_px, y_px - 0.2 * radius_px),) if is_pointed_at else ()
+        proposal = PLUGIN.propose_colour([ColourSample(Frame(made.image, 0.0, seed), places)])
+        seen = proposal and proposal.views[0].detection
+        found += bool(
+            seen
+            and seen.status is DetectionStatus.FOUND
+            and abs(seen.width_px / (2 * radius_px) - 1) < 0.1
+            and math.dist(seen.centre_px, (x_px, y_px)) < 0.3 * radius_px
+        )
+    assert found >= (11 if is_pointed_at else 10)
+
+
+hues = st.integers(0, 179)
+ranges = st.builds(
+    lambda low, reach, saturation, value: HsvRange((low, saturation, value), ((low + reach) % 180, 255, 255)),
+    hues,
+    st.integers(0, 60),
+    st.integers(0, 255),
+    st.integers(0, 255),
+)
+
+
+def _has(colour: HsvRange, hue: int) -> bool:
+    low, high = colour.lower[0], colour.upper[0]
+    return low <= hue <= high if low <= high else not high < hue < low
+
+
+@given(one=ranges, apart=st.integers(-20, 20), hue=hues)
+def test_a_joined_range_covers_what_each_of_them_covers(one: HsvRange, apart: int, hue: int) -> None:
+    low, high = ((each + apart) % 180 for each in (one.lower[0], one.upper[0]))
+    other = HsvRange((low, 40, 50), (high, 200, 255))
+    both = joined([one, other])
+    assert _has(both, hue) or not (_has(one, hue) or _has(other, hue))
+    assert both.lower[1:] == (min(one.lower[1], 40), min(one.lower[2], 50))
+
+
+@given(colour=ranges, hue=hues)
+def test_a_widened_range_covers_what_it_covered(colour: HsvRange, hue: int) -> None:
+    assert _has(widened(colour, 6), hue) or not _has(colour, hue)
+
+
+@given(x=st.floats(0, 63.9), y=st.floats(0, 47.9), seed=st.integers(0, 20))
+def test_a_place_anywhere_gives_ranges_that_can_be_written(x: float, y: float, seed: int) -> None:
+    image = np.random.default_rng(seed).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    for colour in ranges_at(smoothed(image), (x, y)):
+        assert PLUGIN.options.model_validate({"diameter": "1 m", "hsv": str(colour)})
