@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from stadimeter.cli.main import Commands, app
+from stadimeter.cli.main import ALARM_COMMANDS, Commands, app
 from stadimeter.config import plugins
 
 HEAVY = ("cv2", "numpy", "pydantic", "paho", "gpiozero", "serial", "stadimeter.app", "stadimeter.config")
@@ -89,7 +89,10 @@ def test_measuring_loads_the_configuration_of_a_run_only_when_one_is_given():
     assert among(loaded_by("import stadimeter.cli.measure"), ["stadimeter.config.loader", "rich.progress"]) == []
 
 
-@pytest.mark.parametrize("name", list(Commands.LAZY))
+LISTED = [name for name, command in Commands.LAZY.items() if command.panel]
+
+
+@pytest.mark.parametrize("name", LISTED)
 def test_the_list_of_commands_says_what_the_command_says_itself(name):
     group = typer.main.get_command(app)
     summary = group.commands[name].help
@@ -97,10 +100,37 @@ def test_the_list_of_commands_says_what_the_command_says_itself(name):
     assert own == summary
 
 
-def test_the_help_lists_every_command():
+def test_the_help_lists_every_command_but_not_its_old_name():
     shown = CliRunner().invoke(app, ["--help"]).output
-    for name in Commands.LAZY:
-        assert f" {name} " in shown
+    assert [name for name in Commands.LAZY if f"│ {name} " in shown] == LISTED
+    assert set(Commands.LAZY) - set(LISTED) == set(ALARM_COMMANDS)
+
+
+@pytest.mark.parametrize("name", ALARM_COMMANDS)
+def test_an_operator_command_goes_by_its_old_name_too(name):
+    old, new = (CliRunner().invoke(app, [*words, "--help"]).output for words in ([name], ["alarm", name]))
+    assert old.split("\n", 3)[3] == new.split("\n", 3)[3]
+
+
+@pytest.mark.parametrize("words", [[], ["measure"], ["calibrate", "distance"], ["alarm", "ack"]])
+def test_help_prints_what_the_option_prints(words):
+    asked = CliRunner().invoke(app, ["help", *words])
+    assert asked.exit_code == 0
+    assert asked.output.strip() == CliRunner().invoke(app, [*words, "--help"]).output.strip()
+
+
+@pytest.mark.parametrize("words", [["nothing"], ["calibrate", "nothing"], ["measure", "nothing"]])
+def test_help_on_a_command_that_is_none_says_so(words):
+    asked = CliRunner().invoke(app, ["help", *words])
+    assert asked.exit_code == 2
+    assert "o such command" in asked.output or "there is no command" in asked.output
+
+
+def test_a_shell_completes_commands(monkeypatch):
+    monkeypatch.setenv("_STADIMETER_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "stadimeter cal")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    assert "calibrate" in CliRunner().invoke(app, [], prog_name="stadimeter").output
 
 
 def test_the_help_of_a_command_is_its_own():

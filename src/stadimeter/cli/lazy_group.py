@@ -14,10 +14,17 @@ from typer.core import TyperCommand, TyperGroup
 
 @dataclass(frozen=True, slots=True)
 class LazyCommand:
-    """A command that is not loaded yet: a module with a function ``register``, and the first sentence of its help."""
+    """A command that is not loaded yet.
+
+    Attributes:
+        module: A module with a function ``register``.
+        summary: The first sentence of its help.
+        panel: The heading in the list of commands that it stands under; empty for an old name, which is not listed.
+    """
 
     module: str
     summary: str
+    panel: str = ""
 
 
 class LazyGroup(TyperGroup):
@@ -31,7 +38,15 @@ class LazyGroup(TyperGroup):
     def __init__(self, **how: Any) -> None:
         super().__init__(**how)
         for name, lazy in self.LAZY.items():
-            self.add_command(TyperCommand(name, help=lazy.summary, rich_markup_mode=self.rich_markup_mode))
+            self.add_command(
+                TyperCommand(
+                    name,
+                    help=lazy.summary,
+                    hidden=not lazy.panel,
+                    rich_help_panel=lazy.panel or None,
+                    rich_markup_mode=self.rich_markup_mode,
+                )
+            )
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Load the command that is called, and let the group go on with it."""
@@ -42,8 +57,10 @@ class LazyGroup(TyperGroup):
     def load(self, name: str) -> Any:
         """Load a command of the table."""
         alone = typer.Typer(rich_markup_mode="markdown", pretty_exceptions_enable=False)
-        import_module(self.LAZY[name].module).register(alone)
-        command = typer.main.get_group(alone).commands[name]
+        lazy = self.LAZY[name]
+        import_module(lazy.module).register(alone)
+        command: Any = typer.main.get_group(alone).commands[name]
+        command.hidden, command.rich_help_panel = not lazy.panel, lazy.panel or None
         self.add_command(command)
         if not gc.isenabled():  # `stadimeter.__main__` lets it rest while libraries are loaded, and those stay
             gc.freeze()

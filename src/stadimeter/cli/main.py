@@ -12,65 +12,70 @@ import typer
 import stadimeter
 from stadimeter.cli.lazy_group import LazyCommand, LazyGroup
 
+ALARM_COMMANDS = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back")
+RUN, MEASURE, RULES, OPERATE = "Run", "Measure and calibrate", "Rules", "Operate a running instance"
+
 
 class Commands(LazyGroup):
     """Every command, in the order of the help."""
 
     LAZY: ClassVar[Mapping[str, LazyCommand]] = {
-        "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped."),
         "demo": LazyCommand(
-            "stadimeter.cli.run", "Watch a simulated ball being measured, followed and reported. Needs no hardware."
+            "stadimeter.cli.run",
+            "Watch a simulated ball being measured, followed and reported. Needs no hardware.",
+            RUN,
         ),
+        "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped.", RUN),
+        "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts.", RUN),
+        "help": LazyCommand("stadimeter.cli.help", "Print the help of a command, or the list of commands.", RUN),
         "measure": LazyCommand(
-            "stadimeter.cli.measure", "Measure how far away a target is in pictures, in videos, or before a camera."
+            "stadimeter.cli.measure",
+            "Measure how far away a target is in pictures, in videos, or before a camera.",
+            MEASURE,
         ),
         "colour": LazyCommand(
-            "stadimeter.cli.colour", "Find out the range of colours of a ball, from a picture and a place in it."
+            "stadimeter.cli.colour",
+            "Find out the range of colours of a ball, from a picture and a place in it.",
+            MEASURE,
         ),
         "calibrate": LazyCommand(
-            "stadimeter.cli.calibrate", "Find out a camera's focal length, write its camera file, and check it."
+            "stadimeter.cli.calibrate",
+            "Find out a camera's focal length, write its camera file, and check it.",
+            MEASURE,
         ),
         "check": LazyCommand(
             "stadimeter.cli.check",
             "Check a configuration: print every error in one pass, or say in words what it does.",
+            RULES,
         ),
         "test": LazyCommand(
-            "stadimeter.cli.test_rules", "Run the tests of a configuration. Nothing is opened and nothing moves."
+            "stadimeter.cli.test_rules", "Run the tests of a configuration. Nothing is opened and nothing moves.", RULES
         ),
-        "explain": LazyCommand("stadimeter.cli.explain", "Explain why a rule acts, or why it does not."),
+        "explain": LazyCommand("stadimeter.cli.explain", "Explain why a rule acts, or why it does not.", RULES),
         "replay": LazyCommand(
-            "stadimeter.cli.replay", "Run rules over a recording. Nothing is opened and nothing moves."
+            "stadimeter.cli.replay", "Run rules over a recording. Nothing is opened and nothing moves.", RULES
         ),
         "tune": LazyCommand(
-            "stadimeter.cli.tune", "Propose the probability, delays and hysteresis of an alarm, from recordings."
+            "stadimeter.cli.tune", "Propose the probability, delays and hysteresis of an alarm, from recordings.", RULES
+        ),
+        "schema": LazyCommand(
+            "stadimeter.cli.schema",
+            "Print a JSON Schema of configurations, for editors that complete and check while you write.",
+            RULES,
         ),
         "status": LazyCommand(
-            "stadimeter.cli.operate", "Print the state of every rule of a running instance, and the reason."
+            "stadimeter.cli.operate", "Print the state of every rule of a running instance, and the reason.", OPERATE
         ),
         "reload": LazyCommand(
             "stadimeter.cli.operate",
             "Apply the edited configuration of a running instance without a restart, if it passes `check`.",
+            OPERATE,
         ),
-        "ack": LazyCommand(
-            "stadimeter.cli.operate", "Acknowledge an alarm of a running instance: a person has seen it."
+        "alarm": LazyCommand(
+            "stadimeter.cli.operate", "Acknowledge, reset or shelve an alarm of a running instance, and more.", OPERATE
         ),
-        "reset": LazyCommand(
-            "stadimeter.cli.operate", "End a latched alarm of a running instance. Its condition must be over."
-        ),
-        "shelve": LazyCommand(
-            "stadimeter.cli.operate",
-            "Shelve a rule of a running instance: for a while it is still evaluated, but drives nothing.",
-        ),
-        "unshelve": LazyCommand("stadimeter.cli.operate", "Let a shelved rule of a running instance act again."),
-        "take-out": LazyCommand(
-            "stadimeter.cli.operate", "Take a rule of a running instance out of service, until it is put back."
-        ),
-        "put-back": LazyCommand("stadimeter.cli.operate", "Put a rule of a running instance back into service."),
-        "schema": LazyCommand(
-            "stadimeter.cli.schema",
-            "Print a JSON Schema of configurations, for editors that complete and check while you write.",
-        ),
-        "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts."),
+        # Names of earlier versions.
+        **{name: LazyCommand("stadimeter.cli.operate", f"`stadimeter alarm {name}`.") for name in ALARM_COMMANDS},
     }
 
 
@@ -80,7 +85,6 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -102,8 +106,8 @@ def _stadimeter(
     Watches an object of known size (a ball, a sheet of paper), measures how far away it is and how sure that is, and
     lets rules turn distance into action: vibrate, beep, follow, alert.
 
-    Start with `stadimeter demo`, which needs no hardware. Then `calibrate` the camera with one picture at a known
-    distance, `measure` some pictures, `check` a configuration and `run` it.
+    Start with `stadimeter demo`, which needs no hardware. Then find out the `colour` of your ball, `calibrate` the
+    camera with one picture at a known distance, `measure` some pictures, `check` a configuration and `run` it.
     """
 
 

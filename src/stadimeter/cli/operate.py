@@ -1,4 +1,4 @@
-"""Commands for a running instance: operator commands such as ``ack`` and ``shelve``, and ``reload`` and ``status``."""
+"""Commands for a running instance: operator commands such as ``alarm ack``, and ``reload`` and ``status``."""
 
 from __future__ import annotations
 
@@ -29,6 +29,11 @@ All = Annotated[bool, typer.Option("--all", help="Every rule that it applies to,
 CHECK_WAIT_S = 60.0
 """A configuration with many targets takes a small computer some seconds to check."""
 
+ALARM = """Acknowledge, reset or shelve an alarm of a running instance, and more.
+
+Every command names a rule of the configuration, or says `--all`. It is recorded who gave it, when and why.
+"""
+
 ON_ONE_RULE: Mapping[str, str] = {
     "ack": """Acknowledge an alarm of a running instance: a person has seen it.
 
@@ -36,7 +41,7 @@ ON_ONE_RULE: Mapping[str, str] = {
 
     **Example**
 
-    - `stadimeter ack too-close --why "moved the ladder"`
+    - `stadimeter alarm ack too-close --why "moved the ladder"`
 
     **Exit code**: 0 done; 2 there is nothing to acknowledge, no such rule, or no running instance.
     """,
@@ -44,7 +49,7 @@ ON_ONE_RULE: Mapping[str, str] = {
 
     **Example**
 
-    - `stadimeter reset too-close`
+    - `stadimeter alarm reset too-close`
 
     **Exit code**: 0 done; 2 it is not latched, its condition still holds, no such rule, or no running instance.
     """,
@@ -52,7 +57,7 @@ ON_ONE_RULE: Mapping[str, str] = {
 
     **Example**
 
-    - `stadimeter unshelve --all`
+    - `stadimeter alarm unshelve --all`
 
     **Exit code**: 0 done; 2 it is not shelved, no such rule, or no running instance.
     """,
@@ -63,7 +68,7 @@ ON_ONE_RULE: Mapping[str, str] = {
 
     **Example**
 
-    - `stadimeter take-out too-close --why "the door is being repaired"`
+    - `stadimeter alarm take-out too-close --why "the door is being repaired"`
 
     **Exit code**: 0 done; 2 it is a safety rule, no such rule, or no running instance.
     """,
@@ -71,7 +76,7 @@ ON_ONE_RULE: Mapping[str, str] = {
 
     **Example**
 
-    - `stadimeter put-back too-close`
+    - `stadimeter alarm put-back too-close`
 
     **Exit code**: 0 done; 2 it is not out of service, no such rule, or no running instance.
     """,
@@ -80,10 +85,13 @@ ON_ONE_RULE: Mapping[str, str] = {
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    for op, words in ON_ONE_RULE.items():
-        app.command(op, help=words)(_on_one_rule(op))
-    app.command("shelve")(shelve)
+    """Add the commands; those for alarms also by the names that they had without ``alarm`` before them."""
+    alarm = typer.Typer(name="alarm", help=ALARM, no_args_is_help=True, rich_markup_mode="markdown")
+    for group in (alarm, app):
+        for op, words in ON_ONE_RULE.items():
+            group.command(op, help=words)(_on_one_rule(op))
+        group.command("shelve")(shelve)
+    app.add_typer(alarm)
     app.command("reload")(reload)
     app.command("status")(status)
 
@@ -129,7 +137,7 @@ def shelve(
 
     **Example**
 
-    - `stadimeter shelve too-close --for "30 min" --why "painting"`
+    - `stadimeter alarm shelve too-close --for "30 min" --why "painting"`
 
     **Exit code**: 0 done; 2 the rule does not allow it, no such rule, or no running instance.
     """

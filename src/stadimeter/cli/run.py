@@ -75,7 +75,7 @@ def run(
     service, which has no terminal, SIGHUP says to read CONFIG again, as `stadimeter reload` does.
 
     Alarms of a live camera are remembered: after a restart they go on as if nothing had happened. A running instance
-    takes operator commands: `stadimeter ack`, `shelve` and so on.
+    takes operator commands: `stadimeter alarm ack`, `shelve` and so on.
 
     **Examples**
 

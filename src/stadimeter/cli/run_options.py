@@ -158,7 +158,7 @@ StateFile = Annotated[
 NoState = Annotated[bool, typer.Option("--no-state", help="Remember nothing beyond the end of the run.")]
 SocketFile = Annotated[
     Path | None,
-    typer.Option("--socket", metavar="PATH", help="Where to listen for `stadimeter ack`, `reload` and the like."),
+    typer.Option("--socket", metavar="PATH", help="Where to listen for `stadimeter alarm ack`, `reload` and the like."),
 ]
 TrustClock = Annotated[
     bool,
