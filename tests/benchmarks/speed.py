@@ -237,7 +237,7 @@ def _chart(what: str, times: dict[Size, Times]) -> Chart:
         for (width, height), of_size in times.items()
         for state in STATES
     }
-    return Chart(name=f"{what}-time", title=f"Time of a frame: {what}", axis="µs", rows=rows, series=series)
+    return Chart(name=f"{what.replace(" ", "-")}-time", title=f"Time of a frame: {what}", axis="µs", rows=rows, series=series)
 
 
 def _facts(times: dict[str, dict[Size, Times]]) -> dict[str, float]:
