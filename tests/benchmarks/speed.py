@@ -237,7 +237,8 @@ def _chart(what: str, times: dict[Size, Times]) -> Chart:
         for (width, height), of_size in times.items()
         for state in STATES
     }
-    return Chart(name=f"{what.replace(" ", "-")}-time", title=f"Time of a frame: {what}", axis="µs", rows=rows, series=series)
+    name = f"{what}-time".replace(" ", "-")
+    return Chart(name=name, title=f"Time of a frame: {what}", axis="µs", rows=rows, series=series)
 
 
 def _facts(times: dict[str, dict[Size, Times]]) -> dict[str, float]:
