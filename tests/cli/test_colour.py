@@ -126,8 +126,43 @@ def test_a_place_that_is_none_is_refused(green_ball: Path, arguments: list[str],
     assert words in told.stderr
 
 
+def test_a_path_may_hold_an_at_sign_before_its_places(tmp_path: Path) -> None:
+    (tmp_path / "me@home").mkdir()
+    picture = _picture(tmp_path / "me@home" / "ball@3m.png", ((300, 200), 40, GREEN))
+    told = _run("colour", f"{picture}@310,190@290,210", "--annotate", tmp_path)
+    assert told.exit_code == 0
+    assert (tmp_path / "ball@3m-colour.png").is_file()
+
+
+def test_a_picture_that_is_missing_is_named_as_it_was_given() -> None:
+    told = _run("colour", "nowhere.png@3,4")
+    assert told.exit_code == 2
+    assert "nowhere.png@3,4" in told.stderr
+
+
+def test_a_camera_gives_the_picture_too(tmp_path: Path, green_ball: Path) -> None:
+    told = _run("colour", "--live", f"images,paths=['{green_ball}']", "--annotate", tmp_path)
+    assert told.exit_code == 0, told.stderr
+    assert (tmp_path / "live-colour.png").is_file()
+
+
+def test_a_camera_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:
+    told = _run("colour", "--live", "opencv,device=97", "--annotate", tmp_path)
+    assert told.exit_code == 2
+    assert len(told.stderr.splitlines()) == 1
+    assert "/dev/video97" in told.stderr
+
+
 def test_pictures_or_a_camera_are_needed() -> None:
     assert "give pictures of the ball, or --live" in _run("colour").stderr
+
+
+def test_measure_proposes_a_range_once_for_many_pictures(tmp_path: Path) -> None:
+    pictures = [_picture(tmp_path / f"{number}.png", ((300, 200), 40, GREEN)) for number in range(3)]
+    camera = tmp_path / "camera.toml"
+    save_camera_model(camera, CameraModel.with_focal_length(600.0, 640, 480))
+    told = _run("measure", *pictures, "--camera", camera, "--ball", "6.4cm", "--hsv", "110,150,60:130,255,255")
+    assert told.stderr.count("has other colours") == 1
 
 
 def test_measure_proposes_a_range_where_no_pixel_has_the_colour(green_ball: Path) -> None:

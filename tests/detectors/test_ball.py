@@ -312,7 +312,7 @@ def test_the_green_ball_in_a_hand_is_found_in_the_video(real_pictures: Path, bal
     capture.release()
     assert len(found) == 1004
     seen = [width / 2 for width in found if width]
-    assert len(seen) >= 740
+    assert len(seen) >= 720
     assert not any(found[:25]), "there is no ball before frame 29"
     assert not any(found[975:]), "there is no ball after frame 960"
     assert np.percentile(seen, 2) > 18

@@ -95,12 +95,21 @@ def _given(pictures: Sequence[str], at: Sequence[str], live: str | None) -> tupl
     if live:
         frame = settled_frame(camera_choice(live))
         return [Path("live.png")], [_sample(frame, "the camera's picture", at)]
-    split = [each.split("@") if not Path(each).is_file() else [each] for each in pictures]
-    names = [Path(name) for name, *_ in split]
+    split = [_split(each) for each in pictures]
+    names = [Path(name) for name, _ in split]
     for note in profile_notes(names):
         typer.echo(f"note: {note}", err=True)
-    samples = [_sample(open_picture(Path(name)), name, [*places, *at]) for name, *places in split]
+    samples = [_sample(open_picture(Path(name)), name, [*places, *at]) for name, places in split]
     return names, samples
+
+
+def _split(text: str) -> tuple[str, list[str]]:
+    """Return the path and the places of ``PATH@X,Y@X,Y``; a path may hold an ``@`` itself."""
+    name, places = text, []
+    while "@" in name and not Path(name).is_file():
+        name, _, place = name.rpartition("@")
+        places.append(place)
+    return (name, places) if Path(name).is_file() else (text, [])
 
 
 def _sample(frame: Frame, name: str, places: Sequence[str]) -> ColourSample:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -122,8 +122,7 @@ def measure(
     - `stadimeter measure --live opencv,device=0 --camera camera.toml --tag 8cm --family 36h11`
 
     **Exit code**: 0 everything was measured, in a video or by a camera in one frame at least; 1 a target was not
-    found, or cut off; 2 an option, a file or a
-    picture is wrong. A bad picture does not stop the others.
+    found, or cut off; 2 an option, a file or a picture is wrong. A bad picture does not stop the others.
     """
     with plain_errors():
         if bool(images) == bool(live):
@@ -134,25 +133,14 @@ def measure(
         targets = build_detectors(wanted.choices, camera_model)
         work = _Work(
             measuring=Measuring(targets, camera_model),
-            choices=wanted.choices,
+            wanted=wanted,
             targets=targets,
             camera_model=camera_model,
             printer=printer_of([live or "", *map(str, images or ())], wanted, as_json=as_json, explain=explain),
             between=names,
         )
-        if live:
-            raise typer.Exit(work.frames(camera_choice(live), live))
-        pictures = images or []
-        for note in profile_notes(pictures):
-            _note(note)
-        paths = copy_paths([each for each in pictures if not _is_video(each)], copies)
-        codes = [
-            work.frames(_video(each), str(each))
-            if _is_video(each)
-            else work.picture(each, _Copy.of(paths.get(each), wanted.unit, explain=explain))
-            for each in _counted(pictures)
-        ]
-    raise typer.Exit(max(codes))
+        code = work.frames(camera_choice(live), live) if live else work.files(images or [], copies, explain=explain)
+    raise typer.Exit(code)
 
 
 VIDEO_SUFFIXES = frozenset(
@@ -236,17 +224,30 @@ class _Work:
     """Everything that `measure` needs for its inputs: what to look for, through which lens, and how to print it."""
 
     measuring: Measuring
-    choices: Sequence[DriverChoice]
+    wanted: WantedTargets
     targets: Sequence[NamedDetector]
     camera_model: CameraModel
     printer: Printer
     between: tuple[str, str] | None
+    proposed: set[str] = field(default_factory=set)  # targets for which other colours have been proposed
+
+    def files(self, files: Sequence[Path], copies: Path | None, *, explain: bool) -> int:
+        """Measure pictures and videos one after the other, and return the worst of their exit codes."""
+        for note in profile_notes(files):
+            _note(note)
+        paths = copy_paths([each for each in files if not _is_video(each)], copies)
+        return max(
+            self.frames(_video(each), str(each))
+            if _is_video(each)
+            else self.picture(each, _Copy.of(paths.get(each), self.wanted.unit, explain=explain))
+            for each in _counted(files)
+        )
 
     def picture(self, image: Path, copy: _Copy | None) -> int:
         """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
         result = measure_picture(image, self.targets, self.camera_model)
         code = self._printed(result)
-        for words in colour_notes(result, self.choices):
+        for words in colour_notes(result, self.wanted.choices, self.proposed):
             _note(words)
         return max(code, _write_copy(result, copy)) if copy else code
 

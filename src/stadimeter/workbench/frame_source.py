@@ -10,11 +10,13 @@ from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.frame import Frame
-from stadimeter.errors import CaptureTimeoutError, EndOfFramesError, PictureError
+from stadimeter.errors import CaptureTimeoutError, EndOfFramesError
 
 FRAME_WAIT_S = 0.5
 SETTLING_FRAMES = 10
 """A live camera sets its exposure in its first frames, unless that is fixed."""
+SETTLING_WAIT_S = 5.0
+"""Some cameras take seconds to give their first frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,19 +71,13 @@ def settled_frame(choice: DriverChoice) -> Frame:
     """Return one frame of a camera, as its settings make it: of a live one not the first ones.
 
     Raises:
-        DriverError: It cannot be opened.
-        PictureError: No frame comes.
+        DriverError: It cannot be opened, or no frame comes.
     """
     source = open_source(choice)
     try:
         source.capture.open()
-        for number, frame in enumerate(source.frames(_give_up), start=1):
-            if number == SETTLING_FRAMES or not source.is_live:
-                return frame
+        for _ in range(SETTLING_FRAMES if source.is_live else 0):
+            source.capture.latest(SETTLING_WAIT_S)
+        return source.capture.latest(SETTLING_WAIT_S)
     finally:
         source.capture.close()
-    raise PictureError("the camera gave no picture")
-
-
-def _give_up(why: str) -> None:
-    raise PictureError(f"the camera gives no picture: {why}")

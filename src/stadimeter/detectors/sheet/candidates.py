@@ -98,11 +98,9 @@ class Findings:
     def rival(self) -> Candidate | None:
         """Another one that is about as much like the sheet and contradicts; None if there is none."""
         best = self.best
-        return (
-            None
-            if best is None
-            else max((each for each in self._alike if _contradict(each, best)), key=_score, default=None)
-        )
+        if best is None:
+            return None
+        return max((each for each in self._alike if _contradict(each, best)), key=_score, default=None)
 
     @property
     def twin(self) -> Candidate | None:
