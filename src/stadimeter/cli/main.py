@@ -25,6 +25,9 @@ class Commands(LazyGroup):
             "Watch a simulated ball being measured, followed and reported. Needs no hardware.",
             RUN,
         ),
+        "init": LazyCommand(
+            "stadimeter.cli.init", "Write a first configuration: asks for camera, target and what shall happen.", RUN
+        ),
         "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped.", RUN),
         "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts.", RUN),
         "help": LazyCommand("stadimeter.cli.help", "Print the help of a command, or the list of commands.", RUN),

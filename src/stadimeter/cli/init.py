@@ -1,0 +1,262 @@
+"""The command ``init``: a camera file and a configuration from questions and answers."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from stadimeter.app.detectors import build_detectors
+from stadimeter.cli.check import check
+from stadimeter.cli.exits import NOT_FOUND, plain_errors
+from stadimeter.cli.formatting import METRE, format_distance
+from stadimeter.cli.test_rules import run_tests
+from stadimeter.errors import ConfigError, StadimeterError
+from stadimeter.workbench.measuring import Measuring
+from stadimeter.workbench.setup.answers import ANSWERS, load_answers
+from stadimeter.workbench.setup.files import written_files
+from stadimeter.workbench.setup.interview import Interview, all_answered, check_keys
+from stadimeter.workbench.setup.known import CONFIGURATION, Known
+from stadimeter.workbench.setup.question import Accepted, Question
+from stadimeter.workbench.setup.target import chosen_target
+from stadimeter.workbench.setup.wish_steps import wanted
+from stadimeter.workbench.setup.writing import copy_name, write_files
+
+BACK = "back"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the command line."""
+    app.command("init")(init)
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where the files will be; here unless given.")] = (
+        Path()
+    ),
+    answers: Annotated[
+        Path | None,
+        typer.Option("--answers", metavar="FILE", help="Take the answers from this TOML file, and ask nothing."),
+    ] = None,
+) -> None:
+    """Write a first configuration: asks for camera, target and what shall happen, one thing at a time.
+
+    Shows what it found, and has an answer ready, in brackets, which Enter takes. `back` goes back to the question
+    before. Ctrl-C leaves; each answer is saved as it is given, and `stadimeter init` in the same folder goes on from
+    there.
+
+    Writes a camera file, a configuration with two tests for each thing that shall happen, and pictures of what was
+    found, in the folder init. Then it checks the configuration, runs its tests, and names the next three commands. A
+    file that is there already is kept as a copy, such as stadimeter.toml.1.bak.
+
+    With --answers it asks nothing: each question takes its answer from the file, or else the one that is ready.
+    docs/getting-started.md lists the keys. The file that a session has left, init-answers.toml, is such a file.
+
+    **Examples**
+
+    - `stadimeter init`
+
+    - `stadimeter init garage`
+
+    - `stadimeter init garage --answers answers.toml`
+
+    **Exit code**: 0 the configuration can be used and its tests pass; 1 you left before the end, or a test failed; 2 an
+    answer or a file is wrong, or there is no terminal.
+    """
+    console = Console(highlight=False)
+    with plain_errors():
+        if answers is None and not (sys.stdin.isatty() and sys.stdout.isatty()):
+            raise ConfigError(
+                "init asks questions, and there is no terminal here; give the answers with --answers FILE, such as "
+                'camera = "ball.jpg" (docs/getting-started.md lists the keys)'
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        known = _scripted(console, folder, answers) if answers else _asked(console, folder)
+        _write(console, known)
+    _show(console, known)
+
+
+def _scripted(console: Console, folder: Path, file: Path) -> Known:
+    given = load_answers(file)
+    check_keys(given, str(file))
+    interview = Interview(folder)
+    for key, accepted in all_answered(interview, given, str(file)):
+        _tell_accepted(console, key, accepted)
+    for key in given:
+        if key not in interview.known.answers:
+            typer.echo(f"note: {key} was not asked, since other answers leave no need for it", err=True)
+    return interview.known
+
+
+def _asked(console: Console, folder: Path) -> Known:
+    try:
+        _may_replace(console, folder / CONFIGURATION)
+        return _interviewed(console, folder)
+    except (KeyboardInterrupt, EOFError):
+        again = "stadimeter init" if folder == Path() else f"stadimeter init {folder}"
+        console.print(f"\nLeft. Every answer is saved; run `{again}` again to go on.", markup=False)
+        raise typer.Exit(NOT_FOUND) from None
+
+
+def _may_replace(console: Console, file: Path) -> None:
+    if not file.exists():
+        return
+    console.print(f"{file} is there already. At the end it is kept as {copy_name(file).name}.", markup=False)
+    if _typed(console, "Make a new one? (yes or no)", "yes").lower() not in {"y", "yes"}:
+        console.print("Nothing was changed.")
+        raise typer.Exit(NOT_FOUND)
+
+
+def _interviewed(console: Console, folder: Path) -> Known:
+    saved = load_answers(folder / ANSWERS) if (folder / ANSWERS).exists() else {}
+    interview = Interview(folder, earlier=saved if (folder / CONFIGURATION).exists() else {})
+    if saved and not (folder / CONFIGURATION).exists():
+        console.print(f"Going on with the answers in {folder / ANSWERS}:", markup=False)
+        for key, accepted in interview.resume(saved):
+            _tell_accepted(console, key, accepted)
+    else:
+        console.print(
+            "Enter takes the answer in [brackets], back goes back, Ctrl-C leaves and keeps the answers.",
+            style="dim",
+            markup=False,
+        )
+    while interview.next_key:
+        _ask(console, interview)
+    return interview.known
+
+
+def _ask(console: Console, interview: Interview) -> None:
+    """Ask the next question once; it stays where it is if the answer cannot be used."""
+    try:
+        with _busy(console):
+            question = interview.question()
+    except StadimeterError as error:  # an earlier answer is of no use any more
+        _tell_error(console, error)
+        if not interview.back():
+            raise
+        return
+    if question is None:
+        return
+    _tell_question(console, question, len(interview.known.answers) + 1)
+    text = _typed(console, "", question.ready)
+    if text == BACK:
+        interview.back()
+        return
+    if text.isdecimal() and 1 <= int(text) <= len(question.options):
+        text = question.options[int(text) - 1].answer
+    try:
+        with _busy(console):
+            accepted = interview.answer(text)
+    except StadimeterError as error:
+        _tell_error(console, error)
+    else:
+        _tell_notes(console, accepted)
+
+
+def _tell_question(console: Console, question: Question, number: int) -> None:
+    console.print()
+    console.print(Text(f"{number}. {question.text}", "bold"))
+    for found in question.found:
+        _indented(console, found, "green")
+    form = f"{question.form[0].upper()}{question.form[1:]}." if question.form else ""
+    if question.options:
+        table = Table.grid(padding=(0, 2))
+        table.add_column(justify="right")
+        table.add_column(overflow="fold")
+        table.add_column(overflow="fold")
+        for count, option in enumerate(question.options, start=1):
+            table.add_row(str(count), Text(option.answer, "cyan"), Text(option.meaning))
+        console.print(Padding(table, (0, 0, 0, 3)))
+        form = f"Or {question.form}." if question.form else ""
+    if form:
+        _indented(console, form, "dim")
+
+
+def _tell_notes(console: Console, accepted: Accepted) -> None:
+    for note in accepted.notes:
+        _indented(console, note, "yellow" if accepted.doubt else "green")
+    if accepted.doubt:
+        _indented(console, "Enter if that is right all the same; or another answer.", "dim")
+
+
+def _typed(console: Console, text: str, ready: str) -> str:
+    """Return what the person types, or the ready answer; asks again for an empty line where there is none."""
+    prompt = Text.assemble(f"{text} " if text else "", (f"[{ready}]" if ready else "", "cyan"), "> ")
+    while True:
+        typed = console.input(prompt, markup=False).strip()
+        if typed or ready:
+            return typed or ready
+        console.print("There is no answer ready here; type one.", style="yellow")
+
+
+def _tell_accepted(console: Console, key: str, accepted: Accepted) -> None:
+    console.print(Text.assemble((f"{key}", "bold"), " = ", (accepted.answer, "cyan")))
+    for note in accepted.notes:
+        _indented(console, note, "green")
+
+
+def _tell_error(console: Console, error: StadimeterError) -> None:
+    for line in str(error).splitlines():
+        _indented(console, line, "red")
+
+
+def _indented(console: Console, words: str, style: str) -> None:
+    console.print(Padding(Text(words, style), (0, 0, 0, 3)))
+
+
+@contextmanager
+def _busy(console: Console) -> Iterator[None]:
+    """Show that something is going on; a colour takes seconds to be found."""
+    with console.status("looking …", spinner="line"):
+        yield
+
+
+def _write(console: Console, known: Known) -> None:
+    if known.camera_model is None:
+        raise ConfigError("there is no camera model; answer the question for the calibration")
+    console.print()
+    for words in write_files(known.folder, written_files(known.answers, known.camera_model, known.model_file)):
+        console.print(words, markup=False, soft_wrap=True)
+
+
+def _show(console: Console, known: Known) -> None:
+    """Check what was written, run its tests, measure, and name the next commands."""
+    console.print()
+    check(known.file)
+    console.print()
+    _measure(console, known)
+    _next_commands(console, known)
+    console.print()
+    run_tests(known.file, name="", as_json=False, verbose=False)
+
+
+def _measure(console: Console, known: Known) -> None:
+    if known.camera_model is None:
+        return
+    targets = build_detectors([chosen_target(known)], known.camera_model)
+    for each in Measuring(targets, known.camera_model).measure(known.frame, "").targets:
+        seen = each.measurement
+        if seen.distance_m is None:
+            console.print(f"In the last picture: no distance, {seen.reason}", markup=False)
+        else:
+            away = format_distance(seen.distance_m, seen.sigma_m, METRE)
+            console.print(f"In the last picture, the {seen.target} is {away} away.", markup=False)
+
+
+def _next_commands(console: Console, known: Known) -> None:
+    rule = wanted(known.answers)[0].key
+    console.print("\nNext:", style="bold")
+    for line in (
+        f"stadimeter measure --live {known.file} --config {known.file}",
+        f"stadimeter run {known.file} --watch",
+        f"stadimeter explain {rule}",
+    ):
+        console.print(f"  {line}", markup=False, soft_wrap=True)
