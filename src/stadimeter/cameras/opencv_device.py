@@ -297,7 +297,7 @@ def _decoded(capture: CaptureLike) -> Image | None:
 
 
 def _build(options: OpenCvOptions, context: DriverContext) -> OpenCvCamera:
-    return OpenCvCamera(options, context.clock)
+    return OpenCvCamera(options, context.clock, cv2.VideoCapture)
 
 
 def _lacks(options: OpenCvOptions) -> tuple[str, ...]:
