@@ -1,42 +1,36 @@
-"""Questions about the lens: pictures at known distances, a camera file that is there, or a guess."""
+"""Questions about the lens: distances before the camera, pictures at known distances, a camera file, or a guess."""
 
 from __future__ import annotations
 
-import datetime as dt
-import math
 import re
 import shlex
-from dataclasses import replace
 from pathlib import Path
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import load_camera_model
-from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import parse_angle, parse_length
-from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
+from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError
-from stadimeter.ranging.calibration import Calibration, KnownDistance, calibrate
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.calibration.calibrating import check_lens_settings, known_distance, looked_at_again
-from stadimeter.workbench.measuring import measure_picture
+from stadimeter.workbench.calibration.live_distance import LiveDistance
 from stadimeter.workbench.setup.camera_step import words_of
 from stadimeter.workbench.setup.known import CAMERA_FILE, PICTURES, Known
+from stadimeter.workbench.setup.lens import (
+    contradiction,
+    guessed_lens,
+    is_unusual,
+    lens_from,
+    lens_in_words,
+    picture_at,
+    today,
+)
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
 from stadimeter.workbench.setup.target import chosen_target, look
 
 GUESS = "60 deg"
 """The width of what a usual webcam sees."""
-
-GUESS_RELATIVE_SIGMA = 0.1
-
-WIDEST_RAD, NARROWEST_RAD = math.radians(130), math.radians(20)
-"""A camera that sees more or less than this is unusual: a size or a distance may be in another unit than was meant."""
-
-TAPE_RELATIVE_SIGMA = 0.01
-"""How well people measure a distance with a tape, as a share of it."""
-
-CONTRADICTION_SIGMAS = 3.0
 
 SKIP = "skip"
 
@@ -47,18 +41,18 @@ class CalibrationStep(Step):
     key = "calibration"
 
     def question(self, known: Known) -> Question:
-        """Ask for the most certain way that is there."""
+        """Have the most certain way ready that there is."""
         name = known.answers["target"]
+        live = f" Put the {name} into the middle of the picture; measure from the lens to {_measured_to(name)}."
         options = [*_known_files(known), *_live(known), *_named_pictures(known)]
         options.append(Option(GUESS, "a guess: the camera sees that much across; distances may be wrong by a tenth"))
-        put = f"Put the {name} into the middle of the picture, measure from the lens to it, and type the distance."
         return Question(
             key=self.key,
-            text=f"How large does the {name} look, and how far away? {put if known.is_live else ''}".strip(),
+            text=f"How far away is the {name}? That calibrates the camera.{live if known.is_live else ''}",
             options=tuple(options),
             ready=options[0].answer,
             form=(
-                "a distance now, such as 1 m; pictures at known distances, such as near.jpg@50cm far.jpg@2m; a camera "
+                "a distance, such as 1 m; pictures at known distances, such as near.jpg@50cm far.jpg@2m; a camera "
                 "file; or the width of the view, such as 60 deg"
             ),
         )
@@ -68,11 +62,11 @@ class CalibrationStep(Step):
         if text.endswith(".toml"):
             return _from_file(known, text)
         if re.fullmatch(r"[\d.]+\s*(deg|°)", text):
-            known.camera_model, known.model_file = guessed_model(known, parse_angle(text)), ""
+            known.camera_model, known.model_file = guessed_lens(known.frame, parse_angle(text)), ""
             return Accepted(answer=text, notes=("This is rough: distances may be wrong by a tenth of themselves.",))
-        pictures = words_of(text) if "@" in text else [_picture_now(known, text)]
+        pictures, seen = (_pictures(text), ()) if "@" in text else _picture_now(known, text)
         answer = pictures[0] if len(pictures) == 1 else shlex.join(pictures)
-        return Accepted(answer=answer, notes=_calibrate(known, pictures))
+        return _from_pictures(known, pictures, answer, seen)
 
 
 class ProofStep(Step):
@@ -86,36 +80,51 @@ class ProofStep(Step):
 
     def question(self, known: Known) -> Question:
         """Ask for a distance several times as large."""
-        _, at_m = _split(known.answers["calibration"])
+        name, far = known.answers["target"], _far(known)
         return Question(
             key=self.key,
-            text=f"Now put the {known.answers['target']} elsewhere, to prove it, and type the distance.",
-            options=(Option(f"{3 * at_m:g} m", "three times as far"), Option(SKIP, "no proof")),
-            ready=f"{3 * at_m:g} m",
-            form="a distance such as 3 m, or skip",
+            text=f"Now put the {name} farther away, which proves the first distance. How far away is it?",
+            options=(Option(far, "three times as far"), Option(SKIP, "no proof")),
+            ready=far,
+            form="another distance",
         )
 
     def accept(self, known: Known, text: str) -> Accepted:
-        """Measure at the second distance; refuse what contradicts the first."""
-        if text == SKIP or known.camera_model is None:
+        """Look at the second distance; refuse what contradicts the first."""
+        if text == SKIP:
             return Accepted(answer=SKIP)
-        picture = text if "@" in text else _picture_now(known, text)
-        path, said_m = _split(picture)
-        agrees = _compared(known, known.path(path), said_m)
-        return Accepted(answer=picture, notes=(agrees, *_calibrate(known, [known.answers["calibration"], picture])))
+        second, seen = ([text], ()) if "@" in text else _picture_now(known, text)
+        pictures = [known.answers["calibration"], *second]
+        why = contradiction([picture_at(known.folder, each) for each in pictures], chosen_target(known))
+        if why:
+            raise CalibrationError(why)
+        return _from_pictures(known, pictures, second[0], (*seen, "The two distances agree."))
 
 
-def guessed_model(known: Known, view_rad: float) -> CameraModel:
-    """Return the lens of a camera that sees an angle across its picture; a `ConfigError` if no camera does."""
-    if not 0 < view_rad < math.radians(170):
-        raise ConfigError(f"no camera sees {math.degrees(view_rad):g}° across; write it such as {GUESS}")
-    width_px, height_px = known.frame.width_px, known.frame.height_px
-    made = CameraModel.with_focal_length(width_px / 2 / math.tan(view_rad / 2), width_px, height_px)
-    return replace(
-        made,
-        focal_relative_sigma=GUESS_RELATIVE_SIGMA,
-        provenance=Provenance(method=f"a guess: {math.degrees(view_rad):g} degrees across", date=_today()),
-    )
+def _pictures(text: str) -> list[str]:
+    """Return the pictures of an answer; a distance may have a space before its unit."""
+    pictures: list[str] = []
+    for word in words_of(text):
+        if pictures and "@" not in word:
+            pictures[-1] += word
+        else:
+            pictures.append(word)
+    return pictures
+
+
+def _measured_to(name: str) -> str:
+    return "its nearest point" if name == "ball" else f"the {name}"
+
+
+def _far(known: Known) -> str:
+    shape_m = _limb_radius_m(known)
+    near_m = picture_at(known.folder, known.answers["calibration"]).depth_m - shape_m
+    return f"{3 * near_m:.3g} m"
+
+
+def _limb_radius_m(known: Known) -> float:
+    (named,) = build_detectors([chosen_target(known)], None)
+    return named.detector.target_shape.limb_radius_m
 
 
 def _known_files(known: Known) -> list[Option]:
@@ -139,94 +148,56 @@ def _named_pictures(known: Known) -> list[Option]:
             parse_length(name.stem)
         except ValueError:
             continue
-        named.append(f"{name.relative_to(known.folder) if name.is_relative_to(known.folder) else name}@{name.stem}")
+        path = name.relative_to(known.folder) if name.is_relative_to(known.folder) else name
+        named.append(f"{path}@{name.stem}")
     return [Option(shlex.join(sorted(named)), "the distances that the names of the pictures say")] if named else []
 
 
 def _from_file(known: Known, text: str) -> Accepted:
     model = load_camera_model(known.path(text))
     model.for_frame(known.frame)  # refuses another aspect
-    known.camera_model, known.model_file = model, text
-    return Accepted(answer=text, notes=(_view(model),))
+    return _taken(known, model, text, (), model_file=text)
 
 
-def _picture_now(known: Known, text: str) -> str:
-    """Keep what the camera sees as a picture at a known distance, and return it as ``PICTURE@DISTANCE``."""
+def _from_pictures(known: Known, pictures: list[str], answer: str, seen: tuple[str, ...]) -> Accepted:
+    model, notes = lens_from([picture_at(known.folder, each) for each in pictures], chosen_target(known))
+    model.for_frame(known.frame)  # refuses pictures of another aspect than the camera's
+    return _taken(known, model, answer, (*seen, *notes))
+
+
+def _taken(known: Known, model: CameraModel, answer: str, notes: tuple[str, ...], model_file: str = "") -> Accepted:
+    known.camera_model, known.model_file = model, model_file
+    return Accepted(answer=answer, notes=(*notes, lens_in_words(model)), doubt=is_unusual(model))
+
+
+def _picture_now(known: Known, text: str) -> tuple[list[str], tuple[str, ...]]:
+    """Keep what the camera sees as a picture at a known distance.
+
+    Returns:
+        It as ``PICTURE@DEPTH``, and what was seen.
+    """
     try:
-        at_m = parse_length(text)
+        distance_m = parse_length(text)
     except ValueError as error:
         raise ConfigError(f"{error}; or give pictures, such as near.jpg@50cm") from error
+    frame, seen = _taken_live(known, distance_m) if known.is_live else _shown(known)
+    picture = f"{PICTURES}/at-{distance_m:g}m.png"
+    write_picture(known.path(picture), frame.image)
+    return [f"{picture}@{distance_m + _limb_radius_m(known):.5g}m"], (seen,)
+
+
+def _taken_live(known: Known, distance_m: float) -> tuple[Frame, str]:
+    if known.camera is None:
+        raise ConfigError("there is no camera")
+    with LiveDistance(known.camera, chosen_target(known), date=today()) as session:
+        take = session.take(distance_m)
+        frame = session.pictures[take.name]
+    spread = f"spread {take.spread_share:.1%}"
+    return frame, f"Found in {take.found} of {take.frames} frames, {take.size_px:.0f} px, {spread}."
+
+
+def _shown(known: Known) -> tuple[Frame, str]:
     found, words = look(known, chosen_target(known))
     if found.status is not DetectionStatus.FOUND:
         raise ConfigError(words)
-    picture = f"{PICTURES}/at-{at_m:g}m.png"
-    write_picture(known.path(picture), known.frame.image)
-    return f"{picture}@{at_m:g}m"
-
-
-def _split(picture: str) -> tuple[str, float]:
-    path, at, length = picture.rpartition("@")
-    if not (at and path):
-        raise ConfigError(f"{picture!r} does not say how far away the target is; write it such as 2ft.png@24in")
-    try:
-        return path, parse_length(length)
-    except ValueError as error:
-        raise ConfigError(f"{picture}: {error}") from error
-
-
-def _calibrate(known: Known, pictures: list[str]) -> tuple[str, ...]:
-    """Find out the focal length from pictures at known distances, and return what to say about it."""
-    taken = [(known.path(path), at_m) for path, at_m in map(_split, pictures)]
-    notes = check_lens_settings([path for path, _ in taken])
-    choice = chosen_target(known)
-    (target,) = build_detectors([choice], None)
-    usable = _found([known_distance(path, at_m, target) for path, at_m in taken])
-    rough = _fitted(usable).camera_model
-    made = _fitted(_found(looked_at_again(usable, [choice], rough)))
-    made.camera_model.for_frame(known.frame)  # refuses pictures of another aspect than the camera's
-    known.camera_model, known.model_file = made.camera_model, ""
-    return (*notes, _view(made.camera_model))
-
-
-def _found(known: list[KnownDistance] | tuple[KnownDistance, ...]) -> tuple[KnownDistance, ...]:
-    for each in known:
-        if each.detection.status is not DetectionStatus.FOUND:
-            raise CalibrationError(f"{each.picture}: the target is not found whole: {each.detection.reason}")
-    return tuple(known)
-
-
-def _fitted(known: tuple[KnownDistance, ...]) -> Calibration:
-    return calibrate(known, date=_today(), distance_relative_sigma=TAPE_RELATIVE_SIGMA)
-
-
-def _view(model: CameraModel) -> str:
-    view_rad = 2 * math.atan(model.width_px / 2 / model.fx_px)
-    words = (
-        f"Focal length {model.fx_px:.0f} px ± {model.focal_relative_sigma:.1%}: the camera sees "
-        f"{math.degrees(view_rad):.0f}° across."
-    )
-    if NARROWEST_RAD <= view_rad <= WIDEST_RAD:
-        return words
-    return f"{words} That is unusual: check the size and the distance, and their units."
-
-
-def _compared(known: Known, path: Path, said_m: float) -> str:
-    """Measure a picture of which the distance is known; a `CalibrationError` if the figures contradict each other."""
-    choice: DriverChoice = chosen_target(known)
-    model = known.camera_model
-    (result,) = measure_picture(path, build_detectors([choice], model), model).targets if model else ()
-    read = result.measurement
-    if read.depth_m is None or read.sigma_m is None:
-        raise CalibrationError(f"{path}: {read.reason}")
-    allowed_m = CONTRADICTION_SIGMAS * math.hypot(read.sigma_m, TAPE_RELATIVE_SIGMA * said_m)
-    words = f"you say {said_m:.2f} m, the first distance gives {read.depth_m:.2f} m"
-    if abs(read.depth_m - said_m) > allowed_m:
-        raise CalibrationError(
-            f"{words}, which is more apart than ± {allowed_m:.2f} m: does the focus move, is the size right, and were "
-            "both distances measured from the lens?"
-        )
-    return f"They agree: {words}."
-
-
-def _today() -> str:
-    return dt.datetime.now().astimezone().date().isoformat()
+    return known.frame, words

@@ -51,6 +51,7 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
     tables += [(f"actuators.{name}", actuator_table(answer)) for name, answer in outputs.values() if name]
     if "base" in answers:
         tables.append(("base", base_table(answers)))
+        tables += [("world", {})] if answers["base"] == SCREEN else []  # a base that is not there needs a place
     if "broker" in answers:
         tables.append(("messenger", messenger_table(answers["broker"])))
     shared = [name for name, _ in outputs.values() if name]

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stadimeter.app.detectors import build_detectors
 from stadimeter.config.driver_tables import ACTUATOR, BASE, MESSENGER
 from stadimeter.config.units import parse_length
 from stadimeter.errors import ConfigError
+from stadimeter.ranging.feasibility import farthest_m
 from stadimeter.workbench.setup.camera_step import words_of
 from stadimeter.workbench.setup.known import Known
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
 from stadimeter.workbench.setup.target import chosen_target
-from stadimeter.workbench.setup.wishes import WISHES, Blank, Wish, check_figure
+from stadimeter.workbench.setup.wishes import WISHES, Blank, Wish, figure_si, ready_answers
 
 SCREEN = "screen"
 """An output that only the views show."""
@@ -71,6 +74,14 @@ def wish_steps(answers: Mapping[str, str]) -> Iterator[Step]:
             yield WheelsStep()
 
 
+def seen_up_to_m(known: Known) -> float:
+    """Return how far away the camera finds the target reliably."""
+    if known.camera_model is None:
+        return math.inf
+    (named,) = build_detectors([chosen_target(known)], None)
+    return farthest_m(named.detector.target_shape, known.camera_model.for_frame(known.frame))
+
+
 @dataclass
 class BlankStep(Step):
     """A figure that a wish leaves open."""
@@ -81,18 +92,28 @@ class BlankStep(Step):
     def __post_init__(self) -> None:
         self.key = f"{self.wish.key}_{self.blank.key}"
 
-    def question(self, known: Known) -> Question:  # noqa: ARG002
-        """Ask for it."""
-        text = f"{self.wish.title[0].upper()}{self.wish.title[1:]}. {self.blank.text}"
-        return Question(key=self.key, text=text, ready=self.blank.ready, form=f"such as {self.blank.ready}")
+    def question(self, known: Known) -> Question:
+        """Ask for it, with an answer ready that this camera can serve."""
+        seen_m = seen_up_to_m(known)
+        return Question(
+            key=self.key,
+            text=f"{self.wish.title[0].upper()}{self.wish.title[1:]}. {self.blank.text}",
+            found=(f"With this camera, the {known.answers['target']} is found reliably up to {seen_m:.2g} m.",),
+            ready=ready_answers(self.wish, seen_m)[self.blank.key],
+            form=f"such as {self.blank.ready}",
+        )
 
-    def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
-        """Check its unit."""
+    def accept(self, known: Known, text: str) -> Accepted:
+        """Check its unit, and whether the camera can serve it."""
         try:
-            check_figure(text, self.blank)
+            value = figure_si(text, self.blank)
         except ValueError as error:
             raise ConfigError(str(error)) from error
-        return Accepted(answer=text)
+        seen_m = seen_up_to_m(known)
+        if not self.blank.is_length or value <= seen_m:
+            return Accepted(answer=text)
+        far = f"That is farther than the {known.answers['target']} is found reliably, {seen_m:.2g} m."
+        return Accepted(answer=text, notes=(far,), doubt=True)
 
 
 @dataclass

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stadimeter.config.units import DURATIONS_S, LENGTHS_M, SPEEDS_MPS, parse_quantity
+from stadimeter.config.units import DURATIONS_S, LENGTHS_M, SPEEDS_MPS, parse_length, parse_quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,6 +19,11 @@ class Blank:
     key: str
     text: str
     ready: str
+
+    @property
+    def is_length(self) -> bool:
+        """Whether it is a distance."""
+        return _is_of(self.ready, LENGTHS_M)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +44,10 @@ class Wish:
     targets: tuple[str, ...] = ()
 
 
+WITHIN_REACH = 0.8
+"""Ready distances are within this share of how far away the target is found reliably: hysteresis needs the rest."""
+
+
 class Figure:
     """A figure with a unit, for templates."""
 
@@ -56,11 +65,23 @@ class Figure:
         return f"{value:.4g} {unit}{'/s' if is_speed else ''}"
 
 
-def check_figure(text: str, blank: Blank) -> None:
-    """Raise a ValueError unless a figure above zero is given in units such as those of the ready answer."""
+def figure_si(text: str, blank: Blank) -> float:
+    """Return a figure in SI units; a ValueError unless it is above zero, in units such as those of the ready answer."""
     units = next(each for each in (LENGTHS_M, DURATIONS_S, SPEEDS_MPS) if _is_of(blank.ready, each))
-    if parse_quantity(text, units, blank.ready) <= 0:
+    value = parse_quantity(text, units, blank.ready)
+    if value <= 0:
         raise ValueError(f"{text!r} is not above zero; write it such as {blank.ready!r}")
+    return value
+
+
+def ready_answers(wish: Wish, seen_up_to_m: float) -> dict[str, str]:
+    """Return the ready answers to the blanks, nearer where the camera would not see that far."""
+    lengths = [parse_length(blank.ready) for blank in wish.blanks if blank.is_length]
+    nearer = min(1.0, WITHIN_REACH * seen_up_to_m / max(lengths, default=1.0))
+    return {
+        blank.key: f"{nearer * parse_length(blank.ready):.2g} m" if nearer < 1 and blank.is_length else blank.ready
+        for blank in wish.blanks
+    }
 
 
 def _is_of(text: str, units: dict[str, float]) -> bool:
