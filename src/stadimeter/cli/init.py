@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,12 +23,11 @@ from stadimeter.cli.test_rules import run_tests
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers
-from stadimeter.workbench.setup.files import written_files
+from stadimeter.workbench.setup.files import rule_names, written_files
 from stadimeter.workbench.setup.interview import Interview, all_answered, check_keys
 from stadimeter.workbench.setup.known import CONFIGURATION, Known
 from stadimeter.workbench.setup.question import Accepted, Question
 from stadimeter.workbench.setup.target import chosen_target
-from stadimeter.workbench.setup.wish_steps import wanted
 from stadimeter.workbench.setup.writing import copy_name, write_files
 
 BACK = "back"
@@ -134,31 +134,50 @@ def _interviewed(console: Console, folder: Path) -> Known:
 
 
 def _ask(console: Console, interview: Interview) -> None:
-    """Ask the next question once; it stays where it is if the answer cannot be used."""
-    try:
-        with _busy(console):
-            question = interview.question()
-    except StadimeterError as error:  # an earlier answer is of no use any more
-        _tell_error(console, error)
-        if not interview.back():
-            raise
-        return
+    """Ask the next question until it is answered, or the person goes back."""
+    question = _question(console, interview)
     if question is None:
         return
     _tell_question(console, question, len(interview.known.answers) + 1)
-    text = _typed(console, "", question.ready)
-    if text == BACK:
-        interview.back()
-        return
-    if text.isdecimal() and 1 <= int(text) <= len(question.options):
-        text = question.options[int(text) - 1].answer
+    while True:
+        text = _typed(console, "", question.ready)
+        if text == BACK:
+            interview.back()
+            return
+        accepted = _accepted(console, interview, _option(question, text))
+        if accepted is not None and not accepted.doubt:
+            return
+        if accepted is not None:  # the answer is the ready one now
+            question = interview.question() or question
+
+
+def _question(console: Console, interview: Interview) -> Question | None:
+    """Return the next question; None if an earlier answer is of no use any more, which is asked again then."""
+    try:
+        with _busy(console):
+            return interview.question()
+    except StadimeterError as error:
+        _tell_error(console, error)
+        if not interview.back():
+            raise
+        return None
+
+
+def _option(question: Question, text: str) -> str:
+    """Return the answer that a number stands for."""
+    is_number = text.isdecimal() and 1 <= int(text) <= len(question.options)
+    return question.options[int(text) - 1].answer if is_number else text
+
+
+def _accepted(console: Console, interview: Interview, text: str) -> Accepted | None:
     try:
         with _busy(console):
             accepted = interview.answer(text)
     except StadimeterError as error:
         _tell_error(console, error)
-    else:
-        _tell_notes(console, accepted)
+        return None
+    _tell_notes(console, accepted)
+    return accepted
 
 
 def _tell_question(console: Console, question: Question, number: int) -> None:
@@ -233,9 +252,11 @@ def _show(console: Console, known: Known) -> None:
     check(known.file)
     console.print()
     _measure(console, known)
-    _next_commands(console, known)
     console.print()
-    run_tests(known.file, name="", as_json=False, verbose=False)
+    try:
+        run_tests(known.file, name="", as_json=False, verbose=False)
+    finally:
+        _next_commands(console, known)
 
 
 def _measure(console: Console, known: Known) -> None:
@@ -252,11 +273,12 @@ def _measure(console: Console, known: Known) -> None:
 
 
 def _next_commands(console: Console, known: Known) -> None:
-    rule = wanted(known.answers)[0].key
+    pictures = known.frame.source or known.answers["camera"]
+    what = f"--live {known.file}" if known.is_live else shlex.quote(pictures)
     console.print("\nNext:", style="bold")
     for line in (
-        f"stadimeter measure --live {known.file} --config {known.file}",
+        f"stadimeter measure {what} --config {known.file}",
         f"stadimeter run {known.file} --watch",
-        f"stadimeter explain {rule}",
+        f"stadimeter explain {rule_names(known.answers)[0]}",
     ):
         console.print(f"  {line}", markup=False, soft_wrap=True)

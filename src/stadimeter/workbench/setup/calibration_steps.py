@@ -8,6 +8,7 @@ from pathlib import Path
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import load_camera_model
+from stadimeter.config.paper import PAPER
 from stadimeter.config.units import parse_angle, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
@@ -18,6 +19,7 @@ from stadimeter.workbench.calibration.live_distance import LiveDistance
 from stadimeter.workbench.setup.camera_step import words_of
 from stadimeter.workbench.setup.known import CAMERA_FILE, PICTURES, Known
 from stadimeter.workbench.setup.lens import (
+    PictureAt,
     contradiction,
     guessed_lens,
     is_unusual,
@@ -160,9 +162,27 @@ def _from_file(known: Known, text: str) -> Accepted:
 
 
 def _from_pictures(known: Known, pictures: list[str], answer: str, seen: tuple[str, ...]) -> Accepted:
-    model, notes = lens_from([picture_at(known.folder, each) for each in pictures], chosen_target(known))
+    taken = [picture_at(known.folder, each) for each in pictures]
+    try:
+        model, notes = lens_from(taken, chosen_target(known))
+    except CalibrationError as error:
+        other = _other_paper(known, taken[:1])
+        raise CalibrationError(f"{error}{other}") from error
     model.for_frame(known.frame)  # refuses pictures of another aspect than the camera's
     return _taken(known, model, answer, (*seen, *notes))
+
+
+def _other_paper(known: Known, pictures: list[PictureAt]) -> str:
+    """Return which paper it is rather than the one of the answers: the one with which it is found; empty for none."""
+    if known.answers["target"] != "sheet":
+        return ""
+    for name in PAPER:
+        try:
+            lens_from(pictures, chosen_target(known, size=name))
+        except CalibrationError:
+            continue
+        return f". As {name} it is found: is it {name} instead of {known.answers['size']}? Then go back to the size"
+    return ""
 
 
 def _taken(known: Known, model: CameraModel, answer: str, notes: tuple[str, ...], model_file: str = "") -> Accepted:

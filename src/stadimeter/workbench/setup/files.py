@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -42,6 +43,11 @@ def written_files(answers: Mapping[str, str], camera_model: CameraModel, model_f
     """
     files = {CONFIGURATION: _configuration(answers, model_file or CAMERA_FILE)}
     return files if model_file else {CAMERA_FILE: camera_file_text(camera_model), **files}
+
+
+def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the names of the rules that the answers lead to."""
+    return tuple(re.findall(r"^\[rules\.([\w-]+)\]$", "".join(wish.rules for wish in wanted(answers)), re.MULTILINE))
 
 
 def _configuration(answers: Mapping[str, str], model_file: str) -> str:

@@ -134,16 +134,18 @@ def all_answered(interview: Interview, given: Mapping[str, str], file: str) -> I
     """
     while key := interview.next_key:
         try:
-            text = given.get(key) or _ready(interview)
-            yield key, interview.answer(text, confirm=False)
+            text, found = (given[key], ()) if given.get(key) else _ready(interview)
+            accepted = interview.answer(text, confirm=False)
+            yield key, replace(accepted, notes=(*found, *accepted.notes))
         except ConfigError as error:
             raise ConfigError(replace(each, file=file, key=key) for each in error.problems) from error
         except StadimeterError as error:
             raise ConfigError([Problem(str(error), file, key=key)]) from error
 
 
-def _ready(interview: Interview) -> str:
+def _ready(interview: Interview) -> tuple[str, tuple[str, ...]]:
+    """Return the ready answer to the next question, and what was found for it."""
     question = interview.question()
     if question is None or not question.ready:
         raise ConfigError(" ".join(("this needs an answer:", *(question.found if question else ()))))
-    return question.ready
+    return question.ready, question.found

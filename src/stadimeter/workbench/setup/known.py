@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.config.driver_tables import DriverKind, read_driver_table
-from stadimeter.config.findings import problems
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
-from stadimeter.errors import ConfigError
+from stadimeter.errors import ConfigError, Problem
 
 CONFIGURATION = "stadimeter.toml"
 CAMERA_FILE = "camera.toml"
@@ -60,9 +59,9 @@ class Known:
         """Return the driver of a table as the configuration will hold it.
 
         Raises:
-            ConfigError: It names every key that is wrong.
+            ConfigError: It says everything that is wrong; where it stands is nothing that a person has written.
         """
         read = read_driver_table(kind, at, table, validation_context(self.file))
         if read.choice is None or read.findings:
-            raise ConfigError(problems(read.findings, "", {}))
+            raise ConfigError(Problem(each.message, hint=each.hint) for each in read.findings)
         return read.choice
