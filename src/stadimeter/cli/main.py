@@ -48,6 +48,9 @@ class Commands(LazyGroup):
             "Check a configuration: print every error in one pass, or say in words what it does.",
             RULES,
         ),
+        "wiring": LazyCommand(
+            "stadimeter.cli.wiring", "Draw what hangs on which pin of the Raspberry Pi, from a configuration.", RULES
+        ),
         "test": LazyCommand(
             "stadimeter.cli.test_rules", "Run the tests of a configuration. Nothing is opened and nothing moves.", RULES
         ),
