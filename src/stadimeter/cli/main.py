@@ -43,6 +43,9 @@ class Commands(LazyGroup):
             "Find out a camera's focal length, write its camera file, and check it.",
             MEASURE,
         ),
+        "print": LazyCommand(
+            "stadimeter.cli.print_target", "Make tags, boards, discs and sheets to print, at true scale.", MEASURE
+        ),
         "check": LazyCommand(
             "stadimeter.cli.check",
             "Check a configuration: print every error in one pass, or say in words what it does.",

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
+from stadimeter.core.drawing import Drawing
 from stadimeter.core.frame import Image
 from stadimeter.errors import DriverError, DriverNotFoundError, DriverUnavailableError
 
@@ -141,6 +142,7 @@ class Plugin(Generic[OptionsT]):
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
         exercise: Of a detector, makes what `bench` measures its speed on; None to leave it out.
+        draw: Of a detector, draws its target at its true size with the white rim that it needs, for `print`.
         propose_colour: Of a detector that goes by colour, finds out the range of colours of its target in pictures: a
             `stadimeter.detectors.protocol.ProposesColour`.
     """
@@ -157,6 +159,7 @@ class Plugin(Generic[OptionsT]):
     needs_world: bool = field(default=False, kw_only=True)
     needs_pixels: bool = field(default=True, kw_only=True)
     exercise: Callable[[], Exercise] | None = field(default=None, kw_only=True)
+    draw: Callable[[OptionsT], Drawing] | None = field(default=None, kw_only=True)
     propose_colour: Callable[..., Any] | None = field(default=None, kw_only=True)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Literal, NamedTuple, TypeAlias
 
 BLACK, WHITE = "#000000", "#ffffff"
@@ -63,6 +65,25 @@ class Drawing(NamedTuple):
     def moved(self, x_m: float, y_m: float) -> tuple[Shape, ...]:
         """Return its shapes, moved."""
         return tuple(_moved(shape, x_m, y_m) for shape in self.shapes)
+
+
+def black_cells(black: Sequence[Sequence[bool]], cell_m: float) -> Drawing:
+    """Return the black cells of a grid, such as a tag's, row by row; neighbours in a row are one rectangle."""
+    runs = tuple(
+        Rectangle(start * cell_m, row * cell_m, (end - start) * cell_m, cell_m)
+        for row, cells in enumerate(black)
+        for start, end in _runs(cells)
+    )
+    return Drawing(len(black[0]) * cell_m, len(black) * cell_m, runs)
+
+
+def _runs(cells: Sequence[bool]) -> Iterator[tuple[int, int]]:
+    column = 0
+    for is_black, group in groupby(cells):
+        end = column + len(list(group))
+        if is_black:
+            yield column, end
+        column = end
 
 
 def _moved(shape: Shape, x_m: float, y_m: float) -> Shape:
