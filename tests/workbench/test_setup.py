@@ -41,11 +41,15 @@ def device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> V4l2Double:
     return V4l2Double.plugged_in(tmp_path / "video0", ball_at(1.0), monkeypatch)
 
 
+def _camera(device: V4l2Double) -> str:
+    return f"opencv,device={device.node}"
+
+
 @pytest.fixture
 def interview(tmp_path: Path, device: V4l2Double) -> Interview:
     """Return an interview up to the calibration."""
     begun = Interview(tmp_path)
-    for answer in (str(device.node), "ball", "20 cm", COLOUR):
+    for answer in (_camera(device), "ball", "20 cm", COLOUR):
         begun.answer(answer)
     return begun
 
@@ -102,7 +106,7 @@ def test_a_saved_camera_that_is_in_use_now_is_asked_again(
     assert list(again.resume(load_answers(interview.path))) == []
     assert again.next_key == "camera"
     with pytest.raises(DeviceOpenError):
-        again.answer(str(device.node))
+        again.answer(_camera(device))
 
 
 def test_going_back_keeps_the_answer_ready(interview: Interview) -> None:
@@ -116,10 +120,10 @@ def test_going_back_keeps_the_answer_ready(interview: Interview) -> None:
 def test_a_black_picture_is_taken_when_it_is_given_twice(tmp_path: Path, device: V4l2Double) -> None:
     device.show(np.zeros((480, 640, 3), np.uint8))
     interview = Interview(tmp_path)
-    accepted = interview.answer(str(device.node))
+    accepted = interview.answer(_camera(device))
     assert accepted.doubt
     assert any("black" in note for note in accepted.notes)
-    assert not interview.answer(str(device.node)).doubt
+    assert not interview.answer(_camera(device)).doubt
     assert interview.next_key == "target"
 
 
@@ -131,7 +135,7 @@ def test_two_things_of_one_colour_are_both_named(interview: Interview, device: V
     device.show(image)
     for _ in range(4):
         interview.back()
-    for answer in (str(device.node), "ball", "20 cm"):
+    for answer in (_camera(device), "ball", "20 cm"):
         interview.answer(answer)
     accepted = interview.answer(f"{x_px},{y_px}")
     assert accepted.doubt
