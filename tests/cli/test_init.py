@@ -157,6 +157,27 @@ def test_without_a_terminal_and_answers_it_says_how_to_give_them(tmp_path: Path)
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.parametrize("name", ["distance-alert", "follow-ball", "appliance", "demo"])
+def test_an_example_is_written_without_a_checkout(tmp_path: Path, name: str) -> None:
+    assert _run("init", tmp_path, "--example", name).exit_code == 0
+    assert load_configuration(tmp_path / f"{name}.toml").plan.rules
+
+
+def test_an_example_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    told = _run("init", tmp_path, "--example", "folow-ball")
+    assert told.exit_code == 2
+    assert "only appliance, demo, distance-alert, follow-ball" in told.stderr
+
+
+def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    (tmp_path / "answers.toml").write_text('camera = "ball.png"\n')
+    told = _run("init", tmp_path / "taken", "--answers", tmp_path / "answers.toml")
+    assert told.exit_code == 2
+    assert told.stderr.count("\n") == 1
+    assert "the folder cannot be made" in told.stderr
+
+
 class Terminal:
     """A session of `init` in a pseudo-terminal."""
 
