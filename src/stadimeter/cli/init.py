@@ -113,8 +113,9 @@ def _scripted(console: Console, folder: Path, file: Path) -> Known:
     given = load_answers(file)
     check_keys(given, str(file))
     interview = Interview(folder)
-    for key, accepted in all_answered(interview, given, str(file)):
-        _tell_accepted(console, key, accepted)
+    with _busy(console):
+        for key, accepted in all_answered(interview, given, str(file)):
+            _tell_accepted(console, key, accepted)
     for key in given:
         if key not in interview.known.answers:
             typer.echo(f"note: {key} was not asked, since other answers leave no need for it", err=True)

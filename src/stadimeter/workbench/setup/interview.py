@@ -119,13 +119,18 @@ class Interview:
         return next((each for each in steps if each.key not in self.known.answers and each.is_asked(self.known)), None)
 
 
-def check_keys(answers: Mapping[str, str], file: str) -> None:
-    """Raise a `ConfigError` for answers to questions that do not exist."""
-    wishes = (f"{wish.key}_{blank.key}" for wish in WISHES for blank in wish.blanks)
-    outputs = (OutputStep(wish).key for wish in WISHES)
+def answer_keys() -> tuple[str, ...]:
+    """Return the key of every question that may be asked."""
     others = (CameraStep, TargetStep, SizeStep, TagStep, ColourStep, CalibrationStep, ProofStep, WishStep)
     more = (SecondTargetStep, BaseStep, WheelsStep, BrokerStep)
-    known = [*(step.key for step in (*others, *more)), *wishes, *outputs]
+    blanks = (f"{wish.key}_{blank.key}" for wish in WISHES for blank in wish.blanks)
+    outputs = (OutputStep(wish).key for wish in WISHES if wish.output not in {"base", "mqtt"})
+    return (*(step.key for step in (*others, *more)), *blanks, *outputs)
+
+
+def check_keys(answers: Mapping[str, str], file: str) -> None:
+    """Raise a `ConfigError` for answers to questions that do not exist."""
+    known = answer_keys()
     unknown = [key for key in answers if key not in known]
     if unknown:
         raise ConfigError(
