@@ -30,6 +30,7 @@ from stadimeter.config.rules.proportional_tables import FollowTable, RampTable
 from stadimeter.config.rules.sequence_tables import StepTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.core import templates
+from stadimeter.workbench.rule_tests.running import RuleTests
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -38,6 +39,7 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
     *sorted((ROOT / "deploy").glob("*.md")),
 ]
+ANSWERS = re.compile(r"^<!-- answers -->\n```toml\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WRONG = re.compile(r"^<!-- wrong on purpose -->\n(?:<!-- .*? -->\n)?```\w+\n.*?^```\n", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
@@ -49,6 +51,7 @@ AROUND = {
     "targets.ball": '[targets.ball]\ndetector = "ideal"\n',
     "actuators.motor": '[actuators.motor]\ndriver = "simulated"\n',
     "actuators.buzzer": '[actuators.buzzer]\ndriver = "simulated"\n',
+    "actuators.light": '[actuators.light]\ndriver = "simulated"\n',
     "base": '[base]\ndriver = "simulated"\n',
     "world": "[world]\n",
     "messenger": '[messenger]\ndriver = "simulated"\n',
@@ -76,7 +79,7 @@ def blocks(language):
     return [
         pytest.param(page, text, id=f"{page.relative_to(ROOT)}-{number}")
         for page in PAGES
-        for number, (kind, text) in enumerate(FENCE.findall(WRONG.sub("", page.read_text())))
+        for number, (kind, text) in enumerate(FENCE.findall(ANSWERS.sub("", WRONG.sub("", page.read_text()))))
         if kind == language
     ]
 
@@ -99,6 +102,21 @@ def test_every_configuration_that_is_shown_can_be_loaded(page, text, tmp_path):
     path = tmp_path / "shown.toml"
     path.write_text(completed(text))
     assert load_configuration(path).plan.targets[0] == "ball"
+
+
+RECIPE = re.compile(r"^<!-- recipe -->\n```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
+RECIPES = RECIPE.findall((ROOT / "docs" / "rules.md").read_text())
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: re.search(r"rules\.(\w+)", recipe)[1])
+def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
+    path = tmp_path / "recipe.toml"
+    path.write_text(completed(recipe))
+    configuration = load_configuration(path)
+    assert [warning.code for warning in configuration.warnings if warning.key.startswith("rules")] == []
+    results = [RuleTests(configuration).run(test) for test in configuration.tests]
+    assert [(result.trouble, *result.failures) for result in results if not result.passed] == []
+    assert results
 
 
 def words_shown():

@@ -19,6 +19,8 @@ def test_the_wheel_holds_the_demonstration_and_declares_every_driver(tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         demo = archive.read("stadimeter/configurations/demo.toml").decode()
         assert "stadimeter/py.typed" in archive.namelist()
+        examples = {path.name for path in (ROOT / "config").glob("*.toml")}
+        assert {f"stadimeter/configurations/{name}" for name in examples} <= set(archive.namelist())
         (metadata,) = [name for name in archive.namelist() if name.endswith("entry_points.txt")]
         assert "vibration-motor" in archive.read(metadata).decode()
     assert tomllib.loads(demo) == tomllib.loads((ROOT / "config" / "demo.toml").read_text())
