@@ -105,13 +105,14 @@ def test_two_distances_that_are_hardly_apart_are_refused(tmp_path: Path) -> None
         (("--live", "opencv,device=0", "--at", "1m", "--at", "3"), "--at: "),
         (("--live", "opencv,device=947"), "there is no camera /dev/video947"),
         (("near.png@1m", "--at", "1m"), "--at says where to put the target before a camera"),
+        (("--live", "opencv,device=0", "-o", "nowhere/camera.toml"), "-o: there is no folder nowhere"),
         ((), "give pictures at known distances, or --live"),
         (("near.png@1m", "--live", "opencv,device=0"), "one of the two"),
     ],
 )
 def test_what_cannot_work_is_one_line(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
     output = str(tmp_path / "camera.toml")
-    result = CliRunner().invoke(app, ["calibrate", "distance", *arguments, *BALL, "-o", output])
+    result = CliRunner().invoke(app, ["calibrate", "distance", "-o", output, *arguments, *BALL])
     assert result.exit_code == 2
     (error,) = [line for line in result.stderr.splitlines() if line.startswith("error")]
     assert words in error
