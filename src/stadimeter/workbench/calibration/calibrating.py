@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -97,8 +97,13 @@ def is_elsewhere(known: KnownDistance, again: KnownDistance) -> bool:
     return math.hypot(to_x_px - x_px, to_y_px - y_px) > size_px / 2
 
 
-def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:
+def find_boards(
+    paths: Sequence[Path], board: Board, watched: Callable[[Sequence[Path]], Iterable[Path]] = iter
+) -> BoardPictures:
     """Look for a board in pictures.
+
+    Args:
+        watched: Goes through the pictures, such as to show how many are done.
 
     Raises:
         PictureError: A picture cannot be read.
@@ -107,7 +112,7 @@ def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:
     views: list[BoardView] = []
     missed: list[tuple[str, str]] = []
     shape = (0, 0)
-    for path in paths:
+    for path in watched(paths):
         frame = open_picture(path)
         here = (frame.width_px, frame.height_px)
         shape = here if shape == (0, 0) else shape
