@@ -144,6 +144,7 @@ def _no_camera_model(configuration: Configuration) -> Problem:
         file=str(configuration.path),
         key="camera.model",
         hint="make one with `stadimeter calibrate distance PICTURE@DISTANCE … -o camera.toml` and name it here",
+        code="camera-model-missing",
     )
 
 

@@ -11,6 +11,7 @@ import typer
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.explanation import copy_paths
 from stadimeter.cli.live_camera import LiveOption, camera_choice
+from stadimeter.cli.progress import working
 from stadimeter.config.plugins import DETECTORS, load_plugin
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
@@ -76,9 +77,10 @@ def colour(
     wrong.
     """
     with plain_errors():
-        names, samples = _given(pictures or [], at or [], live)
-        found = load_plugin(DETECTORS, "ball").propose_colour
-        proposal: ColourProposal | None = found(samples) if found else None
+        with working("looking for a ball of one colour"):
+            names, samples = _given(pictures or [], at or [], live)
+            found = load_plugin(DETECTORS, "ball").propose_colour
+            proposal: ColourProposal | None = found(samples) if found else None
         if proposal is None:
             raise ConfigError(_nothing(samples))
         _print(names, samples, proposal)
