@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
+import camera_table
+from gallery import make_gallery
 from live_view_svg import save_svg
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Loop
 from stadimeter.cli.viewing import live_view_of
+from stadimeter.config.loader import load_configuration
+from stadimeter.config.plugins import ACTUATORS, DriverChoice, load_plugin
+from stadimeter.config.toml_source import parse_toml
 from stadimeter.core.frame import Frame
+from stadimeter.workbench.drawing.files import write_drawings
+from stadimeter.workbench.wiring.picture import circuit_picture, wiring_picture
 
 HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
 
 LIVE_VIEW_SECONDS = 24.6
 """The live view is taken after this long in the demonstration."""
@@ -40,5 +50,41 @@ def live_view_picture(path: Path, seconds: float, width: int = 120, height: int 
     loop.run()
 
 
+CIRCUITS: dict[str, str] = {
+    "motor": 'driver = "vibration-motor"\npin = 18',
+    "led": 'driver = "led"\npin = 24',
+    "relay": 'driver = "relay"\npin = 5',
+}
+
+
+def wiring_pictures(folder: Path) -> None:
+    """Draw the wiring of an example, and each circuit by itself.
+
+    Args:
+        folder: Where to.
+    """
+    actuators = load_configuration(ROOT / "config" / "distance-alert.toml").actuators
+    write_drawings(folder / "wiring-distance-alert.svg", [wiring_picture(actuators)])
+    for name, table in CIRCUITS.items():
+        options = parse_toml(table, "").table
+        plugin = load_plugin(ACTUATORS, options.pop("driver"))
+        choice = DriverChoice(name=name, driver=name, plugin=plugin, options=plugin.options.model_validate(options))
+        write_drawings(folder / f"wiring-{name}.svg", [circuit_picture(choice)])
+
+
+def printed_page(path: Path) -> None:
+    """Make a page with a tag, as `stadimeter print` does.
+
+    Args:
+        path: The SVG file to write.
+    """
+    command = [sys.executable, "-m", "stadimeter", "print", "tag", "8cm", "--family", "36h11", "-o", str(path)]
+    subprocess.run(command, check=True)  # noqa: S603
+
+
 if __name__ == "__main__":
     live_view_picture(HERE / "live-view.svg", LIVE_VIEW_SECONDS)
+    wiring_pictures(HERE)
+    printed_page(HERE / "print-tag.svg")
+    make_gallery(HERE)
+    camera_table.write()
