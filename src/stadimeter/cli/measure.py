@@ -20,6 +20,7 @@ from stadimeter.cli.measure_output import Printer, printer_of
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
+from stadimeter.config.untrusted_file import holds_video
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
@@ -165,7 +166,7 @@ VIDEO_SUFFIXES = frozenset(
 
 
 def _is_video(path: Path) -> bool:
-    return path.suffix.lower() in VIDEO_SUFFIXES
+    return path.suffix.lower() in VIDEO_SUFFIXES or holds_video(path)
 
 
 def _video(path: Path) -> DriverChoice:

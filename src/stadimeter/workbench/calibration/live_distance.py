@@ -24,7 +24,7 @@ from stadimeter.ranging.calibration import (
     measured_depth_m,
 )
 from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S, open_source, settle
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, opened
 
 FRAMES = 9
 """How many frames to take at each distance."""
@@ -71,7 +71,7 @@ class Take:
 
 
 class LiveDistance:
-    """A calibration before an open camera. Use it as a context: it closes the camera.
+    """A calibration before a camera. Use it as a context, which opens the camera and closes it.
 
     Of several frames at one distance the one of median size counts: their common error, that of the tape, would not
     get smaller by counting all of them.
@@ -91,7 +91,8 @@ class LiveDistance:
         tone_curve: ToneCurve = "srgb",
         note: Callable[[str], None] = lambda _words: None,
     ) -> None:
-        self._source = open_source(camera)
+        self._opening = opened(camera)
+        self._source: Source
         self._choices = (target,)
         (self._target,) = build_detectors(self._choices, None)
         self._date = date
@@ -104,21 +105,26 @@ class LiveDistance:
 
     def __enter__(self) -> Self:
         """Open the camera and let it settle; `DriverError` if it cannot be opened."""
-        self._source.capture.open()
-        try:
-            for remark in self._source.capture.remarks():
-                self._note(remark)
-            settle(self._source)
-        except BaseException:
-            self._source.capture.close()
-            raise
+        self._source = self._opening.__enter__()
+        for remark in self._source.capture.remarks():
+            self._note(remark)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the camera."""
-        self._source.capture.close()
+        self._opening.__exit__(kind, error, trace)
+
+    @property
+    def measured_to(self) -> str:
+        """The point of the target to which distances are measured."""
+        return f"the nearest point of the {self._target.name}" if self.to_centre_m else f"the {self._target.name}"
+
+    @property
+    def to_centre_m(self) -> float:
+        """How far the target's centre, which is what is measured later, is behind that point."""
+        return self._target.detector.target_shape.limb_radius_m
 
     @property
     def takes(self) -> tuple[Take, ...]:
@@ -149,7 +155,7 @@ class LiveDistance:
             EndOfFramesError: It is a recording, and at its end.
         """
         name = name or f"at {distance_m:g} m"
-        depth_m = distance_m + self._target.detector.target_shape.limb_radius_m  # a shape's depth is its centre's
+        depth_m = distance_m + self.to_centre_m
         seen = [(known_distance(name, frame, depth_m, self._target), frame) for frame in self._frames(frames)]
         found = [pair for pair in seen if pair[0].detection.status is DetectionStatus.FOUND]
         if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
@@ -224,7 +230,7 @@ class LiveDistance:
         if not others:
             return None
         model = calibrate(others, date=self._date, distance_relative_sigma=self._relative_sigma).camera_model
-        return measured_depth_m(known, model) - known.size.limb_radius_m
+        return measured_depth_m(known, model) - self.to_centre_m
 
 
 def _size_px(known: KnownDistance) -> float:
