@@ -106,5 +106,7 @@ def _on_from(on_at: float) -> Callable[[float], int]:
     return lambda level: FULL_PERCENT if level >= on_at else 0
 
 
-LED_PLUGIN = Plugin(options=LedOptions, build=build_led, verb="lights")
-RELAY_PLUGIN = Plugin(options=RelayOptions, build=build_relay, verb="switches on", is_worn_by_switching=True)
+LED_PLUGIN = Plugin(options=LedOptions, build=build_led, verb="lights", circuit="led")
+RELAY_PLUGIN = Plugin(
+    options=RelayOptions, build=build_relay, verb="switches on", is_worn_by_switching=True, circuit="relay"
+)

@@ -97,4 +97,4 @@ class GpiozeroVibrationMotor:
         self._pin.write(FULL_PERCENT if kicks else self._percent)
 
 
-PLUGIN = Plugin(options=VibrationMotorOptions, build=GpiozeroVibrationMotor, verb="vibrates")
+PLUGIN = Plugin(options=VibrationMotorOptions, build=GpiozeroVibrationMotor, verb="vibrates", circuit="motor")

@@ -54,10 +54,16 @@ class Commands(LazyGroup):
             "Find out a camera's focal length, write its camera file, and check it.",
             MEASURE,
         ),
+        "print": LazyCommand(
+            "stadimeter.cli.print_target", "Make tags, boards, discs and sheets to print, at true scale.", MEASURE
+        ),
         "check": LazyCommand(
             "stadimeter.cli.check",
             "Check a configuration: print every error in one pass, or say in words what it does.",
             RULES,
+        ),
+        "wiring": LazyCommand(
+            "stadimeter.cli.wiring", "Draw what hangs on which pin of the Raspberry Pi, from a configuration.", RULES
         ),
         "test": LazyCommand(
             "stadimeter.cli.test_rules", "Run the tests of a configuration. Nothing is opened and nothing moves.", RULES

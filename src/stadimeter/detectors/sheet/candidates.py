@@ -76,7 +76,13 @@ class Refused(NamedTuple):
     stage: int
     centre_px: tuple[float, float]
     size_px: float
+    corners_px: Points
     why: Callable[[], str]
+
+    def rejected(self) -> RejectedCandidate:
+        """Return it with its reason in words."""
+        corners = tuple((float(x_px), float(y_px)) for x_px, y_px in self.corners_px)
+        return RejectedCandidate(centre_px=self.centre_px, size_px=self.size_px, reason=self.why(), corners_px=corners)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -148,8 +154,8 @@ class Findings:
         for which in np.argsort(-ranks, kind="stable")[:REFUSED_OF_A_KIND].tolist():
             number = int(numbers[which])
             x_px, y_px = corners[number].mean(axis=0).tolist()
-            rank = stage + float(ranks[which])
-            self.refused.append(Refused(rank, stage, (x_px, y_px), float(sizes[which]), partial(why, number)))
+            rank, size_px = stage + float(ranks[which]), float(sizes[which])
+            self.refused.append(Refused(rank, stage, (x_px, y_px), size_px, corners[number], partial(why, number)))
 
     def most_like_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""
@@ -165,7 +171,7 @@ class Findings:
         places = [] if taken is None else [taken.centre_px]
         for each in sorted(every, key=lambda item: (-item.rank, -item.size_px)):
             if all(math.dist(each.centre_px, place) > 0.1 * each.size_px + 2 for place in places):
-                kept.append(RejectedCandidate(centre_px=each.centre_px, size_px=each.size_px, reason=each.why()))
+                kept.append(each.rejected())
                 places.append(each.centre_px)
             if len(kept) == MOST_REFUSED:
                 break
@@ -192,7 +198,8 @@ def _refused(candidate: Candidate) -> Refused:
     if candidate.evidence < LEAST_EVIDENCE:
         reason = f"too little speaks for it: evidence {candidate.evidence:.1f}, limit {LEAST_EVIDENCE:.1f}"
     rank = KEPT_STAGE + candidate.evidence
-    return Refused(rank, KEPT_STAGE, candidate.centre_px, candidate.longest_px, lambda: reason)
+    size_px, corners_px = candidate.longest_px, candidate.corners_px
+    return Refused(rank, KEPT_STAGE, candidate.centre_px, size_px, corners_px, lambda: reason)
 
 
 Values = NDArray[np.float64]

@@ -22,6 +22,7 @@ from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import TONE_CURVES, CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
+from stadimeter.core.drawing import Drawing, black_cells
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import touches_border
@@ -330,4 +331,11 @@ def _exercise() -> Exercise:
     )
 
 
-PLUGIN = Plugin(TagOptions, _build, exercise=_exercise)
+def _draw(options: TagOptions) -> Drawing:
+    """Return the tag upright with a white rim of one cell."""
+    family = tag_family(options.family)
+    black = np.pad(np.pad(family.cells_of(options.id or 0), 1, constant_values=True), 1)
+    return black_cells(black.tolist(), options.side / family.cells)
+
+
+PLUGIN = Plugin(TagOptions, _build, exercise=_exercise, draw=_draw)
