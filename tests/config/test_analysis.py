@@ -81,12 +81,6 @@ def hints(file: str) -> list[str]:
     return [problem.hint for _, problem in found(FOLDER / f"{file}.bad.toml")]
 
 
-def test_equal_priorities_have_two_ways_out() -> None:
-    last = hints("equal-priority")[-1]
-    assert last.startswith("give the one that shall win a higher one, such as priority = 200, or add combine = ")
-    assert last.endswith('"most_restrictive" to [base]')
-
-
 def test_the_delay_that_is_offered_would_do(tmp_path: Path) -> None:
     text = (FOLDER / "late.bad.toml").read_text(encoding="utf-8")
     offered = re.findall(r'write (on_delay = "[^"]+")', "\n".join(hints("late")))

@@ -30,6 +30,7 @@ from stadimeter.config.rules.proportional_tables import FollowTable, RampTable
 from stadimeter.config.rules.sequence_tables import StepTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.core import templates
+from stadimeter.workbench.rule_tests.running import RuleTests
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -49,6 +50,7 @@ AROUND = {
     "targets.ball": '[targets.ball]\ndetector = "ideal"\n',
     "actuators.motor": '[actuators.motor]\ndriver = "simulated"\n',
     "actuators.buzzer": '[actuators.buzzer]\ndriver = "simulated"\n',
+    "actuators.light": '[actuators.light]\ndriver = "simulated"\n',
     "base": '[base]\ndriver = "simulated"\n',
     "world": "[world]\n",
     "messenger": '[messenger]\ndriver = "simulated"\n',
@@ -99,6 +101,21 @@ def test_every_configuration_that_is_shown_can_be_loaded(page, text, tmp_path):
     path = tmp_path / "shown.toml"
     path.write_text(completed(text))
     assert load_configuration(path).plan.targets[0] == "ball"
+
+
+RECIPE = re.compile(r"^<!-- recipe -->\n```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
+RECIPES = RECIPE.findall((ROOT / "docs" / "rules.md").read_text())
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: re.search(r"rules\.(\w+)", recipe)[1])
+def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
+    path = tmp_path / "recipe.toml"
+    path.write_text(completed(recipe))
+    configuration = load_configuration(path)
+    assert [warning.code for warning in configuration.warnings if warning.key.startswith("rules")] == []
+    results = [RuleTests(configuration).run(test) for test in configuration.tests]
+    assert [(result.trouble, *result.failures) for result in results if not result.passed] == []
+    assert results
 
 
 def words_shown():

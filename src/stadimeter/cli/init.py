@@ -20,17 +20,21 @@ from stadimeter.cli.check import check
 from stadimeter.cli.exits import NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import METRE, format_distance
 from stadimeter.cli.test_rules import run_tests
+from stadimeter.cli.wiring import wiring
+from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers
 from stadimeter.workbench.setup.files import rule_names, written_files
 from stadimeter.workbench.setup.interview import Interview, all_answered, check_keys
-from stadimeter.workbench.setup.known import CONFIGURATION, Known
+from stadimeter.workbench.setup.known import CONFIGURATION, PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Question
 from stadimeter.workbench.setup.target import chosen_target
 from stadimeter.workbench.setup.writing import copy_name, write_files
+from stadimeter.workbench.wiring.outputs import wired_outputs
 
 BACK = "back"
+WIRING = f"{PICTURES}/wiring.svg"
 
 
 def register(app: typer.Typer) -> None:
@@ -250,6 +254,10 @@ def _show(console: Console, known: Known) -> None:
     """Check what was written, run its tests, measure, and name the next commands."""
     console.print()
     check(known.file)
+    if wired_outputs(load_configuration(known.file).actuators):
+        console.print()
+        wiring(known.file, output=None)
+        wiring(known.file, output=known.path(WIRING))
     console.print()
     _measure(console, known)
     console.print()

@@ -11,7 +11,7 @@ from stadimeter.config.analysis.bands import band_errors, holding_errors
 from stadimeter.config.analysis.promises import promise_errors
 from stadimeter.config.analysis.references import reference_errors
 from stadimeter.config.analysis.subject import Subject, subject_of
-from stadimeter.config.analysis.writers import priority_errors, shadow_errors
+from stadimeter.config.analysis.writers import shadow_errors
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.plugins import marked_options
@@ -161,7 +161,6 @@ _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
 _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     band_errors,
     holding_errors,
-    priority_errors,
     shadow_errors,
     promise_errors,
 )

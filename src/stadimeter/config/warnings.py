@@ -9,7 +9,7 @@ from stadimeter.config.analysis.promises import promise_warnings
 from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.analysis.subject import Subject, subject_of
 from stadimeter.config.analysis.timing import timing_warnings
-from stadimeter.config.analysis.writers import overlap_warnings, shadow_warnings
+from stadimeter.config.analysis.writers import overlap_warnings, priority_warnings, shadow_warnings
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding
 from stadimeter.config.gpio_header import TAKEN
@@ -96,7 +96,7 @@ def _without_effect(rule: RuleTable) -> Iterator[tuple[tuple[str, ...], str, str
 def _alerts_heard(draft: Draft) -> Iterator[Finding]:
     asked_for = rules_asked_for(draft)
     for name, rule in draft.rules.items():
-        does_something = rule.actuator or rule.escalation or rule.observe or name in asked_for
+        does_something = rule.actuator or rule.steps or rule.observe or name in asked_for
         if rule.when and not does_something and "messenger" not in draft.table:
             message = f"nothing reports the alert '{name}': it drives nothing, and there is no messenger"
             yield Finding(("rules", name), message, "add an actuator to it, or a section [messenger]", "unheard")
@@ -147,10 +147,10 @@ def _moves(draft: Draft) -> bool:
 
 
 def _unused_notifiers(draft: Draft) -> Iterator[Finding]:
-    used = {step.notify for rule in draft.rules.values() for step in rule.escalation}
+    used = {step.notify for rule in draft.rules.values() for step in rule.steps}
     for name in draft.names("notifiers"):
         if draft.rules and name not in used:
-            hint = f'add a step notify = "{name}" to the [[rules.NAME.escalation]] of a rule'
+            hint = f'add notify = "{name}" to a rule, or to a step of its escalation'
             yield Finding(("notifiers", name), f"no rule notifies '{name}'", hint, "output-unused")
 
 
@@ -193,6 +193,7 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     holding_warnings,
     shadow_warnings,
     overlap_warnings,
+    priority_warnings,
     timing_warnings,
     promise_warnings,
 )

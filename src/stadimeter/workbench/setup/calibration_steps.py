@@ -152,7 +152,7 @@ def _named_pictures(known: Known) -> list[Option]:
             continue
         path = name.relative_to(known.folder) if name.is_relative_to(known.folder) else name
         named.append(f"{path}@{name.stem}")
-    return [Option(shlex.join(sorted(named)), "the distances that the names of the pictures say")] if named else []
+    return [Option(shlex.join(sorted(set(named))), "the distances that the names of the pictures say")] if named else []
 
 
 def _from_file(known: Known, text: str) -> Accepted:
@@ -176,7 +176,7 @@ def _other_paper(known: Known, pictures: list[PictureAt]) -> str:
     """Return which paper it is rather than the one of the answers: the one with which it is found; empty for none."""
     if known.answers["target"] != "sheet":
         return ""
-    for name in PAPER:
+    for name in ("letter", "A4", *PAPER):  # the two that are mistaken for each other, first
         try:
             lens_from(pictures, chosen_target(known, size=name))
         except CalibrationError:

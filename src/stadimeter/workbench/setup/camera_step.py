@@ -8,17 +8,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.driver_tables import CAMERA
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.toml_source import key_and_value
-from stadimeter.core.frame import Frame, Image
+from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras
 from stadimeter.workbench.frame_source import Source, open_source, settled_frame
+from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.setup.known import PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
 
@@ -37,10 +36,6 @@ LONGEST_RECORDING = 2000
 VIDEO_SUFFIXES = frozenset(
     ".avi .flv .h264 .m4v .mjpeg .mjpg .mkv .mov .mp4 .mpeg .mpg .ts .webm .wmv".split()  # noqa: SIM905
 )
-
-DARK = 12
-BRIGHT = 250
-CLIPPED_SHARE = 0.25
 
 _DRIVER = re.compile(r"[a-z][\w-]*(,\s*\w+\s*=.*)+")
 
@@ -74,9 +69,9 @@ class CameraStep(Step):
         known.camera_model = None
         write_picture(_new(known.path(SHOWN)), known.frame.image)
         size = f"{known.frame.width_px} × {known.frame.height_px} pixels"
-        trouble = exposure_trouble(known.frame.image)
         seen = f"It sees {size}; the picture is {SHOWN}."
-        return Accepted(answer=text, notes=(seen, *([trouble] if trouble else [])), doubt=bool(trouble))
+        remarks = tuple(f"{each[0].upper()}{each[1:]}." for each in picture_remarks(known.frame.image))
+        return Accepted(answer=text, notes=(seen, *remarks), doubt=bool(remarks))
 
 
 def camera_table(text: str) -> dict[str, Any]:
@@ -108,16 +103,6 @@ def words_of(text: str) -> list[str]:
         return shlex.split(text)
     except ValueError as error:
         raise ConfigError(f"{text!r} lacks a quotation mark") from error
-
-
-def exposure_trouble(image: Image) -> str:
-    """Return what is wrong with the light in a picture, or an empty text."""
-    if float(np.percentile(image, 99)) < DARK:
-        return "The picture is black: is there a cap on the lens, or no light?"
-    share = float(np.mean(image.min(axis=2) >= BRIGHT))
-    if share > CLIPPED_SHARE:
-        return f"{share:.0%} of the picture is white beyond what the camera can tell: less light, or less exposure."
-    return ""
 
 
 def _frames(choice: DriverChoice) -> tuple[tuple[Frame, ...], bool]:

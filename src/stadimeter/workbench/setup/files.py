@@ -60,11 +60,9 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
         tables += [("world", {})] if answers["base"] == SCREEN else []  # a base that is not there needs a place
     if "broker" in answers:
         tables.append(("messenger", messenger_table(answers["broker"])))
-    shared = [name for name, _ in outputs.values() if name]
     written: dict[str, str] = {}
     for name, table in tables:
-        both = {**table, "combine": "max"} if shared.count(name.removeprefix("actuators.")) > 1 else table
-        written[name] = f"[{name}]\n" + "".join(f"{key} = {as_toml(value)}\n" for key, value in both.items())
+        written[name] = f"[{name}]\n" + "".join(f"{key} = {as_toml(value)}\n" for key, value in table.items())
     rules = [_rules(wish, answers, outputs.get(wish.key, ("", ""))[0]) for wish in wanted(answers)]
     return _TITLE + "\n".join([*written.values(), *rules])
 

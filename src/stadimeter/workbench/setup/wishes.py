@@ -286,15 +286,14 @@ raised = 0
     ),
     Wish(
         key="latched",
-        title="an alarm that stays until somebody acknowledges and resets it",
+        title="an alarm that stays until a person acknowledges it",
         blanks=(_NEAR,),
         output="buzzer 23",
         rules="""\
-# Acts when it was nearer than {near}, until `stadimeter alarm ack latched` and `stadimeter alarm reset latched`.
+# Acts when it was nearer than {near}, until `stadimeter alarm ack latched`.
 [rules.latched]
 {drives}when = {{ below = "{near}" }}
-latch = true
-ack = "required"
+latch = "until-acknowledged"
 
 [[tests]]
 name = "latched: it stays although the {target} has gone back"
@@ -308,7 +307,7 @@ input.points = [
 expect.latched = {{ raised = 1, cleared = 0, active_at = "12 s" }}
 
 [[tests]]
-name = "latched: acknowledged and reset, it is over"
+name = "latched: acknowledged, it is over"
 input.target = "{target}"
 input.points = [
   {{ at = "0 s", distance = "{near:3}" }},
@@ -316,7 +315,7 @@ input.points = [
   {{ at = "6 s", distance = "{near:3}" }},
   {{ at = "14 s", distance = "{near:3}" }},
 ]
-input.operator = [{{ at = "10 s", acknowledge = "latched" }}, {{ at = "11 s", reset = "latched" }}]
+input.operator = [{{ at = "10 s", acknowledge = "latched" }}]
 expect.latched = {{ raised = 1, cleared = 1, inactive_at = "13 s" }}
 """,
     ),
@@ -333,7 +332,6 @@ expect.latched = {{ raised = 1, cleared = 1, inactive_at = "13 s" }}
 [rules.light]
 {drives}when = {{ below = "{near}" }}
 off_delay = "{after}"
-lost = {{ policy = "clear" }}
 
 [[tests]]
 name = "light: it stays on for {after}"
