@@ -164,9 +164,7 @@ def test_a_pipe_is_refused_without_waiting_for_it(tmp_path: Path) -> None:
     assert "not a regular file" in refusal(path)
 
 
-@pytest.mark.parametrize(
-    "data", [b"hello world\n" * 50, b"\0" * 1000, b"RIFF\x10\0\0\0WAVEfmt", b"\0\0\0 ftypheic"]
-)
+@pytest.mark.parametrize("data", [b"hello world\n" * 50, b"\0" * 1000, b"RIFF\x10\0\0\0WAVEfmt", b"\0\0\0 ftypheic"])
 def test_a_file_of_another_kind_is_said_not_to_be_a_picture(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "letter.jpg"
     path.write_bytes(data)
