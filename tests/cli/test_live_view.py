@@ -329,7 +329,7 @@ def test_at_any_size_the_view_fills_the_screen_and_no_more(
 
 def test_a_terminal_without_unicode_gets_the_same_in_ascii(make_record: Callable[..., CycleRecord]) -> None:
     rows = screen(shown(make_record()), encoding="ascii")
-    assert row_with("2.43 m +/- 0.04", rows)
+    assert row_with("2.43 m +- 0.04", rows)
     assert "active    -> buzzer" in row_with(" too-near ", rows)
     assert "?" not in "".join(row for row in rows if "unknown" not in row)
 

@@ -138,4 +138,4 @@ def test_ascii_is_kept_to_and_a_driver_s_words_stay_on_one_line(make_record: Cal
     assert len(lines) == 1
     assert lines[0].isascii()
     assert lines[0].isprintable()
-    assert re.search(r"2\.43 m \+/- 0\.04", lines[0])
+    assert re.search(r"2\.43 m \+- 0\.04", lines[0])

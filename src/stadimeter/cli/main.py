@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar
 import typer
 
 import stadimeter
+from stadimeter.cli.glyphs import PLAIN_ERRORS
 from stadimeter.cli.lazy_group import LazyCommand, LazyGroup
 
 ALARM_COMMANDS = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back")
@@ -115,5 +116,5 @@ def main() -> None:
     """Run the command line and leave the process with its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a file's name need be no text, nor need a terminal know every letter
-            stream.reconfigure(errors="backslashreplace")
+            stream.reconfigure(errors=PLAIN_ERRORS)
     app()
