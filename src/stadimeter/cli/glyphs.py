@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import codecs
+import io
 import unicodedata
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # the plain view starts sooner without rich
+    from rich.console import Console
     from rich.text import Text
 
 PLAIN = {
@@ -75,10 +78,25 @@ class Glyphs:
             return shown
         return "".join(map(plain, shown))
 
+    def hang(self, label: Text, words: Text, width: int) -> list[Text]:
+        """Return a label and the words beside it, on as many lines as they take; each begins below the first."""
+        from rich.text import Text  # noqa: PLC0415 - the plain view starts sooner without rich
+
+        first, *more = words.wrap(_console(), max(1, width - label.cell_len)) or [Text()]
+        return [Text.assemble(label, first), *(Text(" " * label.cell_len).append_text(line) for line in more)]
+
     def fit(self, text: Text, width: int) -> Text:
         """Return a line cut or filled to a width in columns."""
         text.truncate(width, overflow="crop" if self.ascii_only else "ellipsis", pad=True)
         return text
+
+
+@cache
+def _console() -> Console:
+    """Return what rich wants for wrapping, and does not look at."""
+    from rich.console import Console  # noqa: PLC0415 - the plain view starts sooner without rich
+
+    return Console(file=io.StringIO(), width=80)
 
 
 UNICODE = Glyphs()

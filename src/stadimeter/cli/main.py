@@ -22,7 +22,7 @@ class Commands(LazyGroup):
 
     LAZY: ClassVar[Mapping[str, LazyCommand]] = {
         "demo": LazyCommand(
-            "stadimeter.cli.run",
+            "stadimeter.cli.demo",
             "Watch a simulated ball being measured, followed and reported. Needs no hardware.",
             RUN,
         ),
