@@ -16,6 +16,8 @@ from live_view_svg import save_svg
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.loop import Loop
+from stadimeter.cli.demonstration import fault_keys
+from stadimeter.cli.keyboard import Keyboard, RunKeys
 from stadimeter.cli.viewing import live_view_of
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.loader import load_configuration
@@ -35,6 +37,12 @@ LIVE_VIEW_SECONDS = 24.6
 """The live view is taken after this long in the demonstration."""
 
 
+class ShownKeyboard(Keyboard):
+    """A keyboard that is there, so that the picture shows the keys."""
+
+    is_there = True
+
+
 def live_view_picture(path: Path, seconds: float, width: int = 120, height: int = 35) -> None:
     """Run the demonstration as fast as it goes, and take a picture of its live view.
 
@@ -45,7 +53,8 @@ def live_view_picture(path: Path, seconds: float, width: int = 120, height: int 
         height: Its rows.
     """
     loop = Loop(build(demo_configuration(), speed=None))
-    view = live_view_of(loop, "stadimeter demo", "m")
+    keys = RunKeys(loop, fault_keys(loop), can_pause=True, keyboard=ShownKeyboard())
+    view = live_view_of(loop, "stadimeter demo", "m", keys)
 
     def watch(record: CycleRecord, _frame: Frame | None) -> None:
         view.update(record)
