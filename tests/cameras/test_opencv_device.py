@@ -64,7 +64,7 @@ def test_a_number_means_the_node_of_that_number(device: FakeDevice, clock: Manua
 
 def test_a_real_file_that_is_no_camera_is_refused(node: Path, clock: ManualClock) -> None:
     camera = OpenCvCamera(OpenCvOptions(device=str(node)), clock)
-    with pytest.raises(DeviceOpenError, match="cannot be opened as a camera; another program"):
+    with pytest.raises(DeviceOpenError, match="cannot be opened: it is a file; the driver 'video' plays"):
         camera.open()
     with pytest.raises(DeviceClosedError):
         camera.read()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -21,10 +20,10 @@ from stadimeter.cli.known_pictures import (
 )
 from stadimeter.cli.target_options import GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import save_camera_model
-from stadimeter.core.camera_model import CameraModel, ToneCurve
-from stadimeter.core.detection import DetectionStatus
-from stadimeter.ranging.calibration import Calibration, FocalLength, KnownDistance, calibrate, with_readings
-from stadimeter.workbench.calibration.calibrating import is_elsewhere, looked_at_again, with_bias_undone
+from stadimeter.core.camera_model import ToneCurve
+from stadimeter.ranging.calibration import Calibration, FocalLength
+from stadimeter.workbench.calibration.distance_fit import fit_distances
+from stadimeter.workbench.measuring import open_picture
 
 FAR_OFF_AXIS_RAD = math.radians(10)
 """Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %."""
@@ -86,44 +85,29 @@ def distance(
 def _calibrated(
     known: KnownPictures, wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
 ) -> tuple[Calibration, bool]:
-    """Calibrate; return the calibration, and whether the finished camera file finds the target in all pictures.
-
-    The first look has no camera model yet, so it takes the tone curve for that of sRGB and knows less of shapes. What
-    counts is a second one through the model that it gives, which is that of `measure`; what the finished file reads
-    is found by a third.
-    """
-    made = calibrate(known.usable, date=today(), distance_relative_sigma=distance_relative_sigma)
-    rough = replace(made.camera_model, edge_bias_px=0.0, tone_curve=tone_curve)
-    usable = _second_look(known.usable, wanted, rough)
-    if len(usable) > 1:  # one picture cannot tell the edge bias
-        usable = with_bias_undone(usable, wanted.choices, rough)
-    made = calibrate(usable, date=today(), distance_relative_sigma=distance_relative_sigma)
-    made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve))
-    made = with_readings(made, looked_at_again(usable, wanted.choices, made.camera_model))
-    all_found = all(each.residual_share is not None for each in made.pictures)
-    return made, known.all_usable and len(usable) == len(known.usable) and all_found
-
-
-def _second_look(
-    known: tuple[KnownDistance, ...], wanted: WantedTargets, rough: CameraModel
-) -> tuple[KnownDistance, ...]:
-    usable = []
-    for before, again in zip(known, looked_at_again(known, wanted.choices, rough), strict=True):
-        if again.detection.status is not DetectionStatus.FOUND:
-            reason = f"through the camera file it is not found: {again.detection.reason}"
-            typer.echo(f"left out: {again.picture}: {reason}", err=True)
-            continue
-        if is_elsewhere(before, again):
-            there = f"{again.detection.centre_px[0]:.0f}, {again.detection.centre_px[1]:.0f} px"
-            typer.echo(
-                f"note: {again.picture}: the target is taken to be at {there}; check it with `stadimeter "
-                "measure --annotate`",
-                err=True,
-            )
-        usable.append(again)
-    if not usable:
+    """Calibrate; return the calibration, and whether the finished camera file finds the target in all pictures."""
+    fit = fit_distances(
+        known.usable,
+        lambda name: open_picture(Path(name)),
+        wanted.choices,
+        date=today(),
+        distance_relative_sigma=distance_relative_sigma,
+        tone_curve=tone_curve,
+    )
+    for each in fit.left_out:
+        reason = f"through the camera file it is not found: {each.detection.reason}"
+        typer.echo(f"left out: {each.picture}: {reason}", err=True)
+    for each in fit.elsewhere:
+        there = f"{each.detection.centre_px[0]:.0f}, {each.detection.centre_px[1]:.0f} px"
+        typer.echo(
+            f"note: {each.picture}: the target is taken to be at {there}; check it with `stadimeter "
+            "measure --annotate`",
+            err=True,
+        )
+    if fit.calibration is None:
         _nothing_written()
-    return tuple(usable)
+    all_found = all(each.residual_share is not None for each in fit.calibration.pictures)
+    return fit.calibration, known.all_usable and not fit.left_out and all_found
 
 
 def _nothing_written() -> NoReturn:

@@ -16,8 +16,10 @@ from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.calibration import KnownDistance
-from stadimeter.workbench.calibration.calibrating import check_lens_settings, known_distance
+from stadimeter.workbench.calibration.calibrating import check_lens_settings
+from stadimeter.workbench.calibration.distance_fit import known_distance
 from stadimeter.workbench.colour_profile import profile_notes
+from stadimeter.workbench.measuring import open_picture
 
 PicturesAtDistances = Annotated[
     list[str],
@@ -62,7 +64,7 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     for note in (*check_lens_settings(paths), *profile_notes(paths)):
         typer.echo(f"note: {note}", err=True)
     (target,) = build_detectors(wanted.choices, camera_model)
-    known = [known_distance(path, depth_m, target, camera_model) for path, depth_m in taken]
+    known = [known_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
     usable = tuple(each for each in known if each.detection.status is DetectionStatus.FOUND)
     for each in known:
         if each.detection.status is not DetectionStatus.FOUND:

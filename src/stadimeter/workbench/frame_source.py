@@ -76,8 +76,17 @@ def settled_frame(choice: DriverChoice) -> Frame:
     source = open_source(choice)
     try:
         source.capture.open()
-        for _ in range(SETTLING_FRAMES if source.is_live else 0):
-            source.capture.latest(SETTLING_WAIT_S)
+        settle(source)
         return source.capture.latest(SETTLING_WAIT_S)
     finally:
         source.capture.close()
+
+
+def settle(source: Source) -> None:
+    """Pass over the first frames of a live camera, in which it sets its exposure.
+
+    Raises:
+        DriverError: No frames come.
+    """
+    for _ in range(SETTLING_FRAMES if source.is_live else 0):
+        source.capture.latest(SETTLING_WAIT_S)
