@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
 
+from stadimeter.cli.calibrate_live import AtOption, LiveSettings, calibrated_live
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
     DistanceErrorOption,
-    KnownPictures,
-    PicturesAtDistances,
+    MaybePicturesAtDistances,
     ToneCurveOption,
     look_at,
     today,
 )
+from stadimeter.cli.live_camera import LiveOption
 from stadimeter.cli.target_options import GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import ToneCurve
+from stadimeter.errors import ConfigError
 from stadimeter.ranging.calibration import Calibration, FocalLength
 from stadimeter.workbench.calibration.distance_fit import fit_distances
 from stadimeter.workbench.measuring import open_picture
@@ -40,7 +43,9 @@ def register(app: typer.Typer) -> None:
 def distance(
     *,
     target: GivenTarget,
-    pictures: PicturesAtDistances,
+    pictures: MaybePicturesAtDistances = None,
+    live: LiveOption = None,
+    at: AtOption = None,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
     distance_error: DistanceErrorOption = 1.0,
     tone_curve: ToneCurveOption = "srgb",
@@ -56,6 +61,10 @@ def distance(
     Pictures of a raw or scientific camera, whose values are in proportion to light, need --tone-curve linear, which the
     camera file then holds. Through the wrong curve each edge is off by some tenths of a pixel.
 
+    With --live the program takes the pictures itself: it asks for the target at one distance, takes several frames,
+    then asks for it at another one, which proves the first. Here a distance is measured from the lens to the target's
+    nearest point. If the distances contradict each other by more than --distance-error allows, nothing is written.
+
     Then `stadimeter measure` and `stadimeter run` need the camera file, and pictures from the same camera at any
     resolution of the same aspect, with the same zoom. An existing file is replaced.
 
@@ -65,16 +74,23 @@ def distance(
 
     - `stadimeter calibrate distance a.jpg@50cm b.jpg@1m --ball 6.4cm --hsv "29,86,6:64,255,255" -o camera.toml`
 
+    - `stadimeter calibrate distance --live opencv,device=0 --ball 6.4cm --hsv "29,86,6:64,255,255" -o camera.toml`
+
     **Exit code**: 0 the camera file was written from all pictures; 1 the target was not found in some, which
     were left out, or in all, and then nothing was written, or the finished camera file does not find it; 2 an
-    option, a file or a picture is wrong, and nothing was written.
+    option, a file or a picture is wrong, or distances contradict each other, and nothing was written.
     """
     with plain_errors():
+        if bool(pictures) == bool(live):
+            raise ConfigError("give pictures at known distances, or --live for a camera, one of the two")
+        if at and not live:
+            raise ConfigError("--at says where to put the target before a camera; give --live with it")
         wanted = wanted_targets(target)
-        known = look_at(pictures, wanted, None)
-        if not known.usable:
-            _nothing_written()
-        made, all_found = _calibrated(known, wanted, distance_error / 100, tone_curve)
+        if live:
+            settings = LiveSettings(distance_relative_sigma=distance_error / 100, tone_curve=tone_curve)
+            made, all_found = calibrated_live(live, at or [], wanted, settings), True
+        else:
+            made, all_found = _from_pictures(pictures or [], wanted, distance_error / 100, tone_curve)
         replaced = output.exists()
         save_camera_model(output, made.camera_model)
         _tell(made, wanted.unit)
@@ -82,10 +98,13 @@ def distance(
     raise typer.Exit(DONE if all_found else NOT_FOUND)
 
 
-def _calibrated(
-    known: KnownPictures, wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
+def _from_pictures(
+    pictures: Sequence[str], wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
 ) -> tuple[Calibration, bool]:
     """Calibrate; return the calibration, and whether the finished camera file finds the target in all pictures."""
+    known = look_at(pictures, wanted, None)
+    if not known.usable:
+        _nothing_written()
     fit = fit_distances(
         known.usable,
         lambda name: open_picture(Path(name)),

@@ -21,10 +21,11 @@ from stadimeter.workbench.calibration.distance_fit import known_distance
 from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.measuring import open_picture
 
-PicturesAtDistances = Annotated[
-    list[str],
-    typer.Argument(metavar="PATH@DISTANCE", help="Pictures of the target at known distances: 2ft.png@24in."),
-]
+_PATH_AT_DISTANCE = typer.Argument(
+    metavar="PATH@DISTANCE", help="Pictures of the target at known distances: 2ft.png@24in."
+)
+PicturesAtDistances = Annotated[list[str], _PATH_AT_DISTANCE]
+MaybePicturesAtDistances = Annotated[list[str] | None, _PATH_AT_DISTANCE]
 DistanceErrorOption = Annotated[
     float,
     typer.Option(

@@ -18,8 +18,8 @@ from rich.text import Text
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs, heading
+from stadimeter.cli.run_history import LookedAt, RunHistory, Snapshot
 from stadimeter.cli.run_panels import event_line, header_lines, message_line, output_blocks, rule_blocks
-from stadimeter.cli.snapshot import LookedAt, RunHistory, Snapshot
 from stadimeter.cli.target_panel import target_lines
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.message import Message

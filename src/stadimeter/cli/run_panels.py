@@ -10,7 +10,7 @@ from rich.text import Text
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.cli.formatting import LengthUnit, format_age, format_level, format_speed, format_time, format_turn
 from stadimeter.cli.glyphs import Glyphs
-from stadimeter.cli.snapshot import Snapshot
+from stadimeter.cli.run_history import Snapshot
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message

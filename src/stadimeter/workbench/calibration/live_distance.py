@@ -121,6 +121,16 @@ class LiveDistance:
         self._source.capture.close()
 
     @property
+    def measured_to(self) -> str:
+        """The point of the target to which distances are measured."""
+        return f"the nearest point of the {self._target.name}" if self.to_centre_m else f"the {self._target.name}"
+
+    @property
+    def to_centre_m(self) -> float:
+        """How far the target's centre, which is what is measured later, is behind that point."""
+        return self._target.detector.target_shape.limb_radius_m
+
+    @property
     def takes(self) -> tuple[Take, ...]:
         """What was seen at each distance, in the order in which they were taken."""
         return tuple(self._takes.values())
@@ -149,7 +159,7 @@ class LiveDistance:
             EndOfFramesError: It is a recording, and at its end.
         """
         name = name or f"at {distance_m:g} m"
-        depth_m = distance_m + self._target.detector.target_shape.limb_radius_m  # a shape's depth is its centre's
+        depth_m = distance_m + self.to_centre_m
         seen = [(known_distance(name, frame, depth_m, self._target), frame) for frame in self._frames(frames)]
         found = [pair for pair in seen if pair[0].detection.status is DetectionStatus.FOUND]
         if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
@@ -224,7 +234,7 @@ class LiveDistance:
         if not others:
             return None
         model = calibrate(others, date=self._date, distance_relative_sigma=self._relative_sigma).camera_model
-        return measured_depth_m(known, model) - known.size.limb_radius_m
+        return measured_depth_m(known, model) - self.to_centre_m
 
 
 def _size_px(known: KnownDistance) -> float:
