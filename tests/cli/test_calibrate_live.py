@@ -52,11 +52,10 @@ def test_two_distances_asked_for_and_proved_give_a_camera_file(tmp_path: Path) -
     result = _run(tmp_path, [_ball_at(1.0), _ball_at(3.0)], "\n\n")
     assert result.exit_code == 0, result.output
     lines = result.stdout.splitlines()
-    assert lines[0].startswith("Measure from the lens to the nearest point of the ball, with a tape.")
+    assert lines[0].startswith("Measure with a tape, from the lens to the nearest point of the ball.")
     assert [line for line in lines if line.endswith((" 1 m.", " 3 m."))] == ["Put it at 1 m.", "Now put it at 3 m."]
-    assert re.search(
-        r"at 3 m: \d+\.\d px, spread 0\.00%, found in 9 of 9 frames; by the one before it is at", result.stdout
-    )
+    assert re.search(r"at 3 m: \d+\.\d px, spread 0\.00%, found in 9 of 9 frames\n", result.stdout)
+    assert re.search(r"    from what came before: \d+\.\d cm \([+-]0\.\d%\)\n", result.stdout)
     assert lines[-1] == f"wrote {tmp_path / 'camera.toml'}"
     model = load_camera_model(tmp_path / "camera.toml")
     assert model.fx_px == pytest.approx(600, rel=0.01)

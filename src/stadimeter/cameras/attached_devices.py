@@ -80,4 +80,4 @@ def _trouble(error: OSError, node: Path) -> str:
 
 def _named(camera: AttachedCamera, links: Mapping[str, str]) -> AttachedCamera:
     path = links.get(Path(camera.node).name, camera.node)
-    return replace(camera, path=path, options={"device": path})
+    return replace(camera, path=path, options={"device": path, "device_file": None})

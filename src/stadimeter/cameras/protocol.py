@@ -30,7 +30,8 @@ class AttachedCamera:
 
     Attributes:
         driver: The name of the driver's entry point, such as ``opencv``.
-        options: The options that mean this camera and none other, such as its ``device``.
+        options: The options that mean this camera and none other, such as its ``device``; None for those that would
+            mean another one beside it.
         path: The path that stays right when cameras change places or the computer starts anew.
         name: The name that it gives itself.
         node: The present name of its device, such as ``/dev/video0``.
@@ -39,7 +40,7 @@ class AttachedCamera:
     """
 
     driver: str
-    options: Mapping[str, str] = field(hash=False)
+    options: Mapping[str, str | None] = field(hash=False)
     path: str
     name: str
     node: str
@@ -49,7 +50,7 @@ class AttachedCamera:
     @property
     def choice(self) -> str:
         """The camera as ``--live`` takes it, such as ``opencv,device=/dev/v4l/by-id/…``."""
-        return ",".join((self.driver, *(f"{key}={value}" for key, value in self.options.items())))
+        return ",".join((self.driver, *(f"{key}={value}" for key, value in self.options.items() if value is not None)))
 
 
 class Camera(Protocol):

@@ -24,7 +24,7 @@ from stadimeter.ranging.calibration import (
     measured_depth_m,
 )
 from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S, open_source, settle
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, opened
 
 FRAMES = 9
 """How many frames to take at each distance."""
@@ -71,7 +71,7 @@ class Take:
 
 
 class LiveDistance:
-    """A calibration before an open camera. Use it as a context: it closes the camera.
+    """A calibration before a camera. Use it as a context, which opens the camera and closes it.
 
     Of several frames at one distance the one of median size counts: their common error, that of the tape, would not
     get smaller by counting all of them.
@@ -91,7 +91,8 @@ class LiveDistance:
         tone_curve: ToneCurve = "srgb",
         note: Callable[[str], None] = lambda _words: None,
     ) -> None:
-        self._source = open_source(camera)
+        self._opening = opened(camera)
+        self._source: Source
         self._choices = (target,)
         (self._target,) = build_detectors(self._choices, None)
         self._date = date
@@ -104,21 +105,16 @@ class LiveDistance:
 
     def __enter__(self) -> Self:
         """Open the camera and let it settle; `DriverError` if it cannot be opened."""
-        self._source.capture.open()
-        try:
-            for remark in self._source.capture.remarks():
-                self._note(remark)
-            settle(self._source)
-        except BaseException:
-            self._source.capture.close()
-            raise
+        self._source = self._opening.__enter__()
+        for remark in self._source.capture.remarks():
+            self._note(remark)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the camera."""
-        self._source.capture.close()
+        self._opening.__exit__(kind, error, trace)
 
     @property
     def measured_to(self) -> str:
