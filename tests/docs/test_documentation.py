@@ -1,6 +1,7 @@
 """What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere."""
 
 import ast
+import itertools
 import os
 import re
 import shlex
@@ -153,21 +154,24 @@ def codes_in_the_source():
     return {each.value for codes in given for each in codes if isinstance(each, ast.Constant) and each.value}
 
 
+def lines_typed(text):
+    """Return the lines that a reader types, of each block of a page for a shell."""
+    for kind, block in FENCE.findall(text):
+        if kind == "sh":
+            yield from block.splitlines()
+        elif kind == "console":
+            yield from (re.split(r" [|>] ", line[2:])[0] for line in block.splitlines() if line.startswith("$ "))
+
+
 def commands():
     for page in PAGES:
-        for kind, text in FENCE.findall(page.read_text()):
-            if kind not in {"sh", "console"}:
-                continue
-            lines = text.splitlines()
-            if kind == "console":
-                lines = [re.split(r" [|>] ", line[2:])[0] for line in lines if line.startswith("$ ")]
-            for line in lines:
-                words = shlex.split(line, comments=True)
-                while words and words[0] in {"uvx", "pipx", "run", "sudo"}:
-                    del words[0]
-                if words and words[0].rpartition("/")[2] == "stadimeter":
-                    yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
-        for line in IN_A_SENTENCE.findall(FENCE.sub("", page.read_text())):
+        text = page.read_text()
+        typed = [shlex.split(line, comments=True) for line in lines_typed(text)]
+        typed = [list(itertools.dropwhile(lambda word: word in {"uvx", "pipx", "run", "sudo"}, each)) for each in typed]
+        shown = [each for each in typed if each and each[0].rpartition("/")[2] == "stadimeter"]
+        for words in shown:
+            yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
+        for line in IN_A_SENTENCE.findall(FENCE.sub("", text)):
             yield pytest.param(shlex.split(line), id=f"{page.name}: {line}")
 
 
