@@ -43,7 +43,8 @@ PAGES = [
 ANSWERS = re.compile(r"^<!-- answers -->\n```toml\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WRONG = re.compile(r"^<!-- wrong on purpose -->\n(?:<!-- .*? -->\n)?```\w+\n.*?^```\n", re.MULTILINE | re.DOTALL)
-IN_A_SENTENCE = re.compile(r"`(?:[a-z ]+ )?stadimeter ([a-z][^`]*)`")
+CODE = re.compile(r"`([^`]*)`")
+IN_A_SENTENCE = re.compile(r"(?:[a-z ]+ )?stadimeter ([a-z].*)", re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 
 AROUND = {
@@ -168,11 +169,11 @@ def commands():
         text = page.read_text()
         typed = [shlex.split(line, comments=True) for line in lines_typed(text)]
         typed = [list(itertools.dropwhile(lambda word: word in {"uvx", "pipx", "run", "sudo"}, each)) for each in typed]
-        shown = [each for each in typed if each and each[0].rpartition("/")[2] == "stadimeter"]
-        for words in shown:
+        for words in (each for each in typed if each and each[0].rpartition("/")[2] == "stadimeter"):
             yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
-        for line in IN_A_SENTENCE.findall(FENCE.sub("", text)):
-            yield pytest.param(shlex.split(line), id=f"{page.name}: {line}")
+        for span in CODE.findall(FENCE.sub("", text)):
+            if shown := IN_A_SENTENCE.fullmatch(span):
+                yield pytest.param(shlex.split(shown[1]), id=f"{page.name}: {shown[1]}")
 
 
 @pytest.mark.parametrize("words", list(commands()))
