@@ -126,7 +126,9 @@ def _from_camera(live: str, wanted: Board) -> tuple[BoardCalibration, bool]:
     session = views_from_camera(live, wanted)
     if not session.views:
         _never_found("the camera saw no view of the board")
-    made = session.calibration or calibrate_board(session.views, session.width_px, session.height_px, date=today())
+    made = session.calibration or calibrate_board(
+        session.views, session.width_px, session.height_px, date=today(), optics=session.optics
+    )
     return made, True
 
 
