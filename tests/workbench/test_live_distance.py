@@ -80,6 +80,17 @@ def test_a_ball_is_measured_to_its_near_side_and_gives_the_focal_length(device: 
     assert not device.isOpened(), "the camera is left closed"
 
 
+@pytest.mark.parametrize(("first_m", "times"), [(1.0, 3.0), (2.5, 2.0), (3.5, 1.5), (5.5, 1.5)])
+def test_a_second_distance_is_advised_at_which_the_target_is_still_large_enough(
+    device: V4l2Double, first_m: float, times: float
+) -> None:
+    device.show(ball_at(first_m))
+    with _session(device) as session:
+        assert session.next_distance_m is None
+        session.take(first_m, FRAMES)
+        assert session.next_distance_m == pytest.approx(times * first_m)
+
+
 def test_a_sheet_is_measured_to_itself(device: V4l2Double) -> None:
     device.show(sheet_at(1.0))
     with _session(device, _target("sheet", width="29.7 cm", height="21 cm")) as session:
@@ -145,6 +156,12 @@ def test_a_target_that_is_not_there_is_said_and_changes_nothing(device: V4l2Doub
         with pytest.raises(CalibrationError, match="at 3 m the target was found in 0 of 3 frames: no pixel"):
             session.take(3.0, FRAMES)
         assert [take.name for take in session.takes] == ["at 1 m"]
+
+
+def test_what_is_wrong_with_a_picture_without_the_target_is_said(device: V4l2Double) -> None:
+    device.show(np.full((480, 640, 3), 5, np.uint8))
+    with _session(device) as session, pytest.raises(CalibrationError, match="; the picture is black: take the cover"):
+        session.take(1.0, FRAMES)
 
 
 def test_a_target_that_moves_meanwhile_is_refused(device: V4l2Double, monkeypatch: pytest.MonkeyPatch) -> None:
