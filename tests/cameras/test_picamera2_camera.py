@@ -388,7 +388,7 @@ def test_a_camera_that_is_not_there_is_answered_with_those_that_are(sensor: Sens
         ({"sensor_width_px": 2304}, "sensor_width_px and sensor_height_px go together"),
         ({"focus": "1 m", "autofocus": True}, "focus, lens_position_dpt and autofocus exclude each other"),
         ({"colour_gains": [2, 1], "white_balance": "indoor"}, "white_balance and colour_gains exclude each other"),
-        ({"exposure": "50 ms", "rate": "30 Hz"}, "longer than a frame at 30 Hz; write rate = 20 or less"),
+        ({"exposure": "50 ms", "rate": "30 Hz"}, 'longer than a frame at 30 Hz; write rate = "20 Hz" or less'),
         ({"crop_px": [0, 0, 0, 10]}, "crop_px is left, top, width and height"),
         ({"width_px": 65}, "multiple of 2"),
     ],

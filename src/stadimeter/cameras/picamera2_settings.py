@@ -93,7 +93,7 @@ class Picamera2Options(Options):
         if self.rate and self.exposure and self.exposure * self.rate > 1:
             raise ValueError(
                 f"an exposure of {1e3 * self.exposure:g} ms is longer than a frame at {self.rate:g} Hz;"
-                f" write rate = {math.floor(1 / self.exposure)} or less, or a shorter exposure"
+                f' write rate = "{math.floor(1 / self.exposure)} Hz" or less, or a shorter exposure'
             )
         return self
 
