@@ -27,7 +27,7 @@ from stadimeter.errors import (
 )
 from stadimeter.testing.eventually import eventually
 from stadimeter.testing.manual_clock import ManualClock
-from support.picamera2_double import AfMode, AwbMode, Camera, Sensor, frame_image, install
+from support.picamera2_double import AfMode, AwbMode, Camera, Request, Sensor, frame_image, install
 
 
 @pytest.fixture
@@ -264,6 +264,21 @@ def test_the_cause_is_not_sought_in_an_error_of_ours(sensor: Sensor) -> None:
             camera_on(sensor).open()
 
 
+def test_an_error_of_libcamera_while_it_looks_for_cameras_is_one_of_ours(
+    sensor: Sensor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = camera_on(sensor)
+    package = sensor.package()
+
+    def fail() -> None:
+        raise RuntimeError("Failed to start camera manager")
+
+    monkeypatch.setattr(package.Picamera2, "global_camera_info", staticmethod(fail))
+    monkeypatch.setattr(camera, "_load", lambda: package)
+    with pytest.raises(DeviceOpenError, match="cannot be opened: Failed to start camera manager"):
+        camera.open()
+
+
 def test_a_camera_without_frames_cannot_be_opened_and_is_let_go(sensor: Sensor) -> None:
     sensor.is_silent = True
     camera = camera_on(sensor)
@@ -317,6 +332,31 @@ def test_a_camera_that_cannot_be_closed_holds_nobody_up_and_is_not_opened_again_
     closer.join(5)
     camera.open()
     camera.read()
+
+
+def test_a_camera_is_let_go_by_a_read_that_outlasts_closing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(picamera2_camera, "CLOSE_WAIT_S", 0.05)
+    sensor = Sensor(MonotonicClock())
+    camera = camera_on(sensor)
+    camera.open()
+    in_vendor_code, go_on = threading.Event(), threading.Event()
+
+    def hang(request: Request) -> dict[str, Any]:
+        in_vendor_code.set()
+        go_on.wait(5)
+        return request.metadata
+
+    monkeypatch.setattr(Request, "get_metadata", hang)
+    errors = list[Exception]()
+    thread = threading.Thread(target=_read_until_error, args=(camera, errors))
+    thread.start()
+    assert in_vendor_code.wait(5)
+    camera.close()
+    assert sensor.held == 1
+    go_on.set()
+    thread.join(5)
+    assert sensor.held == 0
+    assert isinstance(errors[0], DeviceClosedError)
 
 
 def test_closing_breaks_off_a_read_that_waits_for_a_silent_camera() -> None:

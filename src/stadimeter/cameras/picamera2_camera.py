@@ -131,7 +131,6 @@ class Picamera2Camera:
                 self._acquire(self._package)
             except BaseException:
                 self._is_closing = True
-                self._release()
                 raise
 
     def read(self) -> Frame:
@@ -167,6 +166,8 @@ class Picamera2Camera:
         try:
             yield
         finally:
+            if self._is_closing:
+                self._release()
             self._lock.release()
 
     def _release(self) -> None:
@@ -179,9 +180,9 @@ class Picamera2Camera:
 
     def _acquire(self, package: Package) -> None:
         options = self._options
-        attached = package.Picamera2.global_camera_info()
-        number = number_of(options.camera, attached)
         try:
+            attached = package.Picamera2.global_camera_info()
+            number = number_of(options.camera, attached)
             device = self._device = package.Picamera2(number)
             available = device.camera_controls
             set_to = controls_of(options, available, package.controls)

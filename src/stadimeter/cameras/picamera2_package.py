@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -41,8 +42,9 @@ def load_package() -> Package:
     Raises:
         DriverUnavailableError: It is not there, or does not fit this environment.
     """
-    # libcamera writes a page to the terminal each time that a camera is opened, unless this says otherwise.
+    # Both write to the terminal what they do and what went wrong, which our errors say, unless this says otherwise.
     os.environ.setdefault("LIBCAMERA_LOG_LEVELS", "*:ERROR")
+    logging.getLogger("picamera2").addHandler(logging.NullHandler())
     try:
         import libcamera  # noqa: PLC0415 - only a Raspberry Pi has it
         import picamera2  # noqa: PLC0415
