@@ -123,7 +123,7 @@ def test_settings_become_controls_before_the_camera_starts(
     camera.open()
     given = sensor.configurations[-1]["controls"]
     assert {name: given.get(name) for name in controls} == controls
-    assert camera.remarks == (() if "autofocus" not in table else camera.remarks)
+    assert camera.remarks == () or "autofocus" in table
 
 
 def test_an_exposure_without_a_gain_leaves_the_gain_to_the_camera(sensor: Sensor) -> None:
@@ -489,7 +489,7 @@ def test_a_package_for_another_numpy_or_of_old_is_told_from_one_that_is_missing(
 
     monkeypatch.delitem(sys.modules, "picamera2")
     monkeypatch.setattr(sys, "meta_path", [Finder, *sys.meta_path])
-    with pytest.raises(DriverUnavailableError, match=r"does not fit this environment: numpy\.dtype size changed"):
+    with pytest.raises(DriverUnavailableError, match=r"numpy\.dtype size changed.*pip install 'numpy<2'"):
         load_package()
 
 

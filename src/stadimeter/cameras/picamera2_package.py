@@ -52,8 +52,8 @@ def load_package() -> Package:
         raise DriverUnavailableError(lack() or f"picamera2 cannot be loaded: {error}") from error
     except Exception as error:  # a package that was built for another numpy fails with a ValueError
         raise DriverUnavailableError(
-            f"picamera2 does not fit this environment: {error}; use the system's numpy (`pip uninstall numpy"
-            " opencv-python-headless`, `sudo apt install python3-opencv`)"
+            f"picamera2 does not fit this environment: {error}; where the system's packages are for numpy 1, run"
+            " `pip install 'numpy<2' 'opencv-python-headless<4.12'`"
         ) from error
     if not hasattr(picamera2.Picamera2, "cancel_all_and_flush"):
         raise DriverUnavailableError(
