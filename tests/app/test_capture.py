@@ -184,13 +184,13 @@ def test_a_lost_camera_is_opened_again_by_itself(clock: ManualClock, waits: Wait
     assert waits.words == ["/dev/video0 is gone; opening the camera again after 0.25 s"]
 
 
-def test_the_wait_before_opening_again_doubles_up_to_eight_seconds(clock: ManualClock, waits: Waits) -> None:
+def test_the_wait_before_opening_again_doubles_up_to_four_seconds(clock: ManualClock, waits: Waits) -> None:
     absent = DeviceOpenError("there is no /dev/video0")
     camera = ScriptedCamera(clock, 1, LinkLostError("gone"), 2, opening=(None, *[absent] * 7))
     with opened(camera, waits) as capture:
         assert level_of(capture.latest(PATIENCE_S)) == 2
-    assert waits.seconds == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 8.0]
-    assert waits.words[-1] == "there is no /dev/video0; opening the camera again after 8 s"
+    assert waits.seconds == [0.25, 0.5, 1.0, 2.0, 4.0, 4.0, 4.0, 4.0]
+    assert waits.words[-1] == "there is no /dev/video0; opening the camera again after 4 s"
     assert camera.opened == 9
 
 

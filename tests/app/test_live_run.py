@@ -16,6 +16,8 @@ from stadimeter.app.cycle import Cycle
 from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.cameras.picamera2_camera import Picamera2Camera
+from stadimeter.cameras.picamera2_settings import Picamera2Options
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.command import LevelCommand
@@ -24,6 +26,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
 from stadimeter.ranging.ball import BallShape
 from stadimeter.testing.recording import RecordingActuator
+from support.picamera2_double import Sensor
 from support.simulated_run import SIMULATED_BALL
 
 
@@ -75,13 +78,13 @@ class Detector:
 
 
 class Rig:
-    def __init__(self, tmp_path):
+    def __init__(self, tmp_path, make_camera=Camera):
         path = tmp_path / "run.toml"
         path.write_text(
             SIMULATED_BALL + '[rules.far]\nactuator = "motor"\nramp = { from = "1 m", to = "1.5 m" }\n[world]\n'
         )
         self.clock = MonotonicClock()
-        self.camera = Camera(self.clock)
+        self.camera = make_camera(self.clock)
         self.motor = RecordingActuator(self.clock, "motor")
         capture = LiveCapture(self.camera, self.clock)
         outputs = (LeasedOutput(self.motor, LevelCommand(output="motor", level=0.0), 0.3, self.clock),)
@@ -133,6 +136,37 @@ def test_a_camera_that_blocks_puts_the_output_at_its_safe_value_and_the_run_goes
     rig.loop.run(Limits(seconds=20))
     assert rig.loop.ending == "it was noticed"
     assert decisions[-1].safety_reason.startswith("the newest frame is ")
+
+
+def test_a_pi_camera_that_hangs_stops_the_output_and_drives_it_again_with_its_settings_when_it_is_back(tmp_path):
+    sensors = []
+
+    def pi_camera(clock):
+        sensors.append(Sensor(clock))
+        table = {"width_px": 64, "height_px": 48, "rate": "100 Hz", "read_timeout": "100 ms", "exposure": "2 ms"}
+        return Picamera2Camera(Picamera2Options.model_validate(table), clock, sensors[0].package, clock.now_s)
+
+    rig = Rig(tmp_path, pi_camera)
+    (sensor,) = sensors
+    levels = {}
+
+    def listen(record, _frame):
+        opened = len(sensor.configurations)
+        if rig.loop.health.frames == 20:
+            sensor.is_silent = True
+            levels.setdefault("before", rig.motor.level)
+        if opened == 1 and record.decision.safety == "stale":
+            levels["silent"] = rig.motor.level
+        if opened > 1:
+            sensor.is_silent = False
+        if opened > 1 and rig.motor.level > 0:
+            rig.loop.stop("it is back")
+
+    rig.loop.listeners.append(listen)
+    rig.loop.run(Limits(seconds=20))
+    assert rig.loop.ending == "it is back"
+    assert levels == {"before": 1.0, "silent": 0.0}
+    assert sensor.configurations[-1]["controls"] == sensor.configurations[0]["controls"]
 
 
 def test_a_signal_ends_it_with_everything_stopped(rig):

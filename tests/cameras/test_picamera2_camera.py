@@ -3,7 +3,6 @@ from __future__ import annotations
 import importlib.machinery
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,6 +17,7 @@ from stadimeter.cameras.picamera2_camera import BUFFERS, PLUGIN, SETTLING_FRAMES
 from stadimeter.cameras.picamera2_package import load_package
 from stadimeter.cameras.picamera2_settings import Picamera2Options
 from stadimeter.config.plugins import CAMERAS, load_plugin
+from stadimeter.core.frame import Optics
 from stadimeter.errors import (
     CaptureTimeoutError,
     DeviceClosedError,
@@ -27,7 +27,7 @@ from stadimeter.errors import (
 )
 from stadimeter.testing.eventually import eventually
 from stadimeter.testing.manual_clock import ManualClock
-from support.picamera2_double import AfMode, AwbMode, Camera, Sensor, frame_image
+from support.picamera2_double import AfMode, AwbMode, Camera, Request, Sensor, frame_image, install
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def test_settings_become_controls_before_the_camera_starts(
     camera.open()
     given = sensor.configurations[-1]["controls"]
     assert {name: given.get(name) for name in controls} == controls
-    assert camera.remarks == (() if "autofocus" not in table else camera.remarks)
+    assert camera.remarks == () or "autofocus" in table
 
 
 def test_an_exposure_without_a_gain_leaves_the_gain_to_the_camera(sensor: Sensor) -> None:
@@ -264,6 +264,21 @@ def test_the_cause_is_not_sought_in_an_error_of_ours(sensor: Sensor) -> None:
             camera_on(sensor).open()
 
 
+def test_an_error_of_libcamera_while_it_looks_for_cameras_is_one_of_ours(
+    sensor: Sensor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = camera_on(sensor)
+    package = sensor.package()
+
+    def fail() -> None:
+        raise RuntimeError("Failed to start camera manager")
+
+    monkeypatch.setattr(package.Picamera2, "global_camera_info", staticmethod(fail))
+    monkeypatch.setattr(camera, "_load", lambda: package)
+    with pytest.raises(DeviceOpenError, match="cannot be opened: Failed to start camera manager"):
+        camera.open()
+
+
 def test_a_camera_without_frames_cannot_be_opened_and_is_let_go(sensor: Sensor) -> None:
     sensor.is_silent = True
     camera = camera_on(sensor)
@@ -317,6 +332,31 @@ def test_a_camera_that_cannot_be_closed_holds_nobody_up_and_is_not_opened_again_
     closer.join(5)
     camera.open()
     camera.read()
+
+
+def test_a_camera_is_let_go_by_a_read_that_outlasts_closing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(picamera2_camera, "CLOSE_WAIT_S", 0.05)
+    sensor = Sensor(MonotonicClock())
+    camera = camera_on(sensor)
+    camera.open()
+    in_vendor_code, go_on = threading.Event(), threading.Event()
+
+    def hang(request: Request) -> dict[str, Any]:
+        in_vendor_code.set()
+        go_on.wait(5)
+        return request.metadata
+
+    monkeypatch.setattr(Request, "get_metadata", hang)
+    errors = list[Exception]()
+    thread = threading.Thread(target=_read_until_error, args=(camera, errors))
+    thread.start()
+    assert in_vendor_code.wait(5)
+    camera.close()
+    assert sensor.held == 1
+    go_on.set()
+    thread.join(5)
+    assert sensor.held == 0
+    assert isinstance(errors[0], DeviceClosedError)
 
 
 def test_closing_breaks_off_a_read_that_waits_for_a_silent_camera() -> None:
@@ -388,7 +428,7 @@ def test_a_camera_that_is_not_there_is_answered_with_those_that_are(sensor: Sens
         ({"sensor_width_px": 2304}, "sensor_width_px and sensor_height_px go together"),
         ({"focus": "1 m", "autofocus": True}, "focus, lens_position_dpt and autofocus exclude each other"),
         ({"colour_gains": [2, 1], "white_balance": "indoor"}, "white_balance and colour_gains exclude each other"),
-        ({"exposure": "50 ms", "rate": "30 Hz"}, "longer than a frame at 30 Hz; write rate = 20 or less"),
+        ({"exposure": "50 ms", "rate": "30 Hz"}, 'longer than a frame at 30 Hz; write rate = "20 Hz" or less'),
         ({"crop_px": [0, 0, 0, 10]}, "crop_px is left, top, width and height"),
         ({"width_px": 65}, "multiple of 2"),
     ],
@@ -398,28 +438,8 @@ def test_options_that_contradict_each_other_are_refused(table: dict[str, Any], w
         Picamera2Options.model_validate(table)
 
 
-@pytest.fixture
-def installed(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> Callable[..., ModuleType]:
-    """Return a function that installs modules in place of picamera2 and libcamera."""
-
-    def install(**parts: Any) -> ModuleType:
-        package = sensor.package()
-        contents = {
-            "picamera2": {"Picamera2": package.Picamera2, "MappedArray": package.MappedArray, **parts},
-            "libcamera": {"Transform": package.Transform, "controls": package.controls},
-        }
-        for name, attributes in contents.items():
-            module = ModuleType(name)
-            module.__spec__ = importlib.machinery.ModuleSpec(name, None)
-            vars(module).update(attributes)
-            monkeypatch.setitem(sys.modules, name, module)
-        return sys.modules["picamera2"]
-
-    return install
-
-
-def test_an_installed_package_is_loaded_and_lacks_nothing(sensor: Sensor, installed: Callable[..., ModuleType]) -> None:
-    installed()
+def test_an_installed_package_is_loaded_and_lacks_nothing(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(sensor, monkeypatch)
     assert PLUGIN.lacks(Picamera2Options()) == ()
     options = Picamera2Options(width_px=66, height_px=48)
     camera = Picamera2Camera(options, sensor.clock, monotonic=sensor.clock.now_s)
@@ -427,8 +447,8 @@ def test_an_installed_package_is_loaded_and_lacks_nothing(sensor: Sensor, instal
     assert camera.read().width_px == 66
 
 
-def test_attached_cameras_are_those_on_ribbon_cables(sensor: Sensor, installed: Callable[..., ModuleType]) -> None:
-    installed()
+def test_attached_cameras_are_those_on_ribbon_cables(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(sensor, monkeypatch)
     (found,) = PLUGIN.attached()
     assert (found.name, found.path, found.options) == ("imx708", sensor.path, {"camera": sensor.path})
     assert found.choice == f"picamera2,camera={sensor.path}"
@@ -452,9 +472,9 @@ def test_without_the_package_nothing_is_attached_and_what_is_missing_is_told(
 
 
 def test_a_package_for_another_numpy_or_of_old_is_told_from_one_that_is_missing(
-    monkeypatch: pytest.MonkeyPatch, installed: Callable[..., ModuleType]
+    sensor: Sensor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    installed(Picamera2=object)
+    install(sensor, monkeypatch, Picamera2=object)
     with pytest.raises(DriverUnavailableError, match="this picamera2 is too old"):
         load_package()
 
@@ -469,5 +489,43 @@ def test_a_package_for_another_numpy_or_of_old_is_told_from_one_that_is_missing(
 
     monkeypatch.delitem(sys.modules, "picamera2")
     monkeypatch.setattr(sys, "meta_path", [Finder, *sys.meta_path])
-    with pytest.raises(DriverUnavailableError, match=r"does not fit this environment: numpy\.dtype size changed"):
+    with pytest.raises(DriverUnavailableError, match=r"numpy\.dtype size changed.*pip install 'numpy<2'"):
         load_package()
+
+
+def test_frames_carry_the_settings_that_change_the_focal_length(sensor: Sensor) -> None:
+    camera = camera_on(sensor, sensor_width_px=2304, sensor_height_px=1296, focus="50 cm", upside_down=True)
+    camera.open()
+    before = camera.read().optics
+    assert before == Optics(
+        sensor="imx708",
+        sensor_size_px=(2304, 1296),
+        crop_px=(0, 0, 4608, 2592),
+        lens_position_dpt=2.0,
+        upside_down=True,
+    )
+    assert camera.read().optics is before
+    camera.close()
+    sensor.keeps = {"ScalerCrop": (768, 432, 3072, 1728)}
+    camera.open()
+    after = camera.read().optics
+    assert after is not None
+    assert after.crop_px == (768, 432, 3072, 1728)
+
+
+@pytest.mark.parametrize("table", [{"autofocus": True}, {}])
+def test_a_lens_that_moves_or_is_turned_by_hand_has_no_position(sensor: Sensor, table: dict[str, Any]) -> None:
+    sensor.lacks = set() if table else {"LensPosition", "AfMode"}
+    camera = camera_on(sensor, **table)
+    camera.open()
+    optics = camera.read().optics
+    assert optics is not None
+    assert optics.lens_position_dpt is None
+
+
+def test_a_stamp_of_the_future_is_not_believed(sensor: Sensor) -> None:
+    camera = camera_on(sensor)
+    camera.open()
+    sensor.waiting_s = [-5.0] * 3
+    assert age_of_next_s(camera, sensor) > 0
+    assert not sensor.waiting_s

@@ -48,7 +48,7 @@ def test_errors_stand_beside_their_lines_underlined(wrong: Path) -> None:
     assert result.stderr.splitlines() == [
         (
             f"{wrong}:2: error: camera.driver: no camera driver is called 'opencvv'; did you mean 'opencv'? "
-            "There are: images, opencv, simulated, video"
+            "There are: images, opencv, picamera2, simulated, video"
         ),
         '  2 | driver = "opencvv"',
         "    | ^^^^^^^^^^^^^^^^^^",

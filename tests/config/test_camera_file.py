@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model, save_camera_model
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
+from stadimeter.core.frame import Optics
 from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import ConfigError
 
@@ -28,6 +29,13 @@ MODEL = CameraModel(
     edge_bias_sigma_px=0.0625,
     focal_relative_sigma=0.0123,
     subsampling="4:2:2",
+    optics=Optics(
+        sensor="imx708",
+        sensor_size_px=(2304, 1296),
+        crop_px=(0, 0, 4608, 2592),
+        lens_position_dpt=0.8,
+        upside_down=True,
+    ),
     uncertainty=LensUncertainty(sigmas=(0.5,) * 9, correlations=tuple(number / 300 for number in range(36))),
     provenance=Provenance(
         method="one picture at a known distance",
@@ -117,6 +125,8 @@ def test_a_short_file_has_square_pixels_and_the_axis_in_the_middle(file: Path) -
         ("edge_bias_px = inf", "inf"),
         ('subsampling = "4:1:1"', "4:2:0"),
         ("lens_sigmas = [1.0, 1.0]", "9 numbers"),
+        ("optics.crop_px = [0, 0, 10, 10]", "optics.sensor"),
+        ('optics = { sensor = "a", sensor_size_px = [1, 1], crop_px = [0, 0, 0, 10] }', "optics.crop_px"),
     ],
 )
 def test_what_is_no_lens_is_refused_in_words(file: Path, line: str, complaint: str) -> None:

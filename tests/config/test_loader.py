@@ -123,7 +123,7 @@ when = { between = ["2 m", "1 m"], deadband = "-1 m" }
 EXPECTED = [
     (
         "2: camera.driver: no camera driver is called 'opencvv'; did you mean 'opencv'? There are: images, opencv, "
-        "simulated, video"
+        "picamera2, simulated, video"
     ),
     "3: camera.model: 5 is neither a camera file nor a table",
     "6: targets.ball.diameter: '0 cm' is not a length above zero",

@@ -9,7 +9,7 @@ import pytest
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Prediction
-from stadimeter.core.frame import SUBSAMPLINGS, Frame
+from stadimeter.core.frame import SUBSAMPLINGS, Frame, Optics
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
@@ -104,3 +104,44 @@ def test_the_lens_says_how_coarsely_the_frame_stores_colour_unless_the_camera_fi
             perceiver.look(Frame(image, number / 30, number, subsampling=subsampling))
         given += [lens.chroma_pitch_px for lens in detector.lenses if lens]
     assert given == [(1, 1), (2, 1), (2, 2), (2, 1), (2, 1), (2, 1)]
+
+
+OPTICS = Optics(sensor="imx708", sensor_size_px=(2304, 1296), crop_px=(0, 0, 4608, 2592), lens_position_dpt=1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"sensor": "imx219"}, "the camera file is for the sensor imx708, and this is imx219"),
+        ({"upside_down": True}, r"set upside_down = false in \[camera\]"),
+        (
+            {"crop_px": (0, 0, 2304, 1296)},
+            r"set crop_px = \[0, 0, 4608, 2592\], sensor_width_px = 2304 and sensor_height_px = 1296 in \[camera\]",
+        ),
+        ({"lens_position_dpt": 2.0}, "lens at 1 dioptres, now it is at 2; set lens_position_dpt = 1 in"),
+    ],
+)
+def test_a_camera_that_was_set_otherwise_than_when_it_was_calibrated_is_refused(
+    change: dict[str, object], words: str
+) -> None:
+    perceiver = Perceiver({"ball": ball()}, replace(SMALL, optics=OPTICS))
+    frame = replace(partly_hidden(3), optics=OPTICS)
+    perceiver.look(frame)
+    with pytest.raises(CalibrationError, match=words):
+        perceiver.look(replace(frame, optics=replace(OPTICS, **change)))
+
+
+@pytest.mark.parametrize(
+    ("calibrated", "now"),
+    [
+        (None, OPTICS),
+        (OPTICS, None),
+        (OPTICS, replace(OPTICS, crop_px=(4, 2, 4600, 2588), sensor_size_px=(4608, 2592), lens_position_dpt=1.02)),
+        (OPTICS, replace(OPTICS, lens_position_dpt=None)),
+    ],
+)
+def test_what_is_not_known_or_only_rounded_otherwise_is_no_difference(
+    calibrated: Optics | None, now: Optics | None
+) -> None:
+    perceiver = Perceiver({"ball": ball()}, replace(SMALL, optics=calibrated))
+    assert perceiver.lens_of(replace(partly_hidden(3), optics=now)).optics == calibrated

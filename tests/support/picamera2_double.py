@@ -11,14 +11,17 @@ from __future__ import annotations
 
 import enum
 import mmap
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
-from types import SimpleNamespace
+from importlib.machinery import ModuleSpec
+from types import ModuleType, SimpleNamespace
 from typing import Any, Self
 
 import numpy as np
+import pytest
 
 from stadimeter.cameras.picamera2_package import Package
 from stadimeter.core.clock import Clock
@@ -62,6 +65,7 @@ class Sensor:
         keeps: Settings that it does not let be changed.
         acts_after: In how many frames a setting shows its effect.
         lacks: Controls that it does not have.
+        picture: What it sees, which gets some noise; None for `frame_image`.
         waiting_s: The ages of frames that have waited in the queue from before.
         is_silent: It completes no more frames.
         let_go: Closing ends only when this is set.
@@ -77,6 +81,7 @@ class Sensor:
     lacks: set[str] = field(default_factory=set)
     waiting_s: list[float] = field(default_factory=list)
     format: str = "RGB888"
+    picture: Image | None = None
     is_silent: bool = False
     is_there: bool = True
     is_stamped: bool = True
@@ -91,6 +96,12 @@ class Sensor:
     @property
     def held(self) -> int:
         return len(self.cameras)
+
+    def image(self, number: int, width_px: int, height_px: int) -> Image:
+        if self.picture is None:
+            return frame_image(number, width_px, height_px)
+        noise = np.random.default_rng(number).integers(0, 3, self.picture.shape, dtype=np.uint8)
+        return np.asarray(np.maximum(self.picture, 2) - noise, np.uint8)
 
     def acquire(self) -> None:
         if self.cameras:
@@ -267,8 +278,23 @@ class Camera:
         (width_px, height_px), stride = main["size"], main["stride"]
         rows = np.frombuffer(buffer, np.uint8).reshape(height_px, stride)
         rows[:] = 255  # what stands in the padding
-        rows[:, : 3 * width_px] = frame_image(self._frames, width_px, height_px).reshape(height_px, -1)
+        image = self._sensor.image(self._frames, width_px, height_px)
+        rows[:, : 3 * width_px] = image.reshape(height_px, -1)
         return Request(metadata, {"main": main}, buffer, self._free.append)
+
+
+def install(sensor: Sensor, monkeypatch: pytest.MonkeyPatch, **parts: Any) -> None:
+    """Put modules in place of picamera2 and libcamera, as Python imports them."""
+    package = sensor.package()
+    contents = {
+        "picamera2": {"Picamera2": package.Picamera2, "MappedArray": package.MappedArray, **parts},
+        "libcamera": {"Transform": package.Transform, "controls": package.controls},
+    }
+    for name, attributes in contents.items():
+        module = ModuleType(name)
+        module.__spec__ = ModuleSpec(name, None)
+        vars(module).update(attributes)
+        monkeypatch.setitem(sys.modules, name, module)
 
 
 def frame_image(number: int, width_px: int, height_px: int) -> Image:

@@ -10,7 +10,7 @@ import pytest
 
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.frame import Frame
+from stadimeter.core.frame import Frame, Optics
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
 from stadimeter.workbench.calibration.board_session import VIEWS_ENOUGH, VIEWS_MAX, BoardSession
@@ -49,12 +49,13 @@ class Rig:
         self.board = KnownBoard()
         self.session = BoardSession(self.board, date="2026-01-31", must_be_steady=must_be_steady)  # type: ignore[arg-type]
         self.frames = 0
+        self.optics: Optics | None = None
 
     def show(self, corners_px: np.ndarray | None, size: tuple[int, int] = (640, 480)) -> str:
         self.board.corners_px = corners_px
         self.frames += 1
         image = np.zeros((size[1], size[0], 3), np.uint8)
-        return self.session.look(Frame(image, self.frames / 30, self.frames))
+        return self.session.look(Frame(image, self.frames / 30, self.frames, optics=self.optics))
 
 
 def test_a_good_session_ends_by_itself_with_the_lens() -> None:
@@ -146,6 +147,18 @@ def test_a_camera_that_changes_its_resolution_is_refused() -> None:
     rig.show(corners_at(TILTS[0], PLACES[4]))
     with pytest.raises(CalibrationError, match="gave 640x480 px, then 320x240"):
         rig.show(corners_at(TILTS[1], PLACES[4]), (320, 240))
+
+
+def test_the_settings_of_the_camera_are_recorded_and_must_stay() -> None:
+    rig = Rig()
+    rig.optics = optics = Optics(sensor="imx219", sensor_size_px=(1640, 1232), crop_px=(0, 0, 3280, 2464))
+    for index in range(12):
+        rig.show(corners_at(TILTS[index % len(TILTS)], PLACES[(index * 2) % len(PLACES)]))
+    assert rig.session.calibration is not None
+    assert rig.session.calibration.camera_model.optics == optics
+    rig.optics = replace(optics, crop_px=(680, 692, 1920, 1080))
+    with pytest.raises(CalibrationError, match="calibrated with another crop of the sensor"):
+        rig.show(corners_at(TILTS[1], PLACES[4]))
 
 
 def test_pictures_count_each_for_itself_and_a_live_camera_does_not(tmp_path) -> None:

@@ -52,8 +52,9 @@ class Mailbox:
 
 
 FIRST_DELAY_S = 0.25
-LONGEST_DELAY_S = 8.0
-"""How long to wait before a failed camera is opened again: this at first, doubled each time, up to that."""
+LONGEST_DELAY_S = 4.0
+"""How long to wait before a failed camera is opened again: this at first, doubled each time, up to that. A
+camera that is back is then used within five seconds, the time to open it included."""
 
 QUIET_S = 0.3
 """A camera that gave no new frame for longer than this is worth a word."""

@@ -21,10 +21,11 @@ from stadimeter.cameras.picamera2_settings import (
     differences,
     not_there,
     number_of,
+    optics_of,
 )
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.clock import Clock
-from stadimeter.core.frame import Frame, Image
+from stadimeter.core.frame import Frame, Image, Optics
 from stadimeter.errors import (
     CaptureTimeoutError,
     DeviceClosedError,
@@ -93,6 +94,7 @@ class Picamera2Camera:
         self._last_captured_s = -math.inf
         self._delivered = 0
         self._remarks: tuple[str, ...] = ()
+        self._optics: Optics | None = None
 
     @property
     def is_live(self) -> bool:
@@ -129,7 +131,6 @@ class Picamera2Camera:
                 self._acquire(self._package)
             except BaseException:
                 self._is_closing = True
-                self._release()
                 raise
 
     def read(self) -> Frame:
@@ -145,7 +146,7 @@ class Picamera2Camera:
                 raise DeviceClosedError(f"the camera {self._options.name} is not open; open it before reading from it")
             image, captured_at_s = self._next_picture(self._package)
         self._delivered += 1
-        return Frame(image, captured_at_s, self._delivered - 1)
+        return Frame(image, captured_at_s, self._delivered - 1, optics=self._optics)
 
     def close(self) -> None:
         """Let the camera go; break off a read in another thread. Each is waited for `CLOSE_WAIT_S` at most."""
@@ -165,6 +166,8 @@ class Picamera2Camera:
         try:
             yield
         finally:
+            if self._is_closing:
+                self._release()
             self._lock.release()
 
     def _release(self) -> None:
@@ -177,8 +180,9 @@ class Picamera2Camera:
 
     def _acquire(self, package: Package) -> None:
         options = self._options
-        number = number_of(options.camera, package.Picamera2.global_camera_info())
         try:
+            attached = package.Picamera2.global_camera_info()
+            number = number_of(options.camera, attached)
             device = self._device = package.Picamera2(number)
             available = device.camera_controls
             set_to = controls_of(options, available, package.controls)
@@ -194,6 +198,7 @@ class Picamera2Camera:
             *self._changed(device.camera_configuration()),
             *differences(options, set_to, found),
         )
+        self._optics = optics_of(options, attached[number], device.camera_configuration(), set_to, found)
 
     def _configure(self, package: Package, device: Any, set_to: dict[str, Any]) -> None:
         options = self._options

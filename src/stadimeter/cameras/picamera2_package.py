@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -41,8 +42,9 @@ def load_package() -> Package:
     Raises:
         DriverUnavailableError: It is not there, or does not fit this environment.
     """
-    # libcamera writes a page to the terminal each time that a camera is opened, unless this says otherwise.
+    # Both write to the terminal what they do and what went wrong, which our errors say, unless this says otherwise.
     os.environ.setdefault("LIBCAMERA_LOG_LEVELS", "*:ERROR")
+    logging.getLogger("picamera2").addHandler(logging.NullHandler())
     try:
         import libcamera  # noqa: PLC0415 - only a Raspberry Pi has it
         import picamera2  # noqa: PLC0415
@@ -50,8 +52,8 @@ def load_package() -> Package:
         raise DriverUnavailableError(lack() or f"picamera2 cannot be loaded: {error}") from error
     except Exception as error:  # a package that was built for another numpy fails with a ValueError
         raise DriverUnavailableError(
-            f"picamera2 does not fit this environment: {error}; use the system's numpy (`pip uninstall numpy"
-            " opencv-python-headless`, `sudo apt install python3-opencv`)"
+            f"picamera2 does not fit this environment: {error}; where the system's packages are for numpy 1, run"
+            " `pip install 'numpy<2' 'opencv-python-headless<4.12'`"
         ) from error
     if not hasattr(picamera2.Picamera2, "cancel_all_and_flush"):
         raise DriverUnavailableError(

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from stadimeter.config.plugins import Options
 from stadimeter.config.units import Duration, Frequency, Length
+from stadimeter.core.frame import Optics
 from stadimeter.errors import DeviceOpenError
 
 SIZE_PX = (1280, 720)
@@ -92,7 +93,7 @@ class Picamera2Options(Options):
         if self.rate and self.exposure and self.exposure * self.rate > 1:
             raise ValueError(
                 f"an exposure of {1e3 * self.exposure:g} ms is longer than a frame at {self.rate:g} Hz;"
-                f" write rate = {math.floor(1 / self.exposure)} or less, or a shorter exposure"
+                f' write rate = "{math.floor(1 / self.exposure)} Hz" or less, or a shorter exposure'
             )
         return self
 
@@ -201,6 +202,35 @@ def not_there(options: Picamera2Options, available: Controls) -> Iterator[str]:
     ):
         if value is not None and control not in available:
             yield f"asked for {key}, the camera has no control for it"
+
+
+def optics_of(
+    options: Picamera2Options,
+    attached: Mapping[str, Any],
+    configuration: Mapping[str, Any],
+    set_to: Mapping[str, Any],
+    found: Metadata,
+) -> Optics | None:
+    """Return what of the settings changes the focal length in pixels; None if the camera does not say its crop.
+
+    The lens counts as standing where it was sent: it has no sensor of its own.
+
+    Args:
+        attached: What libcamera says of the camera.
+        configuration: What it made of the configuration.
+        found: What it says of a frame.
+    """
+    crop_px, mode_px = found.get("ScalerCrop"), (configuration.get("sensor") or {}).get("output_size")
+    if crop_px is None or mode_px is None:
+        return None
+    left, top, width, height = map(int, crop_px)
+    return Optics(
+        sensor=str(attached.get("Model", "")),
+        sensor_size_px=(int(mode_px[0]), int(mode_px[1])),
+        crop_px=(left, top, width, height),
+        lens_position_dpt=set_to.get("LensPosition"),
+        upside_down=options.upside_down,
+    )
 
 
 def differences(options: Picamera2Options, set_to: Mapping[str, Any], found: Metadata) -> tuple[str, ...]:

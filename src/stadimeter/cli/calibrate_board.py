@@ -129,7 +129,9 @@ def _from_camera(live: str, wanted: Board) -> tuple[BoardCalibration, bool]:
     if not session.views:
         _never_found("the camera saw no view of the board")
     with working("calibrating"):
-        made = session.calibration or calibrate_board(session.views, session.width_px, session.height_px, date=today())
+        made = session.calibration or calibrate_board(
+            session.views, session.width_px, session.height_px, date=today(), optics=session.optics
+        )
     return made, True
 
 

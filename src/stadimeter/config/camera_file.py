@@ -15,7 +15,7 @@ from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import as_toml, read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance, ToneCurve
-from stadimeter.core.frame import Subsampling
+from stadimeter.core.frame import Optics, Subsampling
 from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 
@@ -35,11 +35,33 @@ def _date_text(value: object) -> object:
 
 
 Pixels = Annotated[int, Field(gt=0, le=MOST_PIXELS_ACROSS, strict=True)]
+PixelsOrZero = Annotated[int, Field(ge=0, le=MOST_PIXELS_ACROSS, strict=True)]
 FocalPixels = Annotated[float, Field(gt=0, strict=True)]
 CentrePixels = Annotated[float, Field(strict=True)]
 Coefficient = Annotated[float, Field(strict=True)]
 SigmaOfParameter = Annotated[float, Field(ge=0, strict=True)]
 Correlation = Annotated[float, Field(ge=-1, le=1, strict=True)]
+
+
+class OpticsTable(BaseModel):
+    """How the camera was set when it was calibrated, as far as that changes its focal length in pixels."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+
+    sensor: str
+    """The sensor's name."""
+    sensor_size_px: tuple[Pixels, Pixels]
+    """Width and height of the sensor's mode."""
+    crop_px: tuple[PixelsOrZero, PixelsOrZero, Pixels, Pixels]
+    """The part of the sensor that fills the picture: left, top, width and height in the sensor's own pixels."""
+    lens_position_dpt: Annotated[float, Field(ge=0, strict=True)] | None = None
+    """Where the lens stands, in dioptres; None for one that is turned by hand, or that moves."""
+    upside_down: bool = False
+    """Whether the picture was turned by half a turn."""
+
+    def to_optics(self) -> Optics:
+        """Return the same for the core."""
+        return Optics(**self.model_dump())
 
 
 class CameraTable(BaseModel):
@@ -83,6 +105,8 @@ class CameraTable(BaseModel):
     """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()
     """The figures that it came from, one a line."""
+    optics: OpticsTable | None = None
+    """How the camera was set. A run on a camera that knows its settings, and has others, is refused."""
 
     def to_model(self) -> CameraModel:
         """Return the camera model; raises CalibrationError if there is none with these values."""
@@ -99,6 +123,7 @@ class CameraTable(BaseModel):
             edge_bias_sigma_px=self.edge_bias_sigma_px,
             focal_relative_sigma=self.focal_relative_sigma,
             subsampling=self.subsampling,
+            optics=None if self.optics is None else self.optics.to_optics(),
             uncertainty=self._uncertainty(),
             provenance=Provenance(method=self.method, date=self.date, notes=self.notes),
         )
@@ -183,6 +208,20 @@ date = {as_toml(provenance.date)}
 # The figures that it came from; F is the focal length that one picture by itself gives.
 notes = [
 {notes}]
+{_optics(model.optics)}"""
+
+
+def _optics(optics: Optics | None) -> str:
+    if optics is None:
+        return ""
+    lens = "" if optics.lens_position_dpt is None else f"lens_position_dpt = {optics.lens_position_dpt!r}\n"
+    return f"""
+# How the camera was set, as far as that changes the focal length in pixels; compared at the start of a run.
+[optics]
+sensor = {_quoted(optics.sensor)}
+sensor_size_px = {list(optics.sensor_size_px)!r}
+crop_px = {list(optics.crop_px)!r}
+{lens}upside_down = {str(optics.upside_down).lower()}
 """
 
 

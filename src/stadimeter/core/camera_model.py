@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.core.frame import CHROMA_PITCH_PX, SUBSAMPLINGS, Frame, Subsampling
+from stadimeter.core.frame import CHROMA_PITCH_PX, SUBSAMPLINGS, Frame, Optics, Subsampling
 from stadimeter.core.lens_distortion import check_coefficients, distorted, distorted_direction, undistorted
 from stadimeter.core.lens_uncertainty import LensUncertainty, SharesByPlace, sensitivities
 from stadimeter.errors import CalibrationError
@@ -67,6 +67,7 @@ class CameraModel:
             averages out.
         focal_relative_sigma: Standard deviation of the focal length, as a share of it.
         subsampling: How coarsely the camera stores colour; None where that is left to the frame.
+        optics: How the camera was set when it was calibrated; None where that is not known.
         uncertainty: How well all its parameters are known together; None where only that of the focal length is known.
     """
 
@@ -82,6 +83,7 @@ class CameraModel:
     edge_bias_sigma_px: float = 0.0
     focal_relative_sigma: float = 0.0
     subsampling: Subsampling | None = None
+    optics: Optics | None = None
     uncertainty: LensUncertainty | None = None
     provenance: Provenance = field(default_factory=Provenance)
     _shares: SharesByPlace | None = field(default=None, init=False, repr=False, compare=False)
@@ -181,8 +183,10 @@ class CameraModel:
         """Return the model at a frame's resolution, with the subsampling of its colour.
 
         Raises:
-            CalibrationError: The aspect differs.
+            CalibrationError: The aspect differs, or the camera was set otherwise when it was calibrated.
         """
+        if self.optics and frame.optics and (change := self.optics.change_to(frame.optics)):
+            raise CalibrationError(change)
         scaled = self.scaled_to(frame.width_px, frame.height_px)
         return scaled if scaled.subsampling else replace(scaled, subsampling=frame.subsampling)
 

@@ -20,6 +20,57 @@ CHROMA_PITCH_PX: dict[Subsampling, tuple[int, int]] = {"4:4:4": (1, 1), "4:2:2":
 """How many pixels share one sample of colour, across and down."""
 
 
+CROP_TOLERANCE = 0.002
+"""Crops that differ by no more than this share of their longer side count as the same: they are rounded to blocks."""
+
+LENS_TOLERANCE_DPT = 0.05
+"""Lens positions that differ by no more than this do too: it changes the focal length by 0.03 % in a small camera."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Optics:
+    """The settings of a camera that change its focal length in pixels, or where its optical axis meets the picture.
+
+    Attributes:
+        sensor: The sensor's name, such as ``imx708``.
+        sensor_size_px: Width and height of the sensor's mode, which pixels are put together; it changes no more than
+            the crop that goes with it.
+        crop_px: The part of the sensor that fills the picture: left, top, width and height in the sensor's own pixels.
+        lens_position_dpt: Where the lens stands, in dioptres; None for one that is turned by hand, or that moves.
+        upside_down: Whether the picture was turned by half a turn.
+    """
+
+    sensor: str
+    sensor_size_px: tuple[int, int]
+    crop_px: tuple[int, int, int, int]
+    lens_position_dpt: float | None = None
+    upside_down: bool = False
+
+    def change_to(self, now: Optics) -> str:
+        """Return what has changed since these were recorded, and what to do about it; empty if nothing has."""
+        if now.sensor != self.sensor:
+            return f"the camera file is for the sensor {self.sensor}, and this is {now.sensor}; calibrate this camera"
+        if now.upside_down != self.upside_down:
+            wanted = str(self.upside_down).lower()
+            return f"calibrated the other way up; set upside_down = {wanted} in [camera], or calibrate again"
+        most_px = CROP_TOLERANCE * max(self.crop_px)
+        if any(abs(here - there) > most_px for here, there in zip(now.crop_px, self.crop_px, strict=True)):
+            return (
+                f"calibrated with another crop of the sensor: {list(self.crop_px)}, now it is {list(now.crop_px)}; "
+                f"calibrate again, or set crop_px = {list(self.crop_px)}, sensor_width_px = {self.sensor_size_px[0]} "
+                f"and sensor_height_px = {self.sensor_size_px[1]} in [camera]"
+            )
+        if self.lens_position_dpt is None or now.lens_position_dpt is None:
+            return ""
+        if abs(now.lens_position_dpt - self.lens_position_dpt) > LENS_TOLERANCE_DPT:
+            return (
+                f"calibrated with the lens at {self.lens_position_dpt:.3g} dioptres, now it is at "
+                f"{now.lens_position_dpt:.3g}; set lens_position_dpt = {self.lens_position_dpt:.3g} in [camera], or "
+                "calibrate again"
+            )
+        return ""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """One picture from a camera.
@@ -30,6 +81,7 @@ class Frame:
         sequence: Counts the frames that the camera has delivered, from 0. A gap is a frame that was passed over.
         source: Where it came from, such as a file's path; empty for a live camera.
         subsampling: How coarsely the camera or the file stored its colour, as far as the driver knows.
+        optics: How the camera was set, if its driver knows; the same object for as long as that stays.
     """
 
     image: Image
@@ -37,6 +89,7 @@ class Frame:
     sequence: int
     source: str = ""
     subsampling: Subsampling = "4:4:4"
+    optics: Optics | None = None
 
     @property
     def chroma_pitch_px(self) -> tuple[int, int]:

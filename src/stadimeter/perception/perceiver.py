@@ -21,7 +21,7 @@ import numpy as np
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points, Prediction
-from stadimeter.core.frame import Frame
+from stadimeter.core.frame import Frame, Optics
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.target import TargetShape
 from stadimeter.core.track import Track
@@ -74,6 +74,7 @@ class Perceiver:
         self.detectors = detectors
         self._camera_model = camera_model
         self._lens = camera_model
+        self._optics: Optics | None = None
         self._sightings: dict[str, Sighting] = {}
         self.expectations = Expectations()
 
@@ -83,7 +84,7 @@ class Perceiver:
         """Look for every target, with what tracks tell; return a detection and a measurement for each.
 
         Raises:
-            CalibrationError: The frame has another aspect than the camera model.
+            CalibrationError: The frame has another aspect than the camera model, or the camera was set otherwise.
         """
         lens, at_s = self.lens_of(frame), frame.captured_at_s
         detections, measurements = [], []
@@ -101,11 +102,12 @@ class Perceiver:
         return tuple(detections), tuple(measurements)
 
     def lens_of(self, frame: Frame) -> CameraModel:
-        """Return the camera model for the frame, whose resolution and subsampling hardly ever change."""
+        """Return the camera model for the frame, whose resolution, subsampling and optics hardly ever change."""
         lens = self._lens
-        is_same = (lens.width_px, lens.height_px) == (frame.width_px, frame.height_px)
+        is_same = (lens.width_px, lens.height_px) == (frame.width_px, frame.height_px) and frame.optics is self._optics
         if not is_same or lens.subsampling != (self._camera_model.subsampling or frame.subsampling):
             lens = self._lens = self._camera_model.for_frame(frame)
+            self._optics = frame.optics
         return lens
 
 

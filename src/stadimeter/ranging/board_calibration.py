@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
+from stadimeter.core.frame import Optics
 from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.fit_covariance import PlacedBoard, lens_covariance
@@ -89,11 +90,16 @@ class _Fit:
         return np.concatenate((self.matrix[(0, 1, 0, 1), (0, 1, 2, 2)], self.distortion.ravel()[:5]))
 
 
-def calibrate_board(views: Sequence[BoardView], width_px: int, height_px: int, *, date: str) -> BoardCalibration:
+def calibrate_board(
+    views: Sequence[BoardView], width_px: int, height_px: int, *, date: str, optics: Optics | None = None
+) -> BoardCalibration:
     """Make a camera model from three views of a board or more, of one resolution, with the figures to judge it by.
 
     Views that are the same as another are left out: they say nothing new, and would make the fit look surer than it is.
     So are those that fit far worse than the others, the worst first: one bad view spoils the fit of the good ones.
+
+    Args:
+        optics: How the camera was set in all of them, if that is known.
 
     Raises:
         CalibrationError: There are too few views, or they do not fix the focal length.
@@ -109,7 +115,7 @@ def calibrate_board(views: Sequence[BoardView], width_px: int, height_px: int, *
     errors = dict(zip(map(id, used), fit.view_rms_px, strict=True))
     share, uncovered = coverage(used, width_px, height_px)
     return BoardCalibration(
-        camera_model=_model(fit, used, shape, date),
+        camera_model=replace(_model(fit, used, shape, date), optics=optics),
         views=tuple(
             same.get(id(view))
             or bad.get(id(view))

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.core.frame import Frame, Image
+from stadimeter.core.frame import Frame, Image, Optics
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import (
     EDGES,
@@ -163,6 +163,7 @@ class BoardSession:
         must_be_steady: Whether a view counts only if the board was in the same place in the frame before.
 
     Attributes:
+        optics: How the camera is set, if its driver knows.
         calibration: What the views give so far; None while they are too few, or do not fix the camera.
     """
 
@@ -174,6 +175,7 @@ class BoardSession:
         self._edges_away: list[frozenset[str]] = []
         self.views: list[BoardView] = []
         self.width_px = self.height_px = 0
+        self.optics: Optics | None = None
         self.calibration: BoardCalibration | None = None
 
     def look(self, frame: Frame) -> str:
@@ -183,9 +185,9 @@ class BoardSession:
             Why it was not taken; empty if it was.
 
         Raises:
-            CalibrationError: It has another resolution than those before.
+            CalibrationError: It has another resolution than those before, or the camera was set otherwise.
         """
-        self._check_resolution(frame)
+        self._check_camera(frame)
         name = frame.source or f"view {len(self.views) + 1}"
         found = self._board.find(name, frame.image)
         if isinstance(found, str):
@@ -222,14 +224,16 @@ class BoardSession:
         """Whether the views are enough, or their number is such that more add nothing."""
         return len(self.views) >= VIEWS_MAX or not self.missing()
 
-    def _check_resolution(self, frame: Frame) -> None:
+    def _check_camera(self, frame: Frame) -> None:
         if not self.width_px:
-            self.width_px, self.height_px = frame.width_px, frame.height_px
+            self.width_px, self.height_px, self.optics = frame.width_px, frame.height_px, frame.optics
         if (frame.width_px, frame.height_px) != (self.width_px, self.height_px):
             raise CalibrationError(
                 f"the camera gave {self.width_px}x{self.height_px} px, then {frame.width_px}x{frame.height_px}; "
                 "calibrate at one resolution"
             )
+        if self.optics and frame.optics and (change := self.optics.change_to(frame.optics)):
+            raise CalibrationError(change)
 
     def _unsteady(self, found: BoardView, before: BoardView | None) -> str:
         if not self._must_be_steady:
@@ -250,7 +254,7 @@ class BoardSession:
         if len(self.views) < VIEWS_MIN or sum(map(bool, self._edges_away)) < TILTED_MIN:
             return None
         try:
-            return calibrate_board(self.views, self.width_px, self.height_px, date=self._date)
+            return calibrate_board(self.views, self.width_px, self.height_px, date=self._date, optics=self.optics)
         except CalibrationError:
             return None  # not yet: further views will fix it
 

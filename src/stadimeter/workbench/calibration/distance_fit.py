@@ -72,11 +72,13 @@ def fit_distances(
     is found by a third.
 
     Raises:
-        CalibrationError: The pictures differ in resolution, or do not tell the focal length.
+        CalibrationError: The pictures differ in resolution, or in how the camera was set, or do not tell the focal
+            length.
         StadimeterError: A picture can no longer be read.
     """
     made = calibrate(known, date=date, distance_relative_sigma=distance_relative_sigma)
-    rough = replace(made.camera_model, edge_bias_px=0.0, tone_curve=tone_curve)
+    optics = frame_of(known[0].picture).optics
+    rough = replace(made.camera_model, edge_bias_px=0.0, tone_curve=tone_curve, optics=optics)
     looked = _looked_at_again(known, frame_of, choices, rough)
     usable = tuple(each for each in looked if each.detection.status is DetectionStatus.FOUND)
     pairs = zip(known, looked, strict=True)
@@ -87,7 +89,7 @@ def fit_distances(
     if len(usable) > 1:  # one picture cannot tell the edge bias
         usable = _with_bias_undone(usable, frame_of, choices, rough)
     made = calibrate(usable, date=date, distance_relative_sigma=distance_relative_sigma)
-    made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve))
+    made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve, optics=optics))
     made = with_readings(made, _looked_at_again(usable, frame_of, choices, made.camera_model))
     return DistanceFit(calibration=made, usable=usable, left_out=left_out, elsewhere=elsewhere)
 
