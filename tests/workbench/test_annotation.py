@@ -193,6 +193,17 @@ def test_where_there_is_no_room_the_label_is_inside_the_picture_all_the_same() -
         assert box.bottom <= 600
 
 
+def test_the_legend_is_in_the_order_of_the_targets() -> None:
+    missing = [
+        _mark(DetectionStatus.NOT_FOUND, outline=np.empty((0, 2)), lines=(f"tag {n}: not found",)) for n in range(3)
+    ]
+    _, panels = _places([_mark(), *missing], 900, 600)
+    assert len(panels) == 4
+    shown = annotation._legend(_blank(), [_mark(), *missing], annotation.LabelRoom(900, 600), 1.0)
+    by_height = sorted(shown, key=lambda each: each[1].top)
+    assert [panel._lines[0][:5] for panel, _ in by_height] == ["paper", "tag 0", "tag 1", "tag 2"]
+
+
 def test_what_is_not_found_is_told_however_full_the_picture_is() -> None:
     missing = _mark(DetectionStatus.NOT_FOUND, outline=np.empty((0, 2)), lines=("tag 3: not found", "no tag 3"))
     whole = np.array([(2.0, 2.0), (898.0, 2.0), (898.0, 598.0), (2.0, 598.0)])

@@ -257,7 +257,7 @@ def _legend(canvas: Image, marks: Sequence[Mark], room: LabelRoom, scale: float)
     alone: list[tuple[Panel, Box]] = []
     beside: list[tuple[Panel, Box]] = []
     is_free = True
-    for mark in sorted(marks, key=lambda each: len(each.detection.outline_px) > 0):
+    for _, mark in sorted(enumerate(marks), key=lambda each: (len(each[1].detection.outline_px) > 0, -each[0])):
         if not mark.lines:
             continue
         has_label = len(mark.detection.outline_px) > 0
