@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from stadimeter.config.atomic_file import write_atomically
-from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate
+from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
 from stadimeter.workbench.label_placement import USEFUL, Box, LabelRoom
@@ -60,7 +60,7 @@ class Mark:
 
     detection: Detection
     has_corners: bool = False
-    edges_px: Points = field(default_factory=lambda: np.empty((0, 2)))
+    edges_px: Points = field(default_factory=no_points)
     headline: str
     lines: tuple[str, ...] = ()
     rejected: tuple[tuple[int, RejectedCandidate], ...] = ()
@@ -128,7 +128,7 @@ def _draw_target(canvas: Image, mark: Mark, factor: int, scale: float) -> None:
 def _rim(candidate: RejectedCandidate, factor: int) -> Points:
     """Return the corners of a candidate on the canvas, or points on its circle; none if it is out of reach."""
     if not (np.isfinite(candidate.centre_px).all() and 0 < candidate.size_px < REACH_MAX_PX):
-        return np.empty((0, 2))
+        return no_points()
     if candidate.corners_px:
         points = np.array(candidate.corners_px)
     else:

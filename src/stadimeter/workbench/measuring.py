@@ -8,15 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.detectors import NamedDetector
 from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
 from stadimeter.config.untrusted_file import open_untrusted
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate
+from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import TargetShape
@@ -28,10 +26,6 @@ from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigm
 
 if TYPE_CHECKING:
     from stadimeter.workbench.frame_source import Source
-
-
-def _no_edges() -> Points:
-    return np.empty((0, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -57,7 +51,7 @@ class TargetResult:
     parts: SigmaParts | None = None
     rejected_from: int = 1
     direction_sigmas_rad: tuple[float, float] | None = None
-    find_edges: Callable[[], Points] = _no_edges
+    find_edges: Callable[[], Points] = no_points
     seen: SeenTarget | None = None
     frame: int | None = None
     time_s: float | None = None
@@ -206,7 +200,7 @@ def _detections(detector: Detector, frame: Frame, lens: CameraModel) -> tuple[De
 def _edges(detector: Detector, frame: Frame, found: Detection, lens: CameraModel) -> Points:
     if found.status is DetectionStatus.FOUND and isinstance(detector, ShowsEdges):
         return detector.edge_points(frame, found, lens=lens)
-    return _no_edges()
+    return no_points()
 
 
 def _result(file: str, detection: Detection, shape: TargetShape, lens: CameraModel, number: int) -> TargetResult:
