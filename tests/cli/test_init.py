@@ -261,3 +261,30 @@ def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path
         second.types("\n")
     assert second.ends() == 0
     assert load_configuration(tmp_path / "stadimeter.toml").plan.rules
+
+
+def test_an_interview_that_was_left_is_gone_on_with_though_there_is_a_configuration(tmp_path: Path) -> None:
+    _picture(tmp_path / "1m.png", "disc", 1.0)
+    assert _init(tmp_path, target="disc", size="20 cm").exit_code == 0
+    again = Terminal(tmp_path)
+    for asked, answer in (("Make a new one?", "\n"), ("camera?", "\n"), ("measured?", "\n"), ("How large", "\x03")):
+        again.until(asked)
+        again.until("> ")
+        again.types(answer)
+    assert again.ends() == 1
+    assert "[disc]" in again.said
+    third = Terminal(tmp_path)
+    third.until("Make a new one?")
+    third.types("yes\n")
+    assert "target = disc" in third.until("How large")
+    third.types("\x03")
+    assert third.ends() == 1
+
+
+def test_a_configuration_that_is_to_stay_stays(tmp_path: Path) -> None:
+    (tmp_path / "stadimeter.toml").write_text("# mine\n")
+    session = Terminal(tmp_path)
+    session.until("Make a new one?")
+    session.types("no\n")
+    assert session.ends() == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["stadimeter.toml"]

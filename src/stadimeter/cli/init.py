@@ -30,7 +30,7 @@ from stadimeter.workbench.setup.interview import Interview, all_answered, check_
 from stadimeter.workbench.setup.known import CONFIGURATION, PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Question
 from stadimeter.workbench.setup.target import chosen_target
-from stadimeter.workbench.setup.writing import copy_name, write_files
+from stadimeter.workbench.setup.writing import copy_name, was_left, write_files
 from stadimeter.workbench.setup.writing import example as load_example
 from stadimeter.workbench.wiring.outputs import wired_outputs
 
@@ -142,18 +142,17 @@ def _may_replace(console: Console, file: Path) -> None:
 
 
 def _interviewed(console: Console, folder: Path) -> Known:
-    saved = load_answers(folder / ANSWERS) if (folder / ANSWERS).exists() else {}
-    interview = Interview(folder, earlier=saved if (folder / CONFIGURATION).exists() else {})
-    if saved and not (folder / CONFIGURATION).exists():
-        console.print(f"Going on with the answers in {folder / ANSWERS}:", markup=False)
+    file = folder / ANSWERS
+    saved = load_answers(file) if file.exists() else {}
+    if was_left(file, folder / CONFIGURATION):
+        interview = Interview(folder)
+        console.print(f"Going on with the answers in {file}:", markup=False)
         for key, accepted in interview.resume(saved):
             _tell_accepted(console, key, accepted)
     else:
-        console.print(
-            "Enter takes the answer in [brackets], back goes back, Ctrl-C leaves and keeps the answers.",
-            style="dim",
-            markup=False,
-        )
+        interview = Interview(folder, earlier=saved)
+        words = "Enter takes the answer in [brackets], back goes back, Ctrl-C leaves and keeps the answers."
+        console.print(words, style="dim", markup=False)
     while interview.next_key:
         _ask(console, interview)
     return interview.known
