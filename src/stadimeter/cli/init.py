@@ -253,7 +253,7 @@ def _tell_error(console: Console, error: StadimeterError) -> None:
 
 
 def _indented(console: Console, words: str, style: str) -> None:
-    console.print(Padding(Text(words, style), (0, 0, 0, 3)))
+    console.print(Padding(Text(words, style), (0, 0, 0, 3), expand=False))
 
 
 @contextmanager
