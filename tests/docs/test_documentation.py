@@ -42,6 +42,7 @@ PAGES = [
 ANSWERS = re.compile(r"^<!-- answers -->\n```toml\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WRONG = re.compile(r"^<!-- wrong on purpose -->\n(?:<!-- .*? -->\n)?```\w+\n.*?^```\n", re.MULTILINE | re.DOTALL)
+IN_A_SENTENCE = re.compile(r"`(?:[a-z ]+ )?stadimeter ([a-z][^`]*)`")
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 
 AROUND = {
@@ -162,14 +163,18 @@ def commands():
                 lines = [re.split(r" [|>] ", line[2:])[0] for line in lines if line.startswith("$ ")]
             for line in lines:
                 words = shlex.split(line, comments=True)
+                while words and words[0] in {"uvx", "pipx", "run", "sudo"}:
+                    del words[0]
                 if words and words[0].rpartition("/")[2] == "stadimeter":
                     yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
+        for line in IN_A_SENTENCE.findall(FENCE.sub("", page.read_text())):
+            yield pytest.param(shlex.split(line), id=f"{page.name}: {line}")
 
 
 @pytest.mark.parametrize("words", list(commands()))
 def test_every_command_that_is_shown_exists_with_its_options(words):
     command = typer.main.get_command(app)
-    while hasattr(command, "commands"):
+    while hasattr(command, "commands") and words:
         name, *words = words
         assert name in command.commands, f"there is no command {name}"
         command = command.load(name) if hasattr(command, "load") else command.commands[name]
