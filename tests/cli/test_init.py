@@ -263,28 +263,26 @@ def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path
     assert load_configuration(tmp_path / "stadimeter.toml").plan.rules
 
 
-def test_an_interview_that_was_left_is_gone_on_with_though_there_is_a_configuration(tmp_path: Path) -> None:
+def _typed(folder: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> Result:
+    """Type answers into a session; Ctrl-D is behind the last."""
+    monkeypatch.setattr("stadimeter.cli.init._is_terminal", lambda: True)
+    return CliRunner().invoke(app, ["init", str(folder)], input="".join(f"{answer}\n" for answer in answers))
+
+
+def test_an_interview_that_was_left_is_gone_on_with_though_there_is_a_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)
     assert _init(tmp_path, target="disc", size="20 cm").exit_code == 0
-    again = Terminal(tmp_path)
-    for asked, answer in (("Make a new one?", "\n"), ("camera?", "\n"), ("measured?", "\n"), ("How large", "\x03")):
-        again.until(asked)
-        again.until("> ")
-        again.types(answer)
-    assert again.ends() == 1
-    assert "[disc]" in again.said
-    third = Terminal(tmp_path)
-    third.until("Make a new one?")
-    third.types("yes\n")
-    assert "target = disc" in third.until("How large")
-    third.types("\x03")
-    assert third.ends() == 1
+    begun = _typed(tmp_path, monkeypatch, "yes", "", "")
+    assert begun.exit_code == 1
+    assert "[disc]" in begun.stdout, "the earlier answer is ready"
+    gone_on = _typed(tmp_path, monkeypatch, "yes")
+    assert "target = disc" in gone_on.stdout
+    assert "3. How large is the disc?" in gone_on.stdout
 
 
-def test_a_configuration_that_is_to_stay_stays(tmp_path: Path) -> None:
+def test_a_configuration_that_is_to_stay_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "stadimeter.toml").write_text("# mine\n")
-    session = Terminal(tmp_path)
-    session.until("Make a new one?")
-    session.types("no\n")
-    assert session.ends() == 1
+    assert _typed(tmp_path, monkeypatch, "no").exit_code == 1
     assert [path.name for path in tmp_path.iterdir()] == ["stadimeter.toml"]

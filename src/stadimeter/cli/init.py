@@ -93,7 +93,7 @@ def init(
         if example:
             _write_example(folder, example)
             return
-        if answers is None and not (sys.stdin.isatty() and sys.stdout.isatty()):
+        if answers is None and not _is_terminal():
             raise ConfigError(
                 "init asks questions, and there is no terminal here; give the answers with --answers FILE, such as "
                 'camera = "ball.jpg" (docs/getting-started.md lists the keys)'
@@ -101,6 +101,10 @@ def init(
         known = _scripted(console, folder, answers) if answers else _asked(console, folder)
         _write(console, known)
     raise typer.Exit(_shown(console, known))
+
+
+def _is_terminal() -> bool:
+    return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _write_example(folder: Path, name: str) -> None:

@@ -10,13 +10,14 @@ from typing import Any
 
 from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.driver_tables import CAMERA
-from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
 from stadimeter.config.toml_source import key_and_value
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras
 from stadimeter.workbench.frame_source import Source, open_source, settled_frame
+from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.setup.known import PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
@@ -32,10 +33,6 @@ MOST_FRAMES = 4
 
 LONGEST_RECORDING = 2000
 """Frames behind these are not looked at."""
-
-VIDEO_SUFFIXES = frozenset(
-    ".avi .flv .h264 .m4v .mjpeg .mjpg .mkv .mov .mp4 .mpeg .mpg .ts .webm .wmv".split()  # noqa: SIM905
-)
 
 _DRIVER = re.compile(r"[a-z][\w-]*(,\s*\w+\s*=.*)+")
 
@@ -58,7 +55,7 @@ class CameraStep(Step):
             found=() if cameras else (f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}.",),
             options=tuple(options),
             ready=options[0].answer if options else "",
-            form="a device such as /dev/video0, the address of a stream, a video file, or picture files",
+            form="a device such as /dev/video0, picamera2, the address of a stream, a video file, or picture files",
         )
 
     def accept(self, known: Known, text: str) -> Accepted:
@@ -87,8 +84,10 @@ def camera_table(text: str) -> dict[str, Any]:
     if _DRIVER.fullmatch(text):
         driver, *options = text.split(",")
         return {"driver": driver, **dict(map(key_and_value, options))}
+    if text in driver_names(CAMERAS):
+        return {"driver": text}
     files = words_of(text)
-    if len(files) == 1 and Path(files[0]).suffix.lower() in VIDEO_SUFFIXES:
+    if len(files) == 1 and is_video_file(Path(files[0])):
         return {"driver": "video", "path": files[0]}
     return {"driver": "images", "paths": files, "rate": PICTURES_RATE}
 
