@@ -61,19 +61,24 @@ clean: ## remove what the other targets made
 	rm -rf $(VENV) $(OLD_VENV) .mypy_cache .ruff_cache .hypothesis .import_linter_cache site
 
 $(VENV)/.python:
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	@echo "Making a virtual environment in $(VENV) ..."
+	@$(PYTHON) -m venv $(VENV)
 	@touch $@
 
 $(VENV)/.app: $(VENV)/.python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable .
+	@echo "Installing stadimeter and its libraries there, once: about 100 MB, half a minute to a few minutes."
+	@$(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable .
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.app
+$(VENV)/.pip: $(VENV)/.app
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.pip
 	$(BIN)/python -m pip install --quiet --group dev
 	@touch $@
 
-$(VENV)/.bench: $(VENV)/.app pyproject.toml
+$(VENV)/.bench: $(VENV)/.pip pyproject.toml
 	$(BIN)/python -m pip install --quiet --group bench
 	@touch $@
 

@@ -52,11 +52,10 @@ def test_two_distances_asked_for_and_proved_give_a_camera_file(tmp_path: Path) -
     result = _run(tmp_path, [_ball_at(1.0), _ball_at(3.0)], "\n\n")
     assert result.exit_code == 0, result.output
     lines = result.stdout.splitlines()
-    assert lines[0].startswith("Measure from the lens to the nearest point of the ball, with a tape.")
+    assert lines[0].startswith("Measure with a tape, from the lens to the nearest point of the ball.")
     assert [line for line in lines if line.endswith((" 1 m.", " 3 m."))] == ["Put it at 1 m.", "Now put it at 3 m."]
-    assert re.search(
-        r"at 3 m: \d+\.\d px, spread 0\.00%, found in 9 of 9 frames; by the one before it is at", result.stdout
-    )
+    assert re.search(r"at 3 m: \d+\.\d px, spread 0\.00%, found in 9 of 9 frames\n", result.stdout)
+    assert re.search(r"    from what came before: \d+\.\d cm \([+-]0\.\d%\)\n", result.stdout)
     assert lines[-1] == f"wrote {tmp_path / 'camera.toml'}"
     model = load_camera_model(tmp_path / "camera.toml")
     assert model.fx_px == pytest.approx(600, rel=0.01)
@@ -106,13 +105,14 @@ def test_two_distances_that_are_hardly_apart_are_refused(tmp_path: Path) -> None
         (("--live", "opencv,device=0", "--at", "1m", "--at", "3"), "--at: "),
         (("--live", "opencv,device=947"), "there is no camera /dev/video947"),
         (("near.png@1m", "--at", "1m"), "--at says where to put the target before a camera"),
+        (("--live", "opencv,device=0", "-o", "nowhere/camera.toml"), "-o: there is no folder nowhere"),
         ((), "give pictures at known distances, or --live"),
         (("near.png@1m", "--live", "opencv,device=0"), "one of the two"),
     ],
 )
 def test_what_cannot_work_is_one_line(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
     output = str(tmp_path / "camera.toml")
-    result = CliRunner().invoke(app, ["calibrate", "distance", *arguments, *BALL, "-o", output])
+    result = CliRunner().invoke(app, ["calibrate", "distance", "-o", output, *arguments, *BALL])
     assert result.exit_code == 2
     (error,) = [line for line in result.stderr.splitlines() if line.startswith("error")]
     assert words in error

@@ -21,6 +21,7 @@ from typer.testing import CliRunner, Result
 from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.workbench.setup.interview import answer_keys
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
@@ -29,6 +30,7 @@ from support.scenes.scene import Scene
 
 pytestmark = pytest.mark.vision
 
+GUIDE = Path(__file__).parents[2] / "docs" / "getting-started.md"
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
 TARGETS: dict[str, Callable[[float], object]] = {
     "ball": lambda at_m: BallTarget(position_m=(0.0, 0.0, at_m), diameter_m=0.2),
@@ -155,6 +157,42 @@ def test_without_a_terminal_and_answers_it_says_how_to_give_them(tmp_path: Path)
     assert told.exit_code == 2
     assert "--answers FILE" in told.stderr
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("name", ["distance-alert", "follow-ball", "appliance", "demo"])
+def test_an_example_is_written_without_a_checkout(tmp_path: Path, name: str) -> None:
+    assert _run("init", tmp_path, "--example", name).exit_code == 0
+    assert load_configuration(tmp_path / f"{name}.toml").plan.rules
+
+
+def test_an_example_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    told = _run("init", tmp_path, "--example", "folow-ball")
+    assert told.exit_code == 2
+    assert "only appliance, demo, distance-alert, follow-ball" in told.stderr
+
+
+def test_the_answers_that_the_guide_shows_lead_to_a_configuration(tmp_path: Path) -> None:
+    for name, at_m in (("50cm", 0.6), ("2m", 2.1)):
+        _picture(tmp_path / f"{name}.png", "ball", at_m)
+    (shown,) = re.findall(r"<!-- answers -->\n```toml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    (tmp_path / "answers.toml").write_text(shown)
+    told = _run("init", tmp_path, "--answers", tmp_path / "answers.toml")
+    assert told.exit_code == 0, told.output
+    assert (tmp_path / "init" / "wiring.svg").exists()
+
+
+def test_the_guide_names_every_key_of_an_answer() -> None:
+    text = GUIDE.read_text()
+    assert [key for key in answer_keys() if f"`{key}`" not in text and not key.endswith("_output")] == []
+
+
+def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    (tmp_path / "answers.toml").write_text('camera = "ball.png"\n')
+    told = _run("init", tmp_path / "taken", "--answers", tmp_path / "answers.toml")
+    assert told.exit_code == 2
+    assert told.stderr.count("\n") == 1
+    assert "the folder cannot be made" in told.stderr
 
 
 class Terminal:

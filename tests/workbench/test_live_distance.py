@@ -147,6 +147,12 @@ def test_a_target_that_is_not_there_is_said_and_changes_nothing(device: V4l2Doub
         assert [take.name for take in session.takes] == ["at 1 m"]
 
 
+def test_what_is_wrong_with_a_picture_without_the_target_is_said(device: V4l2Double) -> None:
+    device.show(np.full((480, 640, 3), 5, np.uint8))
+    with _session(device) as session, pytest.raises(CalibrationError, match="; the picture is black: take the cover"):
+        session.take(1.0, FRAMES)
+
+
 def test_a_target_that_moves_meanwhile_is_refused(device: V4l2Double, monkeypatch: pytest.MonkeyPatch) -> None:
     with _session(device) as session:
         frames = []

@@ -23,7 +23,7 @@ from stadimeter.cli.live_camera import LiveOption
 from stadimeter.cli.target_options import GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import ToneCurve
-from stadimeter.errors import ConfigError
+from stadimeter.errors import ConfigError, Problem
 from stadimeter.ranging.calibration import Calibration, FocalLength
 from stadimeter.workbench.calibration.distance_fit import fit_distances
 from stadimeter.workbench.measuring import open_picture
@@ -87,6 +87,8 @@ def distance(
             raise ConfigError("--at says where to put the target before a camera; give --live with it")
         wanted = wanted_targets(target)
         if live:
+            if not output.parent.is_dir():  # known before the person walks to and fro, not after it
+                raise ConfigError([Problem(f"there is no folder {output.parent} for {output.name}", key="-o")])
             settings = LiveSettings(distance_relative_sigma=distance_error / 100, tone_curve=tone_curve)
             made, all_found = calibrated_live(live, at or [], wanted, settings), True
         else:

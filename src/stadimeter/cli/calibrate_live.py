@@ -55,10 +55,8 @@ def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, setting
     )
     try:
         with session:
-            typer.echo(
-                f"Measure from the lens to {session.measured_to}, with a tape. Keep the target in the middle of the"
-                " picture, and keep the camera still."
-            )
+            typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
+            typer.echo("Keep it in the middle of the picture, and the camera still.")
             for number, text in enumerate(distances):
                 _say(_taken(session, text, is_first=number == 0), wanted.unit)
             if session.to_centre_m:
@@ -111,10 +109,8 @@ def _say(take: Take, unit: LengthUnit) -> None:
     reads = ""
     if take.reads_m is not None:
         share = take.reads_m / take.distance_m - 1
-        reads = f"; by the one before it is at {format_distance(take.reads_m, None, unit)} ({share:+.1%})"
-    typer.echo(
-        f"{take.name}: {take.size_px:.1f} px, spread {take.spread_share:.2%}, found in {take.found} of {take.frames}"
-        f" frames{reads}"
-    )
+        reads = f"\n    from what came before: {format_distance(take.reads_m, None, unit)} ({share:+.1%})"
+    seen = f"{take.size_px:.1f} px, spread {take.spread_share:.2%}, found in {take.found} of {take.frames} frames"
+    typer.echo(f"{take.name}: {seen}{reads}")
     if take.reason:
         typer.echo(f"note: {take.reason}", err=True)

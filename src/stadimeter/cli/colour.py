@@ -11,6 +11,7 @@ import typer
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.explanation import copy_paths
 from stadimeter.cli.live_camera import LiveOption, camera_choice
+from stadimeter.cli.progress import working
 from stadimeter.config.plugins import DETECTORS, load_plugin
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
@@ -27,6 +28,7 @@ from stadimeter.workbench.colour_places import (
 from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.frame_source import settled_frame
 from stadimeter.workbench.measuring import open_picture
+from stadimeter.workbench.picture_quality import picture_remarks
 
 
 def register(app: typer.Typer) -> None:
@@ -75,9 +77,10 @@ def colour(
     wrong.
     """
     with plain_errors():
-        names, samples = _given(pictures or [], at or [], live)
-        found = load_plugin(DETECTORS, "ball").propose_colour
-        proposal: ColourProposal | None = found(samples) if found else None
+        with working("looking for a ball of one colour"):
+            names, samples = _given(pictures or [], at or [], live)
+            found = load_plugin(DETECTORS, "ball").propose_colour
+            proposal: ColourProposal | None = found(samples) if found else None
         if proposal is None:
             raise ConfigError(_nothing(samples))
         _print(names, samples, proposal)
@@ -97,6 +100,8 @@ def _given(pictures: Sequence[str], at: Sequence[str], live: str | None) -> tupl
         raise ConfigError("--at is a place in one picture; for several write such as noon.jpg@312,240 dusk.jpg@290,255")
     if live:
         frame = settled_frame(camera_choice(live))
+        for words in picture_remarks(frame.image):
+            typer.echo(f"note: {words}", err=True)
         return [Path("live.png")], [colour_sample(frame, "the camera's picture", at, "--at")]
     split = [split_places(each) for each in pictures]
     names = [Path(name) for name, _ in split]

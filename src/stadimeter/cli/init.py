@@ -17,7 +17,7 @@ from rich.text import Text
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.check import check
-from stadimeter.cli.exits import NOT_FOUND, plain_errors
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import METRE, format_distance
 from stadimeter.cli.test_rules import run_tests
 from stadimeter.cli.wiring import wiring
@@ -31,6 +31,7 @@ from stadimeter.workbench.setup.known import CONFIGURATION, PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Question
 from stadimeter.workbench.setup.target import chosen_target
 from stadimeter.workbench.setup.writing import copy_name, write_files
+from stadimeter.workbench.setup.writing import example as load_example
 from stadimeter.workbench.wiring.outputs import wired_outputs
 
 BACK = "back"
@@ -50,6 +51,12 @@ def init(
         Path | None,
         typer.Option("--answers", metavar="FILE", help="Take the answers from this TOML file, and ask nothing."),
     ] = None,
+    example: Annotated[
+        str,
+        typer.Option(
+            "--example", metavar="NAME", help="Write an example: distance-alert, follow-ball, appliance or demo."
+        ),
+    ] = "",
 ) -> None:
     """Write a first configuration: asks for camera, target and what shall happen, one thing at a time.
 
@@ -60,6 +67,8 @@ def init(
     Writes a camera file, a configuration with two tests for each thing that shall happen, and pictures of what was
     found, in the folder init. Then it checks the configuration, runs its tests, and names the next three commands. A
     file that is there already is kept as a copy, such as stadimeter.toml.1.bak.
+
+    With --example it asks nothing either, and writes a configuration that shows one of the three uses, for you to edit.
 
     With --answers it asks nothing: each question takes its answer from the file, or else the one that is ready.
     docs/getting-started.md lists the keys. The file that a session has left, init-answers.toml, is such a file.
@@ -72,28 +81,41 @@ def init(
 
     - `stadimeter init garage --answers answers.toml`
 
-    **Exit code**: 0 the configuration can be used and its tests pass; 1 you left before the end, or a test failed; 2 an
-    answer or a file is wrong, or there is no terminal.
+    - `stadimeter init --example follow-ball`
+
+    **Exit code**: 0 the configuration can be used and its tests pass; 1 you left before the end, the target is not
+    in the last picture, or a test failed; 2 an answer or a file is wrong, or there is no terminal.
     """
     console = Console(highlight=False)
     with plain_errors():
+        if answers and example:
+            raise ConfigError("--answers and --example exclude each other")
+        if example:
+            _write_example(folder, example)
+            return
         if answers is None and not (sys.stdin.isatty() and sys.stdout.isatty()):
             raise ConfigError(
                 "init asks questions, and there is no terminal here; give the answers with --answers FILE, such as "
                 'camera = "ball.jpg" (docs/getting-started.md lists the keys)'
             )
-        folder.mkdir(parents=True, exist_ok=True)
         known = _scripted(console, folder, answers) if answers else _asked(console, folder)
         _write(console, known)
-    _show(console, known)
+    raise typer.Exit(_shown(console, known))
+
+
+def _write_example(folder: Path, name: str) -> None:
+    text = load_example(name)
+    for words in write_files(folder, {f"{name}.toml": text}):
+        typer.echo(words)
 
 
 def _scripted(console: Console, folder: Path, file: Path) -> Known:
     given = load_answers(file)
     check_keys(given, str(file))
     interview = Interview(folder)
-    for key, accepted in all_answered(interview, given, str(file)):
-        _tell_accepted(console, key, accepted)
+    with _busy(console):
+        for key, accepted in all_answered(interview, given, str(file)):
+            _tell_accepted(console, key, accepted)
     for key in given:
         if key not in interview.known.answers:
             typer.echo(f"note: {key} was not asked, since other answers leave no need for it", err=True)
@@ -250,8 +272,8 @@ def _write(console: Console, known: Known) -> None:
         console.print(words, markup=False, soft_wrap=True)
 
 
-def _show(console: Console, known: Known) -> None:
-    """Check what was written, run its tests, measure, and name the next commands."""
+def _shown(console: Console, known: Known) -> int:
+    """Check what was written, measure, run its tests, name the next commands, and return the exit code."""
     console.print()
     check(known.file)
     if wired_outputs(load_configuration(known.file).actuators):
@@ -259,25 +281,29 @@ def _show(console: Console, known: Known) -> None:
         wiring(known.file, output=None)
         wiring(known.file, output=known.path(WIRING))
     console.print()
-    _measure(console, known)
+    is_measured = _is_measured(console, known)
     console.print()
     try:
         run_tests(known.file, name="", as_json=False, verbose=False)
     finally:
         _next_commands(console, known)
+    return DONE if is_measured else NOT_FOUND
 
 
-def _measure(console: Console, known: Known) -> None:
+def _is_measured(console: Console, known: Known) -> bool:
+    """Measure the target in the last picture, and return whether it is there."""
     if known.camera_model is None:
-        return
+        return False
     targets = build_detectors([chosen_target(known)], known.camera_model)
-    for each in Measuring(targets, known.camera_model).measure(known.frame, "").targets:
-        seen = each.measurement
-        if seen.distance_m is None:
-            console.print(f"In the last picture: no distance, {seen.reason}", markup=False)
-        else:
-            away = format_distance(seen.distance_m, seen.sigma_m, METRE)
-            console.print(f"In the last picture, the {seen.target} is {away} away.", markup=False)
+    (result,) = Measuring(targets, known.camera_model).measure(known.frame, "").targets
+    seen = result.measurement
+    if seen.distance_m is None:
+        words = f"In the last picture, there is no {seen.target} to measure: {seen.reason}"
+        console.print(Text(words, "yellow"))
+        return False
+    away = format_distance(seen.distance_m, seen.sigma_m, METRE)
+    console.print(f"In the last picture, the {seen.target} is {away} away.", markup=False)
+    return True
 
 
 def _next_commands(console: Console, known: Known) -> None:

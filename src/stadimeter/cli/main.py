@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar
 import typer
 
 import stadimeter
+from stadimeter.cli.glyphs import PLAIN_ERRORS
 from stadimeter.cli.lazy_group import LazyCommand, LazyGroup
 
 ALARM_COMMANDS = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back")
@@ -21,7 +22,7 @@ class Commands(LazyGroup):
 
     LAZY: ClassVar[Mapping[str, LazyCommand]] = {
         "demo": LazyCommand(
-            "stadimeter.cli.run",
+            "stadimeter.cli.demo",
             "Watch a simulated ball being measured, followed and reported. Needs no hardware.",
             RUN,
         ),
@@ -132,5 +133,5 @@ def main() -> None:
     """Run the command line and leave the process with its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a file's name need be no text, nor need a terminal know every letter
-            stream.reconfigure(errors="backslashreplace")
+            stream.reconfigure(errors=PLAIN_ERRORS)
     app()

@@ -132,15 +132,16 @@ def measure(
         wanted = _wanted(target, config, names)
         camera_model = _camera_model(camera, wanted)
         targets = build_detectors(wanted.choices, camera_model)
+        name = (live or "").partition(",")[0]  # the configuration or the driver: its options would fill each line
         work = _Work(
             measuring=Measuring(targets, camera_model),
             wanted=wanted,
             targets=targets,
             camera_model=camera_model,
-            printer=printer_of([live or "", *map(str, images or ())], wanted, as_json=as_json, explain=explain),
+            printer=printer_of([name, *map(str, images or ())], wanted, as_json=as_json, explain=explain),
             between=names,
         )
-        code = work.frames(camera_choice(live), live) if live else work.files(images or [], copies, explain=explain)
+        code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies, explain=explain)
     raise typer.Exit(code)
 
 

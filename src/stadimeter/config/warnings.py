@@ -32,7 +32,7 @@ def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what to look at again in a configuration without errors."""
     yield from draft.renamed
     yield from _about_rules(draft)
-    for check in (rule_test_warnings, secret_warnings, _lacking_drivers, *_ABOUT_DRIVERS):
+    for check in (rule_test_warnings, secret_warnings, *_ABOUT_DRIVERS):
         yield from check(draft)
 
 
@@ -110,13 +110,6 @@ def _outputs_driven(draft: Draft) -> Iterator[Finding]:
     for path in paths:
         if draft.rules and path[-1] not in driven:
             yield Finding(path, f"no rule drives '{path[-1]}'", "it stays in its safe state", "output-unused")
-
-
-def _lacking_drivers(draft: Draft) -> Iterator[Finding]:
-    """Find what keeps drivers from working here; elsewhere, where a recording came from, they may work."""
-    for at, part in draft.parts():
-        for lack in part.plugin.lacks(part.options):
-            yield Finding(at, f"the driver '{part.driver}' will not work here: {lack}", code="driver-lacks")
 
 
 def _no_motion(draft: Draft) -> Iterator[Finding]:

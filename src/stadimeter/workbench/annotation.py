@@ -37,9 +37,9 @@ LABEL_SIZES = (1.0, 0.75, 0.55, 0.45)
 """Sizes of the letters of labels that are tried, until all labels find room."""
 
 LEGEND_SIZE = 0.7
-GAP, LEADER_FROM, FARTHEST = 12.0, 2.0, 0.22
-"""Between a target and its label, in units of the picture's scale; from this many gaps on a line joins them. Labels
-that are further away than this share of the picture's longer side are written smaller."""
+GAP, LEADER_FROM, FARTHEST = 12.0, 2.0, 0.08
+"""Between a target and its label, in units of the picture's scale; from this many gaps on a line joins them. Where
+one is further away than this share of the picture's longer side, all are written smaller."""
 
 REACH_MAX_PX = 1e5
 """Beyond this nothing is drawn: OpenCV's drawing counts in whole numbers of 32 bits."""
@@ -231,16 +231,20 @@ def _labels(
             near = _box_around(_on_canvas(mark.detection.outline_px, factor))
             place = left.place(panel.width, panel.height, near, GAP * scale)
             left.take_box(place.box, 2 * scale)
-            is_good = is_good and place.is_free and _apart(near, place.box) < FARTHEST * max(canvas.shape[:2])
+            is_good = is_good and place.is_free and _is_beside(near, place.box, FARTHEST * max(canvas.shape[:2]))
             placed.append((mark, panel, place.box))
         if is_good:
             break
     return placed, left
 
 
-def _apart(one: Box, other: Box) -> float:
-    across = max(one.left - other.right, other.left - one.right, 0)
-    return math.hypot(across, max(one.top - other.bottom, other.top - one.bottom, 0))
+def _is_beside(target: Box, label: Box, reach_px: float) -> bool:
+    """Return whether a label is above, below or beside its target's middle, and near it."""
+    across = max(target.left - label.right, label.left - target.right, 0)
+    down = max(target.top - label.bottom, label.top - target.bottom, 0)
+    is_in_column = 2 * label.left <= target.left + target.right <= 2 * label.right
+    is_in_row = 2 * label.top <= target.top + target.bottom <= 2 * label.bottom
+    return (is_in_column or is_in_row) and math.hypot(across, down) < reach_px
 
 
 def _legend(canvas: Image, marks: Sequence[Mark], room: LabelRoom, scale: float) -> list[tuple[Panel, Box]]:

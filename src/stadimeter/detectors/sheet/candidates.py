@@ -23,16 +23,17 @@ MOST_REFUSED = 8
 REFUSED_OF_A_KIND = 3
 KEPT_STAGE = 16
 
-LEAST_EVIDENCE = 1.2
+LEAST_EVIDENCE = 1.5
 SURE_EVIDENCE = 2.5
 """Least evidence of what is taken for the sheet, and that beyond which no other one is looked for."""
 
 RIVAL_EVIDENCE = 1.5
 RIVAL_LOG_SIZE = 0.05
 RIVAL_LOG_SIZE_A_LENGTH, MOST_LENGTHS = 0.05, 3.0
-"""Another candidate with at most so much less evidence may be the sheet just as well. It contradicts if the logarithms
-of both sizes differ by more than this, and by so much more for each length of the sheet that it is away, up to so many:
-of two strips of tape beside each other on a wall that is turned away, one is nearer, and both are right."""
+"""What has so much less evidence than another candidate is not the sheet, unless it is beyond doubt itself. Two that
+may be it contradict each other if the logarithms of their sizes differ by more than this, and by so much more for each
+length of the sheet that they are apart, up to so many: of two strips of tape beside each other on a wall that is
+turned away, one is nearer, and both are right."""
 
 SAME_PX = 1.0
 
@@ -98,32 +99,29 @@ class Findings:
     @property
     def best(self) -> Candidate | None:
         """The outline that looks most like the sheet; None if none is one."""
-        return max((each for each in self.kept if each.evidence >= LEAST_EVIDENCE), key=_score, default=None)
+        return max((each for each in self._likely if each.evidence >= LEAST_EVIDENCE), key=_score, default=None)
 
     @property
     def rival(self) -> Candidate | None:
-        """Another one that is about as much like the sheet and contradicts; None if there is none."""
+        """Another one that may be the sheet and contradicts; None if there is none."""
         best = self.best
         if best is None:
             return None
-        return max((each for each in self._alike if _contradict(each, best)), key=_score, default=None)
+        return max((each for each in self._likely if _contradict(each, best)), key=_score, default=None)
 
     @property
     def twin(self) -> Candidate | None:
-        """Another one that is about as much like the sheet, and about as far away; None if there is none."""
+        """Another one that may be the sheet and is about as far away; None if there is none."""
         best = self.best
         if best is None:
             return None
-        twins = (each for each in self._alike if not _contradict(each, best) and _apart(each, best) > 0.5)
+        twins = (each for each in self._likely if not _contradict(each, best) and _apart(each, best) > 0.5)
         return max(twins, key=_score, default=None)
 
     @property
-    def _alike(self) -> list[Candidate]:
-        best = self.best
-        if best is None:
-            return []
-        least = min(best.evidence, SURE_EVIDENCE) - RIVAL_EVIDENCE
-        return [each for each in self.kept if each.evidence >= least and each is not best]
+    def _likely(self) -> list[Candidate]:
+        most = max((each.evidence for each in self.kept), default=0.0)
+        return [each for each in self.kept if each.evidence >= min(most - RIVAL_EVIDENCE, SURE_EVIDENCE)]
 
     @property
     def doubt(self) -> str | None:

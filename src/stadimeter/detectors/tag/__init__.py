@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from stadimeter.config.extras import missing
 from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import TONE_CURVES, CameraModel
@@ -316,8 +317,8 @@ def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
         return ApriltagFinder(options.family)
     except ImportError as error:
         raise DriverUnavailableError(
-            f"target {name}: finder = 'pyapriltags' needs a library that is not installed: {error}; install it with "
-            "pip install 'stadimeter[tags]', or write finder = 'opencv'"
+            f"target {name}: finder = 'pyapriltags' needs a library: {missing('tags') or error}, "
+            "or write finder = 'opencv'"
         ) from error
 
 
@@ -338,4 +339,9 @@ def _draw(options: TagOptions) -> Drawing:
     return black_cells(black.tolist(), options.side / family.cells)
 
 
-PLUGIN = Plugin(TagOptions, _build, exercise=_exercise, draw=_draw)
+def _lacks(options: TagOptions) -> tuple[str, ...]:
+    trouble = missing("tags") if options.finder == "pyapriltags" else ""
+    return (f"{trouble}, or write finder = 'opencv'",) if trouble else ()
+
+
+PLUGIN = Plugin(TagOptions, _build, exercise=_exercise, lacks=_lacks, draw=_draw)

@@ -25,6 +25,7 @@ from stadimeter.ranging.calibration import (
 )
 from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, opened
+from stadimeter.workbench.picture_quality import picture_remarks
 
 FRAMES = 9
 """How many frames to take at each distance."""
@@ -159,9 +160,8 @@ class LiveDistance:
         seen = [(known_distance(name, frame, depth_m, self._target), frame) for frame in self._frames(frames)]
         found = [pair for pair in seen if pair[0].detection.status is DetectionStatus.FOUND]
         if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
-            reason = next(known.detection.reason for known, _ in seen if (known, _) not in found)
-            where = "" if len(seen) == 1 else f" in {len(found)} of {len(seen)} frames"
-            raise CalibrationError(f"{name} the target was found{where or ' not'}: {reason}")
+            missed = [pair for pair in seen if pair[0].detection.status is not DetectionStatus.FOUND]
+            raise CalibrationError(_why_not_found(name, missed, len(seen)))
         found.sort(key=lambda pair: _size_px(pair[0]))
         known, frame = found[len(found) // 2]
         take = self._take(name, distance_m, known, [_size_px(each) for each, _ in found], len(seen))
@@ -231,6 +231,12 @@ class LiveDistance:
             return None
         model = calibrate(others, date=self._date, distance_relative_sigma=self._relative_sigma).camera_model
         return measured_depth_m(known, model) - self.to_centre_m
+
+
+def _why_not_found(name: str, missed: Sequence[tuple[KnownDistance, Frame]], frames: int) -> str:
+    known, frame = missed[0]
+    reasons = "; ".join((known.detection.reason, *picture_remarks(frame.image)))
+    return f"{name} the target was found in {frames - len(missed)} of {frames} frames: {reasons}"
 
 
 def _size_px(known: KnownDistance) -> float:

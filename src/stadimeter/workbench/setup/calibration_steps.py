@@ -54,8 +54,8 @@ class CalibrationStep(Step):
             options=tuple(options),
             ready=options[0].answer,
             form=(
-                "a distance, such as 1 m; pictures at known distances, such as near.jpg@50cm far.jpg@2m; a camera "
-                "file; or the width of the view, such as 60 deg"
+                "a distance, such as 1 m; pictures at known distances of its middle, such as near.jpg@50cm "
+                "far.jpg@2m; a camera file; or the width of the view, such as 60 deg"
             ),
         )
 
@@ -212,6 +212,7 @@ def _taken_live(known: Known, distance_m: float) -> tuple[Frame, str]:
     with LiveDistance(known.camera, chosen_target(known), date=today()) as session:
         take = session.take(distance_m)
         frame = session.pictures[take.name]
+    known.frames = (frame,)
     spread = f"spread {take.spread_share:.1%}"
     return frame, f"Found in {take.found} of {take.frames} frames, {take.size_px:.0f} px, {spread}."
 

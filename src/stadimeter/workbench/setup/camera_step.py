@@ -67,7 +67,7 @@ class CameraStep(Step):
         known.frames, known.is_live = _frames(choice)
         known.camera = choice
         known.camera_model = None
-        write_picture(_new(known.path(SHOWN)), known.frame.image)
+        write_picture(known.path(SHOWN), known.frame.image)
         size = f"{known.frame.width_px} × {known.frame.height_px} pixels"
         seen = f"It sees {size}; the picture is {SHOWN}."
         remarks = tuple(f"{each[0].upper()}{each[1:]}." for each in picture_remarks(known.frame.image))
@@ -146,7 +146,7 @@ def _try(known: Known, camera: AttachedCamera, number: int) -> str:
         frame = settled_frame(known.chosen(CAMERA, ("camera",), camera_table(camera.choice)))
     except StadimeterError as error:
         return str(error)
-    write_picture(_new(known.path(name)), frame.image)
+    write_picture(known.path(name), frame.image)
     return f"its picture is {name}"
 
 
@@ -156,8 +156,3 @@ def _pictures_in(folder: Path) -> str:
         if next(folder.glob(f"*.{suffix}"), None):
             return f"*.{suffix}"
     return ""
-
-
-def _new(path: Path) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path

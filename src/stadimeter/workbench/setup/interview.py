@@ -26,6 +26,9 @@ from stadimeter.workbench.setup.wish_steps import (
 )
 from stadimeter.workbench.setup.wishes import WISHES
 
+_CHANGES_ALL = frozenset({CameraStep.key, TargetStep.key})
+"""After another answer to one of these, later answers of an earlier interview mean nothing."""
+
 
 class Interview:
     """Asks one question after the other. Each answer is saved as soon as it is accepted.
@@ -33,10 +36,14 @@ class Interview:
     Args:
         folder: Where the files will be.
         earlier: Answers of an earlier interview, which are ready in this one.
+
+    Raises:
+        ConfigError: The folder cannot be made.
     """
 
     def __init__(self, folder: Path, earlier: Mapping[str, str] | None = None) -> None:
         self.known = Known(folder=folder)
+        self.known.make_folder()
         self._earlier = dict(earlier or {})
         self._first: tuple[Step, ...] = (
             CameraStep(), TargetStep(), SizeStep(), TagStep(), ColourStep(), CalibrationStep(), ProofStep(), WishStep(),
@@ -82,6 +89,8 @@ class Interview:
         if confirm and accepted.doubt and self._doubted.get(step.key) != accepted.answer:
             self._doubted[step.key] = accepted.answer
             return accepted
+        if step.key in _CHANGES_ALL and self._earlier.get(step.key) != accepted.answer:
+            self._earlier.clear()  # the size of a ball is none of a sheet
         self.known.answers[step.key] = accepted.answer
         save_answers(self.path, self.known.answers)
         return replace(accepted, doubt=False)
@@ -110,13 +119,18 @@ class Interview:
         return next((each for each in steps if each.key not in self.known.answers and each.is_asked(self.known)), None)
 
 
-def check_keys(answers: Mapping[str, str], file: str) -> None:
-    """Raise a `ConfigError` for answers to questions that do not exist."""
-    wishes = (f"{wish.key}_{blank.key}" for wish in WISHES for blank in wish.blanks)
-    outputs = (OutputStep(wish).key for wish in WISHES)
+def answer_keys() -> tuple[str, ...]:
+    """Return the key of every question that may be asked."""
     others = (CameraStep, TargetStep, SizeStep, TagStep, ColourStep, CalibrationStep, ProofStep, WishStep)
     more = (SecondTargetStep, BaseStep, WheelsStep, BrokerStep)
-    known = [*(step.key for step in (*others, *more)), *wishes, *outputs]
+    blanks = (f"{wish.key}_{blank.key}" for wish in WISHES for blank in wish.blanks)
+    outputs = (OutputStep(wish).key for wish in WISHES if wish.output not in {"base", "mqtt"})
+    return (*(step.key for step in (*others, *more)), *blanks, *outputs)
+
+
+def check_keys(answers: Mapping[str, str], file: str) -> None:
+    """Raise a `ConfigError` for answers to questions that do not exist."""
+    known = answer_keys()
     unknown = [key for key in answers if key not in known]
     if unknown:
         raise ConfigError(

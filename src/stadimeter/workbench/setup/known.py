@@ -55,6 +55,14 @@ class Known:
         """Return the path of a file that an answer names."""
         return self.folder / Path(name).expanduser()
 
+    def make_folder(self) -> None:
+        """Make the folder, and the one for pictures in it; a `ConfigError` says why that cannot be."""
+        try:
+            (self.folder / PICTURES).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise ConfigError([Problem(f"the folder cannot be made: {reason}", str(self.folder / PICTURES))]) from error
+
     def chosen(self, kind: DriverKind[Any], at: tuple[str, ...], table: dict[str, Any]) -> DriverChoice:
         """Return the driver of a table as the configuration will hold it.
 

@@ -41,7 +41,7 @@ class WishStep(Step):
             text="What shall happen?",
             options=options,
             ready="near",
-            form="one or several, such as near far",
+            form="several of them, such as near far",
         )
 
     def accept(self, known: Known, text: str) -> Accepted:

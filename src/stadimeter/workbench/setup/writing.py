@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import count
 from pathlib import Path
 
+import stadimeter
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.errors import ConfigError, Problem
 
@@ -22,12 +23,26 @@ def write_files(folder: Path, files: Mapping[str, str]) -> Iterator[str]:
             if path.exists() and path.read_bytes() == text.encode():
                 yield f"{path} is as it was"
                 continue
+            path.parent.mkdir(parents=True, exist_ok=True)
             kept = f"; the one that was there is {_keep(path)} now" if path.exists() else ""
             write_atomically(path, text.encode())
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise ConfigError([Problem(f"it cannot be written: {reason}", str(path))]) from error
         yield f"wrote {path}{kept}"
+
+
+def example(name: str) -> str:
+    """Return an example configuration that comes with the program.
+
+    Raises:
+        ConfigError: There is none of that name; it lists them.
+    """
+    folder = Path(stadimeter.__file__).parent / "configurations"
+    texts = {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    if name not in texts:
+        raise ConfigError([Problem(f"there is no example {name!r}, only {', '.join(texts)}", key="--example")])
+    return texts[name].read_text(encoding="utf-8")
 
 
 def copy_name(path: Path) -> Path:

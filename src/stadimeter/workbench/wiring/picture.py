@@ -48,6 +48,18 @@ def wiring_picture(actuators: Sequence[DriverChoice]) -> Drawing:
     return Drawing(WIDTH_M + 2 * MARGIN_M, top_m + MARGIN_M, tuple(shapes))
 
 
+def circuit_picture(actuator: DriverChoice) -> Drawing:
+    """Return a drawing of an actuator's circuits by themselves, for parts lists."""
+    shapes: list[Shape] = []
+    top_m = MARGIN_M
+    outputs = wired_outputs([actuator])
+    columns = max(len(line) for output in outputs for line in _lines(output))
+    for output in outputs:
+        shapes += _circuit(output, top_m, has_notes=False)
+        top_m += (len(_lines(output)) + 2) * ROW_M
+    return Drawing(columns * COLUMN_M + 2 * MARGIN_M, top_m, tuple(shapes))
+
+
 def _header(outputs: Sequence[Output]) -> Iterator[Shape]:
     yield Text(MARGIN_M, MARGIN_M, ORIENTATION, SIZE_M, colour=GREY)
     labels = header_labels(outputs)
@@ -85,9 +97,9 @@ def _notes(output: Output) -> list[str]:
     ]
 
 
-def _circuit(output: Output, top_m: float) -> Iterator[Shape]:
+def _circuit(output: Output, top_m: float, *, has_notes: bool = True) -> Iterator[Shape]:
     yield Text(MARGIN_M, top_m, f"{output.name}: {CIRCUITS[output.circuit].title}", 1.25 * SIZE_M)
-    lines, notes = _lines(output), _notes(output)
+    lines, notes = _lines(output), _notes(output) if has_notes else []
     for row, line in enumerate(lines, start=1):
         yield from _traced(line, top_m + row * ROW_M)
     for row, note in enumerate(notes, start=len(lines) + 1):
