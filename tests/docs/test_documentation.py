@@ -42,7 +42,7 @@ PAGES = [
 ANSWERS = re.compile(r"^<!-- answers -->\n```toml\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WRONG = re.compile(r"^<!-- wrong on purpose -->\n(?:<!-- .*? -->\n)?```\w+\n.*?^```\n", re.MULTILINE | re.DOTALL)
-IN_A_SENTENCE = re.compile(r"`(?:[a-z ]+ )?stadimeter ([a-z][^`]*)`")
+IN_A_SENTENCE = re.compile(r"`((?:uvx |pipx run |sudo )?stadimeter [a-z][^`\n…]*)`")
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 
 AROUND = {
@@ -154,21 +154,24 @@ def codes_in_the_source():
 
 
 def commands():
+    """Yield the words behind `stadimeter` of every command in a block or in a sentence."""
     for page in PAGES:
-        for kind, text in FENCE.findall(page.read_text()):
-            if kind not in {"sh", "console"}:
-                continue
-            lines = text.splitlines()
-            if kind == "console":
-                lines = [re.split(r" [|>] ", line[2:])[0] for line in lines if line.startswith("$ ")]
-            for line in lines:
-                words = shlex.split(line, comments=True)
-                while words and words[0] in {"uvx", "pipx", "run", "sudo"}:
-                    del words[0]
-                if words and words[0].rpartition("/")[2] == "stadimeter":
-                    yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
-        for line in IN_A_SENTENCE.findall(FENCE.sub("", page.read_text())):
-            yield pytest.param(shlex.split(line), id=f"{page.name}: {line}")
+        text = page.read_text()
+        blocks = [line for kind, block in FENCE.findall(text) for line in command_lines(kind, block)]
+        for line in blocks + IN_A_SENTENCE.findall(FENCE.sub("", text)):
+            words = shlex.split(line, comments=True)
+            while words and words[0] in {"uvx", "pipx", "run", "sudo"}:
+                del words[0]
+            if words and words[0].rpartition("/")[2] == "stadimeter":
+                yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
+
+
+def command_lines(kind, block):
+    """Return the lines of a block that are typed into a shell."""
+    if kind == "sh":
+        return block.splitlines()
+    typed = [line for line in block.splitlines() if kind == "console" and line.startswith("$ ")]
+    return [re.split(r" [|>] ", line[2:])[0] for line in typed]
 
 
 @pytest.mark.parametrize("words", list(commands()))
@@ -261,3 +264,16 @@ def test_the_drivers_of_the_guide_are_found_by_their_entry_points(driver_package
     done = python_in(driver_package, "-m", "stadimeter", "check", "config.toml")
     assert "bright" in done.stdout + done.stderr
     assert "did you mean 'max_speed'" in done.stdout + done.stderr
+
+
+LONG_LINES = 155
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.parent == ROOT / "docs"], ids=lambda page: page.name)
+def test_a_long_page_begins_with_a_table_of_its_contents(page):
+    text = page.read_text()
+    start, *sections = re.split(r"^## ", FENCE.sub("", text), flags=re.MULTILINE)
+    if len(text.splitlines()) > LONG_LINES:
+        linked = set(re.findall(r"\]\(#([^)]+)\)", start))
+        names = {re.sub(r"[^\w\- ]", "", each.partition("\n")[0].lower()).replace(" ", "-") for each in sections}
+        assert names - linked == set()
