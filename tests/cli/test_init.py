@@ -239,6 +239,7 @@ class Terminal:
         return self._process.wait(30)
 
 
+@pytest.mark.timeout(180)
 def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path: Path) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)
     first = Terminal(tmp_path, columns=40)

@@ -52,7 +52,7 @@ class CameraStep(Step):
         return Question(
             key=self.key,
             text="Which camera?",
-            found=() if cameras else (f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}.",),
+            found=() if cameras else (_no_camera(pictures),),
             options=tuple(options),
             ready=options[0].answer if options else "",
             form="a device such as /dev/video0, picamera2, the address of a stream, a video file, or picture files",
@@ -69,6 +69,13 @@ class CameraStep(Step):
         seen = f"It sees {size}; the picture is {SHOWN}."
         remarks = tuple(f"{each[0].upper()}{each[1:]}." for each in picture_remarks(known.frame.image))
         return Accepted(answer=text, notes=(seen, *remarks), doubt=bool(remarks))
+
+
+def _no_camera(pictures: str) -> str:
+    """Say that no camera is found: at length if there is nothing else."""
+    if pictures:
+        return "No camera is found; `stadimeter cameras` says what to look at."
+    return f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}."
 
 
 def camera_table(text: str) -> dict[str, Any]:
