@@ -161,6 +161,7 @@ def test_answers_may_be_numbers_and_lists_but_no_tables(tmp_path: Path) -> None:
         ("0", {"driver": "opencv", "device": 0}),
         ("/dev/video2", {"driver": "opencv", "device": "/dev/video2"}),
         ("opencv,device=0,exposure=5 ms", {"driver": "opencv", "device": 0, "exposure": "5 ms"}),
+        ("/dev/video2,exposure=5ms", {"driver": "opencv", "device": "/dev/video2", "exposure": "5ms"}),
         ("http://10.0.0.9/a,b=c", {"driver": "opencv", "device": "http://10.0.0.9/a,b=c"}),
         ("picamera2", {"driver": "picamera2"}),
         ("drive.mp4", {"driver": "video", "path": "drive.mp4"}),

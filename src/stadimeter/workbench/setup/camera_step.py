@@ -34,7 +34,7 @@ MOST_FRAMES = 4
 LONGEST_RECORDING = 2000
 """Frames behind these are not looked at."""
 
-_DRIVER = re.compile(r"[a-z][\w-]*(,\s*\w+\s*=.*)+")
+_DRIVER = re.compile(r"[a-z][\w-]*")
 
 
 class CameraStep(Step):
@@ -84,15 +84,15 @@ def camera_table(text: str) -> dict[str, Any]:
     Raises:
         ConfigError: A quotation mark is missing.
     """
-    if text.isdecimal():
-        return {"driver": "opencv", "device": int(text)}
-    if text.startswith("/dev/") or "://" in text:
+    if "://" in text:
         return {"driver": "opencv", "device": text}
-    if _DRIVER.fullmatch(text):
-        driver, *options = text.split(",")
+    driver, *options = text.split(",")
+    if driver.isdecimal() or driver.startswith("/dev/"):
+        driver, options = "opencv", [f"device={driver}", *options]
+    if driver in driver_names(CAMERAS) or (
+        _DRIVER.fullmatch(driver) and options and all("=" in each for each in options)
+    ):
         return {"driver": driver, **dict(map(key_and_value, options))}
-    if text in driver_names(CAMERAS):
-        return {"driver": text}
     files = words_of(text)
     if len(files) == 1 and is_video_file(Path(files[0])):
         return {"driver": "video", "path": files[0]}
