@@ -21,6 +21,7 @@ from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import METRE, format_distance
 from stadimeter.cli.test_rules import run_tests
 from stadimeter.cli.wiring import wiring
+from stadimeter.config.addresses import address_for_people
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.measuring import Measuring
@@ -100,7 +101,7 @@ def init(
             )
         known = _scripted(console, folder, answers) if answers else _asked(console, folder)
         _write(console, known)
-    raise typer.Exit(_shown(console, known))
+        raise typer.Exit(_shown(console, known))
 
 
 def _is_terminal() -> bool:
@@ -246,7 +247,8 @@ def _typed(console: Console, text: str, ready: str) -> str:
 
 
 def _tell_accepted(console: Console, key: str, accepted: Accepted) -> None:
-    console.print(Text.assemble((f"{key}", "bold"), " = ", (accepted.answer, "cyan")))
+    shown = address_for_people(accepted.answer) if "://" in accepted.answer else accepted.answer
+    console.print(Text.assemble((f"{key}", "bold"), " = ", (shown, "cyan")))
     for note in accepted.notes:
         _indented(console, note, "green")
 
