@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import camera_table
-import cv2
 from gallery import make_gallery
 from live_view_svg import save_svg
 
@@ -19,16 +16,12 @@ from stadimeter.app.loop import Loop
 from stadimeter.cli.demonstration import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 from stadimeter.cli.viewing import live_view_of
-from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, DriverChoice, load_plugin
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.core.frame import Frame
 from stadimeter.workbench.drawing.files import write_drawings
 from stadimeter.workbench.wiring.picture import circuit_picture, wiring_picture
-from support.scenes.draw import sheet_scene
-from support.scenes.floor import FloorBackdrop, Ground
-from support.scenes.render import render
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -98,23 +91,9 @@ def printed_page(path: Path) -> None:
     subprocess.run(command, check=True)  # noqa: S603
 
 
-def measured_sheet_picture(path: Path) -> None:
-    """Render a sheet of A4 above a wooden floor, and have it measured and annotated by the command that people use."""
-    floor = FloorBackdrop(ground=Ground.WOOD, bgr=(80, 120, 160))
-    scene = replace(sheet_scene(seed=6, tilt_rad=0.5), backdrop=floor)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        cv2.imwrite(str(folder / "sheet.png"), render(scene).image)
-        save_camera_model(folder / "camera.toml", scene.camera)
-        measure = "stadimeter measure sheet.png --camera camera.toml --sheet A4 --annotate ."
-        subprocess.run([sys.executable, "-m", *measure.split()], check=True, cwd=folder)  # noqa: S603
-        cv2.imwrite(str(path), cv2.imread(str(folder / "sheet-measured.png")), [cv2.IMWRITE_JPEG_QUALITY, 90])
-
-
 if __name__ == "__main__":
     live_view_picture(HERE / "live-view.svg", LIVE_VIEW_SECONDS)
     wiring_pictures(HERE)
     printed_page(HERE / "print-tag.svg")
     make_gallery(HERE)
     camera_table.write()
-    measured_sheet_picture(HERE / "sheet.jpg")

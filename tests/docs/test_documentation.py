@@ -165,6 +165,7 @@ def lines_typed(text):
 
 
 def commands():
+    """Yield the words behind `stadimeter` of every command in a block or in a sentence."""
     for page in PAGES:
         text = page.read_text()
         typed = [shlex.split(line, comments=True) for line in lines_typed(text)]
@@ -266,3 +267,16 @@ def test_the_drivers_of_the_guide_are_found_by_their_entry_points(driver_package
     done = python_in(driver_package, "-m", "stadimeter", "check", "config.toml")
     assert "bright" in done.stdout + done.stderr
     assert "did you mean 'max_speed'" in done.stdout + done.stderr
+
+
+LONG_LINES = 155
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.parent == ROOT / "docs"], ids=lambda page: page.name)
+def test_a_long_page_begins_with_a_table_of_its_contents(page):
+    text = page.read_text()
+    start, *sections = re.split(r"^## ", FENCE.sub("", text), flags=re.MULTILINE)
+    if len(text.splitlines()) > LONG_LINES:
+        linked = set(re.findall(r"\]\(#([^)]+)\)", start))
+        names = {re.sub(r"[^\w\- ]", "", each.partition("\n")[0].lower()).replace(" ", "-") for each in sections}
+        assert names - linked == set()

@@ -33,7 +33,7 @@ PAGE_OF = {
     "median": "benchmarks/report.html",
     "threshold": "rules.html",
     "troubleshooting": "troubleshooting.html",
-    "webcam": "troubleshooting.html",
+    "webcam": "cameras.html",
 }
 """The page that a reader who searches for a word wants to see first."""
 
