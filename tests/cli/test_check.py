@@ -82,7 +82,7 @@ def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:
 
 def test_a_sound_configuration_is_told_in_words() -> None:
     file = CONFIGURATIONS / "distance-alert.toml"
-    result = run_check(str(file))
+    result = run_check(str(file), "--elsewhere")
     assert result.exit_code == 0
     assert result.stderr == ""
     assert (
@@ -127,7 +127,7 @@ def test_json_lists_the_problems_for_programs(wrong: Path) -> None:
 
 
 def test_json_of_a_sound_configuration_says_what_it_does() -> None:
-    result = run_check(str(CONFIGURATIONS / "follow-ball.toml"), "--json")
+    result = run_check(str(CONFIGURATIONS / "follow-ball.toml"), "--json", "--elsewhere")
     assert result.exit_code == 0
     record = json.loads(result.stdout)
     assert record["usable"] is True
@@ -180,7 +180,7 @@ def test_a_warning_counts_only_if_that_is_wanted(late: Path, arguments: tuple[st
 
 
 def test_without_a_warning_strict_is_content() -> None:
-    assert run_check(str(CONFIGURATIONS / "follow-ball.toml"), "--strict").exit_code == 0
+    assert run_check(str(CONFIGURATIONS / "follow-ball.toml"), "--strict", "--elsewhere").exit_code == 0
 
 
 def test_an_error_does_not_hide_the_warnings_about_other_rules(late: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rules.condition_tables import DEEPEST, WhenTable, simple_tables
+from stadimeter.config.rules.condition_tables import DEEPEST, WhenTable, kinds_in
 from stadimeter.config.units import parse_angle_or_zero, parse_duration, parse_time_of_day, parse_velocity
 from stadimeter.core import condition as core
 from stadimeter.core.decision import Severity
@@ -123,25 +123,31 @@ def test_a_safety_rule_acts_as_soon_as_danger_is_as_likely_as_not(text: str) -> 
     assert getattr(next(core.leaves(nested)), "probability_on") == 0.5  # noqa: B009
 
 
-def test_the_parts_of_a_condition_are_found_with_their_places() -> None:
-    text = '{ all = [ { below = "1 m" }, { any = [ { seen = true }, { not = { rule = "a" } } ] } ] }'
-    places = [place for place, _ in simple_tables(table(text), ("rules", "near", "when"))]
-    at = ("rules", "near", "when", "all")
-    assert places == [(*at, 0), (*at, 1, "any", 0), (*at, 1, "any", 1, "not")]
-    kinds = [type(part.to_plan(Severity.WARNING)) for _, part in simple_tables(table(text), ())]
-    assert kinds == [type(leaf) for leaf in core.leaves(plan(text))]
+def test_several_conditions_in_one_table_are_short_for_all_of_them() -> None:
+    time = 'time = { between = ["22:00", "06:00"] }'
+    text = f'{{ {time}, below = "1 m", deadband = "5 cm", seen_for = "2 s", target = "tag" }}'
+    long = (
+        '{ all = [{ below = "1 m", deadband = "5 cm", target = "tag" }, { seen_for = "2 s", target = "tag" }, '
+        f"{{ {time} }}] }}"
+    )
+    assert plan(text) == plan(long)
+    assert len(kinds_in(tomllib.loads(f"when = {text}")["when"])) == 3
+
+
+def test_what_is_wrong_in_one_of_several_conditions_is_found_at_its_table(told: Told, sound: str) -> None:
+    rule = '[rules.it]\nactuator = "buzzer"\nwhen = { below = "1 m", lost = true }\n'
+    (message,) = told(f"{sound}{rule}")
+    assert message.startswith('rules.it.when: { below = "1 m" } and { lost = true } never hold together')
 
 
 WRONG = [
     (
-        '{ above = "1 m", seen = true }',
-        ("rules.it.when: a condition cannot have above, seen at once "
-        "(put each into a table of its own: all = [{ … }, { … }], or any)"),
+        '{ above = "1 m", between = ["2 m", "3 m"] }',
+        "rules.it.when: a condition cannot have above, between at once (write above, below, both of these, or between)",
     ),
     (
-        '{ all = [ { below = "1 m", rule = "it" } ] }',
-        ("rules.it.when.all.0: a condition cannot have below, rule at once "
-        "(put each into a table of its own: all = [{ … }, { … }], or any)"),
+        '{ seen = true, rule = "it", of = "depth" }',
+        "rules.it.when.of: 'of' has no meaning beside 'seen' and 'rule' (leave it out)",
     ),
     (
         '{ seen = true, probability = 0.9 }',

@@ -53,9 +53,9 @@ NEAR = '[rules.near]\nactuator = "buzzer"\n'
             "not)"),
         ),
         (
-            f'{NEAR}when = {{ above = "1 m", seen = true }}',
-            ("rules.near.when: a condition cannot have above, seen at once "
-            "(put each into a table of its own: all = [{ … }, { … }], or any)"),
+            f'{NEAR}when = {{ above = "1 m", between = ["2 m", "3 m"] }}',
+            ("rules.near.when: a condition cannot have above, between at once "
+            "(write above, below, both of these, or between)"),
         ),
         (
             f'{NEAR}when = {{ seen = true, deadband = "1 m" }}',
@@ -131,12 +131,6 @@ NEAR = '[rules.near]\nactuator = "buzzer"\n'
             'max_turn_rate = "0 deg/s" }'),
             "rules.near.follow: with all three largest speeds zero the base would never move (allow one of them)",
         ),
-        (
-            f'{NEAR}when = {{ below = "1 m" }}\n[rules.too]\nactuator = "buzzer"\nwhen = {{ above = "2 m" }}',
-            ("rules.too.priority: 'near' and 'too' both drive 'buzzer' with priority 100 "
-            "(give the one that shall win a higher one, such as priority = 200, or add combine = \"max\" to "
-            "[actuators.buzzer])"),
-        ),
         ("[rules.safety]\nwhen = { seen = true }", ("rules.safety: 'safety' cannot be a name here (the program uses it "
          "itself)")),
     ],
@@ -156,6 +150,7 @@ def test_a_rule_that_cannot_work_is_refused(told: Told, sound: str, rules: str, 
         f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 3, of = 3 }}\nlevel = 0.5',
         f'{NEAR}ramp = {{ from = "2 m", to = "1 m", min = 0.5, max = 0.5 }}',
         f'{NEAR}when = {{ seen = true }}\n[rules.too]\nactuator = "motor"\nwhen = {{ seen = true }}',
+        f'{NEAR}when = {{ below = "1 m" }}\n[rules.too]\nactuator = "buzzer"\nwhen = {{ above = "2 m" }}',
         f'{NEAR}when = {{ seen = true }}\n[rules.too]\nactuator = "buzzer"\npriority = 101\nwhen = {{ seen = true }}',
         '[rules.stop]\nactuator = "base"\nwhen = { below = "40 cm" }',
         '[rules.stop]\nactuator = "base"\ntarget = "ball"\nfollow = { distance = "1 m", max_turn_rate = "0 deg/s" }',

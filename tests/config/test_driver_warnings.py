@@ -1,4 +1,4 @@
-"""What `check` warns of about drivers: what they lack here, what wears them out, and what nobody uses."""
+"""What `check` warns of about drivers: what wears them out, and what nobody uses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def warned(tmp_path: Path, text: str) -> list[tuple[str, str, str]]:
     path = tmp_path / "run.toml"
     path.write_text(f'{PARTS}\n[rules.far]\nactuator = "motor"\nwhen = {{ above = "1 m" }}\n{text}')
     warnings = load_configuration(path).warnings
-    codes = ("driver-lacks", "relay-pattern", "output-unused")
+    codes = ("relay-pattern", "output-unused")
     return [(each.code, each.key, each.message) for each in warnings if each.code in codes]
 
 
@@ -47,23 +47,6 @@ def test_a_notifier_that_no_rule_notifies_is_warned_of(tmp_path: Path) -> None:
         '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n[[rules.near.escalation]]\nnotify = "phone"\n'
     )
     assert warned(tmp_path, text) == [("output-unused", "notifiers.mail", "no rule notifies 'mail'")]
-
-
-def test_what_a_notifier_would_lack_here_is_warned_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stadimeter.messaging.apprise_notifier.find_spec", lambda _name: None)
-    text = (
-        '[notifiers.phone]\ndriver = "apprise"\nurl_file = "phone.txt"\n'
-        '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n[[rules.near.escalation]]\nnotify = "phone"\n'
-    )
-    lacks = "the driver 'apprise' will not work here: "
-    assert warned(tmp_path, text) == [
-        (
-            "driver-lacks",
-            "notifiers.phone",
-            f"{lacks}the library apprise is not installed: pip install 'stadimeter[notify]'",
-        ),
-        ("driver-lacks", "notifiers.phone", f"{lacks}there is no file {tmp_path / 'phone.txt'}"),
-    ]
 
 
 CAMERA = """

@@ -242,7 +242,7 @@ def test_outputs_may_combine_what_equals_want(tmp_path: Path) -> None:
     motor, base, buzzer = outputs["motor"], outputs["base"], outputs["buzzer"]
     assert isinstance(motor, LevelOutput)
     assert isinstance(base, BaseOutput)
-    assert (motor.combine, base.combine, buzzer.combine) == ("max", "most_restrictive", None)
+    assert (motor.combine, base.combine, buzzer.combine) == ("max", "most_restrictive", "max")
 
 
 def test_a_table_of_points_reaches_the_core_with_the_nearest_first(tmp_path: Path) -> None:

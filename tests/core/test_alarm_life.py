@@ -110,6 +110,24 @@ def test_a_latched_alarm_is_acknowledged_before_it_is_reset():
     assert status(run.see(3)).status is RuleStatus.IDLE
 
 
+def test_a_latch_until_acknowledged_goes_on_after_its_condition_and_ends_when_it_is_acknowledged():
+    run = rehearse(latch=True, ack_resets=True, needs_ack=True)
+    run.see(*FAR, *CLOSE, *FAR, *FAR)
+    assert (status(run.see(3)).status, level(run.see(3))) == (RuleStatus.LATCHED, 1.0)
+    assert run.tell("acknowledge", "near", by="Ben").accepted
+    decision = run.see(3)
+    assert (status(decision).status, level(decision)) == (RuleStatus.IDLE, 0.0)
+    assert run.events("near") == ["raised", "acknowledged", "cleared"]
+
+
+def test_a_latch_until_acknowledged_that_was_acknowledged_early_clears_with_its_condition():
+    run = rehearse(latch=True, ack_resets=True, needs_ack=True)
+    run.see(*FAR, *CLOSE)
+    assert run.tell("acknowledge", "near").accepted
+    assert level(run.see(0.5)) == 1.0
+    assert status(run.see(*FAR, *FAR)).status is RuleStatus.IDLE
+
+
 def test_an_alarm_that_stands_long_is_reported_again_and_unacknowledged_again():
     run = rehearse(needs_ack=True, realarm_s=1.0)
     run.see(*FAR, *CLOSE)

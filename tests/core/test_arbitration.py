@@ -80,9 +80,9 @@ def test_an_actuator_combines_two_as_well_as_three():
     assert [each.rule for each in arbitrate([level("a", 0.2), level("b", 0.9)], outputs)["motor"]] == ["b", "a"]
 
 
-def test_without_a_combination_the_first_in_the_configuration_wins():
+def test_without_a_word_about_it_the_highest_level_counts():
     outputs = {"motor": LevelOutput(name="motor")}
-    assert [each.rule for each in arbitrate([level("a", 0.2), level("b", 0.9)], outputs)["motor"]] == ["a", "b"]
+    assert [each.rule for each in arbitrate([level("a", 0.2), level("b", 0.9)], outputs)["motor"]] == ["b", "a"]
 
 
 def test_outputs_that_are_not_asked_for_are_left_out():

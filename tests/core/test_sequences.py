@@ -110,6 +110,22 @@ def test_a_step_after_clearing_is_done_then():
     assert sum(levels(decision)[1] == 1.0 for _, decision in run.decisions) == 3
 
 
+def test_a_pattern_after_clearing_goes_on_though_the_alarm_itself_rests():
+    beeps = SequenceStep(on="cleared", output="lamp", pattern=Pattern(steps=((1.0, 0.2), (0.0, 0.2))), for_s=1.0)
+    run = rehearse(replace(NEAR, sequence=(beeps,)))
+    run.see(*CLOSE)
+    seen = [levels(run.see(3.0))[1] for _ in range(20)]
+    assert sum(now > before for before, now in zip([0.0, *seen], seen, strict=False)) == 3
+    assert seen[-5:] == [0.0] * 5
+
+
+def test_a_message_counts_how_often_the_alarm_was_raised():
+    run = rehearse(replace(NEAR, sequence=(replace(CALL, after_s=0.0),)))
+    for _ in range(3):
+        run.see(*FAR, *CLOSE)
+    assert [notice.count for _, decision in run.decisions for notice in decision.notices] == [1, 2, 3]
+
+
 def test_a_suppressed_alarm_is_quiet_and_tells_what_suppresses_it():
     maintenance = AlarmRule(name="far", target="ball", condition=DistanceCondition(below_m=0.7), off_delay_s=0.2)
     run = rehearse(replace(NEAR, suppress_when=RuleCondition(rule="far"), sequence=(CALL,)), maintenance)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from stadimeter.core import templates
 from stadimeter.core.condition import DistanceCondition
-from stadimeter.core.decision import Event, EventKind, Severity
+from stadimeter.core.decision import Event, EventKind, Notice, Severity
 from stadimeter.core.rule import AlarmRule, Template
 from stadimeter.core.templates import FIELDS, FLAG_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, TemplateError
 from stadimeter.core.track import Track, TrackStatus
@@ -31,16 +31,20 @@ BALL = Track(
 LOST = Track(target="ball", status=TrackStatus.LOST, distance_m=0.4064, sigma_m=0.0052)
 
 
+def noticed(event):
+    return Notice(rule="near", step=0, event=event, count=3)
+
+
 def filled(text, track=BALL, event=EVENT):
     template = Template(text=text)
     templates.check(template)
-    return templates.render(template, templates.fields(RULE, event, track, TIME, "door"))
+    return templates.render(template, templates.fields(RULE, noticed(event), track, TIME, "door"))
 
 
 def filled_json(value, track=BALL):
     template = Template(text=json.dumps(value), is_json=True)
     templates.check(template)
-    return json.loads(templates.render(template, templates.fields(RULE, EVENT, track, TIME)))
+    return json.loads(templates.render(template, templates.fields(RULE, noticed(EVENT), track, TIME)))
 
 
 def test_gaps_are_filled_with_what_happened():
@@ -163,7 +167,7 @@ def test_what_was_checked_can_always_be_filled_and_stays_short(field, form, dist
         return
     track = Track(target="ball", status=status, distance_m=distance_m, closing_mps=closing_mps, sigma_m=closing_mps)
     event = Event(kind=EventKind.ACKNOWLEDGED, source="near", at_s=0.0, severity=Severity.INFO, reason=said, by=said)
-    values = templates.fields(RULE, event, track, TIME)
+    values = templates.fields(RULE, noticed(event), track, TIME)
     assert len(templates.render(Template(text=text), values)) <= 1000
     packed = templates.render(Template(text=json.dumps([text]), is_json=True), values)
     json.loads(packed, parse_constant=pytest.fail)
@@ -182,11 +186,11 @@ def test_no_text_whatever_ends_in_anything_but_a_template_error(text):
 @given(st.text(max_size=40), st.text(max_size=40))
 def test_what_people_say_cannot_become_a_gap_or_break_out_of_json(said, name):
     event = Event(kind=EventKind.RESET, source="near", at_s=0.0, severity=Severity.INFO, reason=said, by=name)
-    values = templates.fields(RULE, event, BALL, TIME)
+    values = templates.fields(RULE, noticed(event), BALL, TIME)
     packed = templates.render(Template(text='{"a": "{reason}|{by}", "b": "{by}"}', is_json=True), values)
     assert json.loads(packed) == {"a": f"{said}|{name}", "b": name}
 
 
 def test_every_field_has_a_value():
-    assert set(templates.fields(RULE, EVENT, BALL, TIME)) == set(FIELDS)
+    assert set(templates.fields(RULE, noticed(EVENT), BALL, TIME)) == set(FIELDS)
     assert len(FIELDS) == len(TEXT_FIELDS) + len(NUMBER_FIELDS) + len(FLAG_FIELDS)

@@ -35,7 +35,7 @@ def notifier(url: str, patience: Patience = PATIENCE) -> AppriseNotifier:
 
 def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "apprise", None)
-    with pytest.raises(DriverUnavailableError, match=r"'phone' needs the library apprise.*stadimeter\[notify\]"):
+    with pytest.raises(DriverUnavailableError, match=r"'phone' needs apprise: .*stadimeter\[notify\]"):
         notifier("json://127.0.0.1/").open()
 
 

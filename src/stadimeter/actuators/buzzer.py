@@ -7,7 +7,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin
+from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin, pins_lack
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Duration, Pin
 from stadimeter.core.command import LevelCommand
@@ -128,4 +128,4 @@ class GpiozeroBuzzer:
         self._pin.write(FULL_PERCENT if self._pattern.sounds(self._level, now_s) else 0)
 
 
-PLUGIN = Plugin(options=BuzzerOptions, build=GpiozeroBuzzer, verb="buzzes")
+PLUGIN = Plugin(options=BuzzerOptions, build=GpiozeroBuzzer, lacks=pins_lack, verb="buzzes", circuit="buzzer")

@@ -25,6 +25,7 @@ from gpiozero import DigitalOutputDevice, GPIODevice, GPIOPinInUse, GPIOZeroErro
 from gpiozero.pins.mock import MockFactory
 from gpiozero.pins.pi import PiFactory
 
+from stadimeter.config.extras import missing
 from stadimeter.config.plugins import DriverContext
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, DriverUnavailableError
 
@@ -59,14 +60,34 @@ def open_pin_factory() -> PiFactory:
         DriverUnavailableError: lgpio is not installed.
         DeviceOpenError: This computer has no pins that we may use, or the environment asks for another library.
     """
-    name = os.environ.get("GPIOZERO_PIN_FACTORY", "").lower() or "lgpio"
+    name = _asked_for()
     if name == "lgpio":
         return _open_lgpio()
     if name == "mock":
         return _make_mock()
-    raise DeviceOpenError(
-        f"GPIOZERO_PIN_FACTORY={name}: pins are driven through lgpio only; unset the variable, or set it to mock"
-    )
+    raise DeviceOpenError(_not_ours(name))
+
+
+def pins_lack(_options: object) -> tuple[str, ...]:
+    """Return what this computer lacks to drive pins, for `Plugin.lacks`. No pin is touched."""
+    name = _asked_for()
+    if name == "mock":
+        return ()
+    if name != "lgpio":
+        return (_not_ours(name),)
+    if trouble := missing("pi"):
+        return (f"pins are driven through lgpio: {trouble}; {_TRY_WITHOUT}",)
+    if not any(Path("/dev").glob("gpiochip*")):
+        return (f"this computer has no GPIO pins (no /dev/gpiochip0); {_TRY_WITHOUT}",)
+    return ()
+
+
+def _asked_for() -> str:
+    return os.environ.get("GPIOZERO_PIN_FACTORY", "").lower() or "lgpio"
+
+
+def _not_ours(name: str) -> str:
+    return f"GPIOZERO_PIN_FACTORY={name}: pins are driven through lgpio only; unset the variable, or set it to mock"
 
 
 def _open_lgpio() -> PiFactory:
@@ -75,7 +96,7 @@ def _open_lgpio() -> PiFactory:
             from gpiozero.pins.lgpio import LGPIOFactory  # noqa: PLC0415 - absent where there are no pins
     except ImportError as error:
         raise DriverUnavailableError(
-            "pins are driven through lgpio, which is not installed: run pip install 'stadimeter[pi]'; " + _TRY_WITHOUT
+            f"pins are driven through lgpio: {missing('pi') or error}; {_TRY_WITHOUT}"
         ) from error
     except vendor_errors() as error:
         raise DeviceOpenError(f"lgpio does not start: {error}") from error

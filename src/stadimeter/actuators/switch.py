@@ -9,7 +9,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin
+from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin, pins_lack
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Frequency, Pin
 from stadimeter.core.command import LevelCommand
@@ -106,5 +106,12 @@ def _on_from(on_at: float) -> Callable[[float], int]:
     return lambda level: FULL_PERCENT if level >= on_at else 0
 
 
-LED_PLUGIN = Plugin(options=LedOptions, build=build_led, verb="lights")
-RELAY_PLUGIN = Plugin(options=RelayOptions, build=build_relay, verb="switches on", is_worn_by_switching=True)
+LED_PLUGIN = Plugin(options=LedOptions, build=build_led, lacks=pins_lack, verb="lights", circuit="led")
+RELAY_PLUGIN = Plugin(
+    options=RelayOptions,
+    build=build_relay,
+    lacks=pins_lack,
+    verb="switches on",
+    is_worn_by_switching=True,
+    circuit="relay",
+)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pydantic import Field
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin
+from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin, pins_lack
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Duration, Frequency, Pin
 from stadimeter.core.command import LevelCommand
@@ -97,4 +97,6 @@ class GpiozeroVibrationMotor:
         self._pin.write(FULL_PERCENT if kicks else self._percent)
 
 
-PLUGIN = Plugin(options=VibrationMotorOptions, build=GpiozeroVibrationMotor, verb="vibrates")
+PLUGIN = Plugin(
+    options=VibrationMotorOptions, build=GpiozeroVibrationMotor, lacks=pins_lack, verb="vibrates", circuit="motor"
+)

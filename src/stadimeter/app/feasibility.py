@@ -1,11 +1,14 @@
-"""Warnings about rules that a camera and a target cannot serve: too far, too near, too fine, or out of the picture."""
+"""Warnings about rules that a camera and a target cannot serve: too far, near, fine or slow, or out of the picture."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 
+from stadimeter.app.bootstrap import build
 from stadimeter.app.detectors import build_detectors
+from stadimeter.config.cross_checks import LONGEST_BLIND_S
+from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
@@ -61,11 +64,45 @@ def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
     """
     if configuration.camera_model is None:
         return ()
+    slow = _frames_too_slow(configuration)
     sizes = _target_sizes(configuration)
     camera = configuration.camera_model
     found = (finding for compiled in configuration.rules for finding in _rule_findings(compiled, sizes, camera))
     unique = list(dict.fromkeys(found))  # a rule with several targets says the same of each
-    return problems(unique, str(configuration.path), configuration.spans)
+    return problems([*slow, *unique], str(configuration.path), configuration.spans)
+
+
+FRAMES_OF_AGE = 2.5
+"""Outputs go on through one frame that is missing if they may act for this many periods on one."""
+
+
+def _frames_too_slow(configuration: Configuration) -> Iterator[Finding]:
+    """Find a camera whose frames are too old to act on before the next one comes. A recording has all the time."""
+    rate_hz = getattr(configuration.camera.options, "rate", None)
+    longest_s = configuration.plan.safety.max_frame_age_s
+    if not rate_hz or 1 / rate_hz < longest_s or not configuration.plan.outputs or not _is_live(configuration):
+        return
+    message = (
+        f"at {rate_hz:g} frames a second each picture is {1e3 / rate_hz:.0f} ms old when the next one comes, and "
+        f"safety.max_frame_age is {1e3 * longest_s:.0f} ms: no output ever acts"
+    )
+    yield Finding(("camera", "rate"), message, _hint_for_rate(configuration, rate_hz), "rate-too-low")
+
+
+def _is_live(configuration: Configuration) -> bool:
+    try:
+        return build(configuration).is_live
+    except StadimeterError:
+        return False  # what cannot be built is said by others
+
+
+def _hint_for_rate(configuration: Configuration, rate_hz: float) -> str:
+    wanted_s = round(FRAMES_OF_AGE / rate_hz, 2)
+    if wanted_s > LONGEST_BLIND_S:
+        return f"take {FRAMES_OF_AGE / LONGEST_BLIND_S:g} frames a second or more: nothing acts for over 1 s unseen"
+    outputs = " and ".join("[base]" if name == BASE_NAME else f"[actuators.{name}]" for name in configuration.leases_s)
+    age = f'"{wanted_s:g} s"'
+    return f"take more frames, or write max_frame_age = {age} in [safety] and lease = {age} in {outputs}"
 
 
 def _target_sizes(configuration: Configuration) -> dict[str, TargetShape]:

@@ -63,7 +63,7 @@ class Notifying:
 
 def _values(rule: AlarmRule, notice: Notice, decision: Decision, time: str) -> dict[str, templates.Value]:
     track = next((track for track in decision.tracks if track.target == rule.target), None)
-    return templates.fields(rule, notice.event, track, time, rule.group)
+    return templates.fields(rule, notice, track, time, rule.group)
 
 
 def _message(send: Send, values: Mapping[str, templates.Value]) -> Message:

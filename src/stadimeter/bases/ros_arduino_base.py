@@ -19,7 +19,7 @@ from pydantic import PositiveInt, model_validator
 
 from stadimeter.bases import ros_arduino_codec as codec
 from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelTicks
-from stadimeter.bases.serial_link import SerialLink
+from stadimeter.bases.serial_link import SerialLink, port_lacks
 from stadimeter.config.plugins import PORTS, DriverContext, Options, Plugin, driver_names
 from stadimeter.config.units import Duration, Length, SerialPort, Speed
 from stadimeter.core.clock import Clock
@@ -349,4 +349,12 @@ class RosArduinoBase:
             )
 
 
-PLUGIN = Plugin(RosArduinoOptions, RosArduinoBase, is_simulated=lambda options: options.port in driver_names(PORTS))
+def _is_emulated(options: RosArduinoOptions) -> bool:
+    return options.port in driver_names(PORTS)
+
+
+def _lacks(options: RosArduinoOptions) -> tuple[str, ...]:
+    return () if _is_emulated(options) else port_lacks(options.port)
+
+
+PLUGIN = Plugin(RosArduinoOptions, RosArduinoBase, is_simulated=_is_emulated, lacks=_lacks)

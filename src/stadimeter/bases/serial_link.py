@@ -8,6 +8,7 @@ import select
 import termios
 import time
 from contextlib import suppress
+from pathlib import Path
 
 import serial
 from serial.tools import list_ports
@@ -137,6 +138,15 @@ class SerialLink:
 
     def _lost(self, error: OSError) -> LinkLostError:
         return LinkLostError(f"the serial port {self._path} is gone, was the base unplugged? ({error})")
+
+
+def port_lacks(path: str) -> tuple[str, ...]:
+    """Return why a port cannot be opened, as far as that shows without opening it, which would reset an Arduino."""
+    if not Path(path).exists():
+        return (_open_trouble(path, FileNotFoundError(errno.ENOENT, path)),)
+    if not os.access(path, os.R_OK | os.W_OK):
+        return (_open_trouble(path, PermissionError(errno.EACCES, path)),)
+    return ()
 
 
 def _open_trouble(path: str, error: Exception) -> str:

@@ -190,12 +190,8 @@ class OpenCvCamera:
         return next(iter(not_for_motion(self._options).values()), "")
 
     def _opened_device(self) -> CaptureLike:
-        if not Path(self._source).exists():
-            raise DeviceOpenError(
-                f"there is no camera {self._name}; is it plugged in? `stadimeter cameras` lists those that are there"
-            )
-        if not os.access(self._source, os.R_OK | os.W_OK):
-            raise DeviceOpenError(f"the camera {self._name} cannot be opened: {NOT_OURS}")
+        if trouble := _why_not_ours(self._source, self._name):
+            raise DeviceOpenError(trouble)
         capture = self._open_capture(self._source, cv2.CAP_V4L2, ())
         if not capture.isOpened():
             raise DeviceOpenError(f"the camera {self._name} cannot be opened: {_why_not(Path(self._source))}")
@@ -300,9 +296,23 @@ def _build(options: OpenCvOptions, context: DriverContext) -> OpenCvCamera:
     return OpenCvCamera(options, context.clock, cv2.VideoCapture)
 
 
+def _why_not_ours(source: str, name: str) -> str:
+    """Return why a device cannot be opened, as far as that shows without opening it; empty if nothing does."""
+    if not Path(source).exists():
+        return f"there is no camera {name}; is it plugged in? `stadimeter cameras` lists those that are there"
+    if not os.access(source, os.R_OK | os.W_OK):
+        return f"the camera {name} cannot be opened: {NOT_OURS}"
+    return ""
+
+
 def _lacks(options: OpenCvOptions) -> tuple[str, ...]:
     file = options.device_file
-    return (f"there is no file {file}",) if file is not None and not file.is_file() else ()
+    if file is not None:
+        return () if file.is_file() else (f"there is no file {file}",)
+    if options.is_stream:
+        return ()
+    trouble = _why_not_ours(options.source(), options.name)
+    return (trouble,) if trouble else ()
 
 
 PLUGIN = Plugin(

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from stadimeter.cli.exits import plain_errors
+from stadimeter.cli.progress import working
 from stadimeter.workbench.bench import DetectorSpeed, Figures, Latency, measure
 
 
@@ -40,7 +41,8 @@ def bench(
     - `stadimeter bench --seconds 60 --json > my-board.json`
     """
     with plain_errors():
-        figures = measure(seconds)
+        with working("measuring speed"):
+            figures = measure(seconds)
         if as_json:
             typer.echo(json.dumps(asdict(figures)))
             return

@@ -15,6 +15,7 @@ import typer
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.known_pictures import ToneCurveOption, today
 from stadimeter.cli.live_camera import camera_choice
+from stadimeter.cli.progress import counted, working
 from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.frame import Frame
@@ -97,7 +98,7 @@ def board(
     nothing was written.
     """
     with plain_errors():
-        wanted = _wanted(chessboard, charuco, square, marker, dictionary)
+        wanted = wanted_board(chessboard, charuco, square, marker, dictionary)
         if bool(pictures) == bool(live):
             raise ConfigError("give pictures of the board, or --live for a camera, one of the two")
         made, all_used = _from_camera(live, wanted) if live else _from_pictures(pictures or [], wanted)
@@ -112,12 +113,13 @@ def _from_pictures(pictures: Sequence[Path], wanted: Board) -> tuple[BoardCalibr
     """Return what pictures give, and whether all of them were used."""
     for note in check_lens_settings(pictures):
         typer.echo(f"note: {note}", err=True)
-    found = find_boards(pictures, wanted)
+    found = find_boards(pictures, wanted, lambda paths: counted(paths, "looking for the board in pictures", len(paths)))
     for picture, reason in found.missed:
         typer.echo(f"left out: {picture}: {reason}", err=True)
     if not found.views:
         _never_found("the board was found in no picture")
-    made = calibrate_board(found.views, found.width_px, found.height_px, date=today())
+    with working("calibrating"):
+        made = calibrate_board(found.views, found.width_px, found.height_px, date=today())
     return made, not found.missed and not any(view.was_left_out for view in made.views)
 
 
@@ -126,7 +128,8 @@ def _from_camera(live: str, wanted: Board) -> tuple[BoardCalibration, bool]:
     session = views_from_camera(live, wanted)
     if not session.views:
         _never_found("the camera saw no view of the board")
-    made = session.calibration or calibrate_board(session.views, session.width_px, session.height_px, date=today())
+    with working("calibrating"):
+        made = session.calibration or calibrate_board(session.views, session.width_px, session.height_px, date=today())
     return made, True
 
 
@@ -139,9 +142,10 @@ def _never_found(what: str) -> NoReturn:
     raise typer.Exit(NOT_FOUND)
 
 
-def _wanted(
+def wanted_board(
     chessboard: str | None, charuco: str | None, square: str, marker: str | None, dictionary: str | None
 ) -> Board:
+    """Return the board that the options describe; `ConfigError` if they contradict each other."""
     square_m = parse_known_length(square, "--square")
     if (chessboard is None) == (charuco is None):
         raise ConfigError("say which board it is: --board 9x6 for a chessboard, or --charuco 5x7, one of the two")

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.app.this_computer import warnings_here
 from stadimeter.cli.exits import MOST_SHOWN, WRONG
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
@@ -42,13 +43,16 @@ def check(
     *,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, for programs.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Leave with 1 if there is a warning.")] = False,
+    elsewhere: Annotated[
+        bool, typer.Option("--elsewhere", help="Leave out what this computer lacks: it runs on another one.")
+    ] = False,
 ) -> None:
     """Check a configuration: print every error in one pass, or say in words what it does.
 
     Finds values that cannot be read, names that stand for nothing, and rules that contradict each other: conditions
     that never hold, rules that always lose their output, rules that suppress themselves, rules that are too late for
-    how fast the target comes, and limits beyond what camera and target can resolve. Nothing is opened and nothing
-    moves.
+    how fast the target comes, and limits beyond what camera and target can resolve. Then what this computer lacks to
+    run it: a camera, a serial port, a library, a permission. Nothing is opened and nothing moves.
 
     **Example**
 
@@ -62,7 +66,8 @@ def check(
     except ConfigError as error:
         _report_errors(config, error, as_json=as_json)
         raise typer.Exit(WRONG) from error
-    warnings = _in_order((*configuration.warnings, *feasibility_warnings(configuration)))
+    here = () if elsewhere else warnings_here(configuration)
+    warnings = _in_order((*configuration.warnings, *feasibility_warnings(configuration), *here))
     _report_success(configuration, warnings, as_json=as_json)
     if strict and warnings:
         raise typer.Exit(WARNED)

@@ -13,6 +13,7 @@ import typer
 
 from stadimeter.app.recordings.journal import Journal, JournalWriter, sha256_of
 from stadimeter.cli.exits import NOT_FOUND, plain_errors
+from stadimeter.cli.progress import working
 from stadimeter.core.decision import Event
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.comparison import (
@@ -78,7 +79,7 @@ def replay_command(
         source = read_recording(recording)
         new = replay_run(source, config, from_images=from_images)
         old = replay_run(source, diff, from_images=from_images) if diff is not None else None
-        with uncollected():
+        with uncollected(), working("replaying"):
             outcome = _replayed(new, old, journal)
         if not outcome.result.cycles:
             raise JournalError(f"{recording} holds no whole cycle, so there is nothing to replay")

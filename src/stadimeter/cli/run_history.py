@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.cli.formatting import METRE, LengthUnit
+from stadimeter.cli.keyboard import Key
 from stadimeter.core.decision import Event
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.measurement import MeasurementStatus
@@ -27,6 +28,10 @@ class Snapshot:
         events: Newest first.
         messages: The messages to other programs, each with its time, newest first.
         trouble: A fault outside the loop, such as of the broker; empty if there is none.
+        narration: What happens in a simulated world, in a sentence; empty if there is nothing to say.
+        keys: The keys that do something; None if the view is no more than looked at.
+        is_paused: Whether a key holds the run up.
+        is_explained: Whether the screen is explained instead of shown.
     """
 
     title: str
@@ -42,6 +47,10 @@ class Snapshot:
     messages: Sequence[tuple[float, Message]] = ()
     limits_m: Mapping[str, Sequence[float]] = field(default_factory=dict)
     trouble: str = ""
+    narration: str = ""
+    keys: Sequence[Key] | None = None
+    is_paused: bool = False
+    is_explained: bool = False
 
 
 WINDOW_S = 30.0

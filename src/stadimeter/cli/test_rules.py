@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from stadimeter.cli.exits import NOT_FOUND, WRONG, plain_errors
+from stadimeter.cli.progress import working
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rule_test_tables import RuleTest
 from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
@@ -59,7 +60,10 @@ def run_tests(
         _nothing_of_that_name(configuration, name)
     results: list[RuleTestResult] = []
     console = Console(highlight=False, soft_wrap=True)
-    for result in map(RuleTests(configuration).run, chosen):
+    tests = RuleTests(configuration)
+    for test in chosen:
+        with working(f"testing: {test.name}"):
+            result = tests.run(test)
         results.append(result)
         if not as_json:
             _tell(console, configuration, result, verbose=verbose)

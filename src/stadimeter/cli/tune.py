@@ -14,6 +14,7 @@ from rich.table import Table
 
 from stadimeter.app.recordings.recorded_configuration import load_recorded
 from stadimeter.cli.exits import NOT_FOUND, plain_errors
+from stadimeter.cli.progress import working
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_duration, parse_speed
 from stadimeter.core.rule import OnDelay
@@ -21,7 +22,7 @@ from stadimeter.core.words import rounded_duration
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.tuning.candidates import Settings, Tuned, tuned_rule
 from stadimeter.workbench.tuning.noise import Series, series_of
-from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words
+from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words, require_matplotlib
 from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
 from stadimeter.workbench.tuning.rates import DAY_S
 
@@ -82,18 +83,23 @@ def tune_command(
     """
     _require_png(plot)
     with plain_errors():
+        if plot is not None:
+            require_matplotlib()
         speed_mps = _speed(closing_speed)
         configuration = load_configuration(config) if config is not None else _recorded(recordings[0])
-        tuned, series = _read(configuration, rule, recordings)
-        proposal = tune(
-            tuned,
-            configuration.plan,
-            series,
-            wanted_a_day=false_alarms_per_day,
-            speed_mps=speed_mps,
-            events_s=_events(events or [], series),
-            seed=seed,
-        )
+        with working("reading the recording") as say:
+            tuned, series = _read(configuration, rule, recordings)
+            events_s = _events(events or [], series)
+            say(f"trying settings of '{rule}'")
+            proposal = tune(
+                tuned,
+                configuration.plan,
+                series,
+                wanted_a_day=false_alarms_per_day,
+                speed_mps=speed_mps,
+                events_s=events_s,
+                seed=seed,
+            )
         _show(proposal, configuration, plot, as_json=as_json)
     if not proposal.is_reached:
         raise typer.Exit(NOT_FOUND)
@@ -118,6 +124,8 @@ def _require_png(plot: Path | None) -> None:
     """Refuse other names, so that a configuration or a recording is never written over by mistake."""
     if plot is not None and plot.suffix.lower() != ".png":
         raise typer.BadParameter(f"the plot is a PNG file; {str(plot)!r} does not end in .png", param_hint="--plot")
+    if plot is not None and not plot.absolute().parent.is_dir():
+        raise typer.BadParameter(f"there is no folder {plot.parent} to write it to", param_hint="--plot")
 
 
 def _speed(text: str) -> float:

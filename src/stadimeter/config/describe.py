@@ -10,6 +10,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, leaves
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnDelay, Pattern, RampRule, SequenceStep
+from stadimeter.core.rules.layout import contested_outputs
 from stadimeter.core.words import duration, length
 
 Verb = Callable[[str], str]
@@ -28,7 +29,8 @@ def describe(configuration: Configuration) -> tuple[str, ...]:
         One sentence or two for what it looks through and for each rule, in the order of the file. Names of parts
         stand between backticks.
     """
-    return (*_parts(configuration), *(_rule(rule, configuration) for rule in configuration.plan.rules))
+    rules = [_rule(rule, configuration) for rule in configuration.plan.rules]
+    return (*_parts(configuration), *rules, *_combined(configuration))
 
 
 def _parts(configuration: Configuration) -> Iterator[str]:
@@ -39,6 +41,16 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield f"Sends messages with {configuration.messenger.driver}."
     for notifier in configuration.notifiers:
         yield f"Tells people through `{notifier.name}` ({notifier.driver})."
+
+
+def _combined(configuration: Configuration) -> Iterator[str]:
+    contested = contested_outputs(configuration.plan.rules)
+    for output in configuration.plan.outputs:
+        if output.name in contested:
+            yield f"Of what rules of one priority ask of `{output.name}`, {_COMBINED[output.combine]} counts."
+
+
+_COMBINED = {"max": "the highest level", "min": "the lowest level", "most_restrictive": "the slower of each speed"}
 
 
 def _lens(model: CameraModel) -> str:
@@ -185,8 +197,8 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
     for step in rule.sequence:
         yield _step(step, verb)
     if rule.latch:
-        yield "Latches: stands until it is reset"
-    if rule.needs_ack:
+        yield f"Latches: stands until it is {'acknowledged' if rule.ack_resets else 'reset'}"
+    if rule.needs_ack and not rule.ack_resets:
         yield "Must be acknowledged"
     if rule.realarm_s is not None:
         yield f"Is reported again every {duration(rule.realarm_s)} while it stands"

@@ -140,7 +140,8 @@ def findings_of(
         by_path.setdefault(path, (value, []))[1].append(details)
     for path, (value, complaints) in islice(by_path.items(), MOST_EXPLAINED):
         known = [*known_keys(model, path[:-1]), *(also_known if len(path) == 1 else ())]
-        yield _finding((*at, *path), complaints, known, value)
+        elsewhere = {key: hint for each in _models_at(model, path[:-1]) for key, hint in _elsewhere(each).items()}
+        yield _finding((*at, *path), complaints, known, value, elsewhere)
     if (left := len(by_path) - MOST_EXPLAINED) > 0:
         yield Finding(at, f"{left} more keys are wrong", code="unknown-key")
 
@@ -154,13 +155,22 @@ def known_keys(model: type[BaseModel], path: KeyPath = ()) -> list[str]:
     Returns:
         The keys as they are written; none where the way leads out of the model.
     """
+    return [key for each in _models_at(model, path) for key, _ in _fields(each)]
+
+
+def _models_at(model: type[BaseModel], path: KeyPath) -> list[type[BaseModel]]:
     models: list[type[BaseModel]] = [model]
     for part in path:
         if isinstance(part, str):
             fields = [field for each in models for key, field in _fields(each) if key == part]
             # What is no key of theirs is a name in a table of tables, which leads no further.
             models = [inner for annotation in fields for inner in _models_in(annotation)] if fields else models
-    return [key for each in models for key, _ in _fields(each)]
+    return models
+
+
+def _elsewhere(model: type[BaseModel]) -> Mapping[str, str]:
+    """Return what to write in place of keys that people try in a table."""
+    return getattr(model, "written_elsewhere", {})
 
 
 def shown(value: object) -> str:
@@ -203,12 +213,15 @@ def _path_and_value(table: Mapping[str, Any], details: ErrorDetails) -> tuple[Ke
     return path, value
 
 
-def _finding(path: KeyPath, complaints: list[ErrorDetails], known: list[str], written: Any) -> Finding:
+def _finding(
+    path: KeyPath, complaints: list[ErrorDetails], known: list[str], written: Any, elsewhere: Mapping[str, str]
+) -> Finding:
     key = str(path[-1]) if path else ""
     types = {details["type"] for details in complaints}
     if "extra_forbidden" in types:
         others = [word for word in known if word != key]
-        return Finding(path, f"unknown key '{key}'", did_you_mean_or_list(key, others), "unknown-key")
+        hint = elsewhere.get(key) or did_you_mean_or_list(key, others)
+        return Finding(path, f"unknown key '{key}'", hint, "unknown-key")
     if "missing" in types:
         return Finding(path, f"'{key}' is missing", code="missing-key")
     sentences = _unique(_sentence(details) for details in complaints)

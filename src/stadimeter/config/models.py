@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -34,6 +34,9 @@ SECTIONS = (
 
 class Section(BaseModel):
     """A table of the configuration. Unknown keys are errors, numbers are finite, and nothing is converted silently."""
+
+    written_elsewhere: ClassVar[dict[str, str]] = {}
+    """Keys that people try here, and what to write in their place."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
@@ -76,8 +79,8 @@ class ActuatorTable(Section):
     """Largest change of the level upwards in a second; None for no limit."""
     fall_per_s: Annotated[float, Field(gt=0)] | None = None
     """Largest change downwards."""
-    combine: Literal["max", "min"] | None = _LEVEL.combine
-    """Of several rules that ask for it with one priority, which level counts; None where that is an error."""
+    combine: Literal["max", "min"] = _LEVEL.combine
+    """Of several rules that ask for it with one priority, which level counts."""
     after_fault: AfterFault = "reopen"
     """What becomes of it when its driver failed: opened again, or off for the rest of the run."""
 
@@ -105,9 +108,8 @@ class BaseTable(Section):
     """In rad/s²."""
     lease: DurationAboveZero = LEASE_S
     """In seconds."""
-    combine: Literal["most_restrictive"] | None = _BASE.combine
-    """What counts of several rules that ask for it with one priority: the slower of each speed; None where that is an
-    error."""
+    combine: Literal["most_restrictive"] = _BASE.combine
+    """What counts of several rules that ask for it with one priority: the slower of each speed."""
     after_fault: AfterFault = "reopen"
     """What becomes of it when its driver failed: opened again, or off for the rest of the run."""
 

@@ -9,14 +9,17 @@ from stadimeter.config.analysis.promises import promise_warnings
 from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.analysis.subject import Subject, subject_of
 from stadimeter.config.analysis.timing import timing_warnings
-from stadimeter.config.analysis.writers import overlap_warnings, shadow_warnings
+from stadimeter.config.analysis.writers import overlap_warnings, priority_warnings, shadow_warnings
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding
+from stadimeter.config.gpio_header import TAKEN
+from stadimeter.config.plugins import marked_options
 from stadimeter.config.rule_test_checks import rule_test_warnings
 from stadimeter.config.rules.pattern_tables import PatternTable
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.secrets import secret_warnings
 from stadimeter.config.toml_lines import KeyPath
+from stadimeter.config.units import PinMark
 
 LEFT_FOR_FRAMES_S = 0.1
 """Three frames at 30 a second: with less, every hiccup of a network stops the outputs."""
@@ -29,7 +32,7 @@ def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what to look at again in a configuration without errors."""
     yield from draft.renamed
     yield from _about_rules(draft)
-    for check in (rule_test_warnings, secret_warnings, _lacking_drivers, *_ABOUT_DRIVERS):
+    for check in (rule_test_warnings, secret_warnings, *_ABOUT_DRIVERS):
         yield from check(draft)
 
 
@@ -93,7 +96,7 @@ def _without_effect(rule: RuleTable) -> Iterator[tuple[tuple[str, ...], str, str
 def _alerts_heard(draft: Draft) -> Iterator[Finding]:
     asked_for = rules_asked_for(draft)
     for name, rule in draft.rules.items():
-        does_something = rule.actuator or rule.escalation or rule.observe or name in asked_for
+        does_something = rule.actuator or rule.steps or rule.observe or name in asked_for
         if rule.when and not does_something and "messenger" not in draft.table:
             message = f"nothing reports the alert '{name}': it drives nothing, and there is no messenger"
             yield Finding(("rules", name), message, "add an actuator to it, or a section [messenger]", "unheard")
@@ -107,13 +110,6 @@ def _outputs_driven(draft: Draft) -> Iterator[Finding]:
     for path in paths:
         if draft.rules and path[-1] not in driven:
             yield Finding(path, f"no rule drives '{path[-1]}'", "it stays in its safe state", "output-unused")
-
-
-def _lacking_drivers(draft: Draft) -> Iterator[Finding]:
-    """Find what keeps drivers from working here; elsewhere, where a recording came from, they may work."""
-    for at, part in draft.parts():
-        for lack in part.plugin.lacks(part.options):
-            yield Finding(at, f"the driver '{part.driver}' will not work here: {lack}", code="driver-lacks")
 
 
 def _no_motion(draft: Draft) -> Iterator[Finding]:
@@ -144,10 +140,10 @@ def _moves(draft: Draft) -> bool:
 
 
 def _unused_notifiers(draft: Draft) -> Iterator[Finding]:
-    used = {step.notify for rule in draft.rules.values() for step in rule.escalation}
+    used = {step.notify for rule in draft.rules.values() for step in rule.steps}
     for name in draft.names("notifiers"):
         if draft.rules and name not in used:
-            hint = f'add a step notify = "{name}" to the [[rules.NAME.escalation]] of a rule'
+            hint = f'add notify = "{name}" to a rule, or to a step of its escalation'
             yield Finding(("notifiers", name), f"no rule notifies '{name}'", hint, "output-unused")
 
 
@@ -172,6 +168,14 @@ def _patterns(rule: RuleTable) -> Iterator[tuple[KeyPath, str | None, PatternTab
             yield ("escalation", position), step.actuator, step.pattern
 
 
+def _taken_pins(draft: Draft) -> Iterator[Finding]:
+    for at, part in draft.parts():
+        for key, pin in marked_options(part.options, PinMark):
+            if pin in TAKEN:
+                message = f"GPIO {pin} is also for {TAKEN[pin]}"
+                yield Finding((*at, *key), message, "take one of GPIO 4 to 13 or 16 to 27, such as 18", "pin-taken")
+
+
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     _leases_long_enough,
     _rules_matter,
@@ -182,6 +186,7 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     holding_warnings,
     shadow_warnings,
     overlap_warnings,
+    priority_warnings,
     timing_warnings,
     promise_warnings,
 )
@@ -190,4 +195,5 @@ _ABOUT_DRIVERS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     _late_frames,
     _unused_notifiers,
     _worn_contacts,
+    _taken_pins,
 )

@@ -83,11 +83,13 @@ class Notice:
 
     Attributes:
         step: The position of the step in its sequence that sends it.
+        count: How often the alarm has been raised so far.
     """
 
     rule: str
     step: int
     event: Event
+    count: int = 0
 
 
 class RuleStatus(StrEnum):

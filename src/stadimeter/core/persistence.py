@@ -146,6 +146,7 @@ def _lasting(state: AlarmState) -> tuple[object, ...]:
     return (
         _SHORTLY.get(state.phase, state.phase),
         state.is_announced_only,
+        state.raises,
         state.raised_at_s,
         state.reported_at_s,
         state.notified_at_s,

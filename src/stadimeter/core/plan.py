@@ -16,15 +16,15 @@ class LevelOutput:
         safe_level: The level when nothing asks for another, or nothing may.
         rise_per_s: Largest change of the level upwards in a second; infinite for none.
         fall_per_s: Largest change downwards.
-        combine: Of several rules that ask for it with one priority, which level counts: the highest or the lowest; None
-            where that must not happen.
+        combine: Of several rules that ask for it with one priority, which level counts: the highest or the
+            lowest.
     """
 
     name: str
     safe_level: float = 0.0
     rise_per_s: float = float("inf")
     fall_per_s: float = float("inf")
-    combine: Literal["max", "min"] | None = None
+    combine: Literal["max", "min"] = "max"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,8 +36,7 @@ class BaseOutput:
         angular_max_radps: Largest rate of turn.
         linear_accel_mps2: Largest change of speed. Slowing down for safety is not limited.
         angular_accel_radps2: Largest change of the rate of turn.
-        combine: Of several rules that ask for it with one priority, the slower of each speed counts; None where that
-            must not happen.
+        combine: Of several rules that ask for it with one priority, the slower of each speed counts.
     """
 
     name: str
@@ -45,7 +44,7 @@ class BaseOutput:
     angular_max_radps: float = 1.5
     linear_accel_mps2: float = 0.5
     angular_accel_radps2: float = 4.0
-    combine: Literal["most_restrictive"] | None = None
+    combine: Literal["most_restrictive"] = "most_restrictive"
 
 
 Output = LevelOutput | BaseOutput

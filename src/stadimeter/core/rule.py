@@ -175,6 +175,7 @@ class AlarmRule(Rule):
         act_at_start: Whether an alarm that is raised by the very first sight of the target moves its output.
         pattern: Levels that change by themselves while the alarm is active, in place of `level`; None for none.
         latch: It stays active until somebody resets it, though its condition may have ended.
+        ack_resets: Of one that latches, an acknowledgement resets it too, now or as soon as its condition ends.
         needs_ack: Somebody must acknowledge it; until then it is not over, even when its condition has ended.
         realarm_s: After being active for this long it is reported again, and unacknowledged again; None for never.
         cooldown_s: The least time between two notifications of the rule. What the alarm does is not delayed.
@@ -193,6 +194,7 @@ class AlarmRule(Rule):
     act_at_start: bool = True
     pattern: Pattern | None = None
     latch: bool = False
+    ack_resets: bool = False
     needs_ack: bool = False
     realarm_s: float | None = None
     cooldown_s: float = 10.0

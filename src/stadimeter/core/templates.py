@@ -13,7 +13,7 @@ import string
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 
-from stadimeter.core.decision import Event
+from stadimeter.core.decision import Notice
 from stadimeter.core.rule import Rule, Template
 from stadimeter.core.track import Track
 
@@ -32,9 +32,10 @@ TEXT_FIELDS = ("rule", "target", "event", "severity", "reason", "by", "group", "
 NUMBER_FIELDS = {
     "distance_m": 2, "distance_cm": 0, "distance_mm": 0, "distance_ft": 1, "distance_in": 1,
     "sigma_m": 3, "sigma_cm": 1, "depth_m": 2, "closing_mps": 2, "closing_kmh": 1, "closing_mph": 1,
-    "bearing_deg": 0, "elevation_deg": 0, "sequence": 0,
+    "bearing_deg": 0, "elevation_deg": 0, "sequence": 0, "count": 0,
 }  # fmt: skip
 """The numbers, and how many decimals they have in a text that does not say."""
+_COUNTS = ("sequence", "count")
 FLAG_FIELDS = ("first_out",)
 FIELDS = (*TEXT_FIELDS, *NUMBER_FIELDS, *FLAG_FIELDS)
 """Every field that a template may name."""
@@ -87,7 +88,7 @@ def render(template: Template, values: Mapping[str, Value]) -> str:
     return _text(template.text, values)
 
 
-def fields(rule: Rule, event: Event, track: Track | None, time: str, group: str = "") -> dict[str, Value]:
+def fields(rule: Rule, notice: Notice, track: Track | None, time: str, group: str = "") -> dict[str, Value]:
     """Return what a template may tell of an event.
 
     Args:
@@ -97,6 +98,7 @@ def fields(rule: Rule, event: Event, track: Track | None, time: str, group: str 
     Returns:
         A value for each of `FIELDS`.
     """
+    event = notice.event
     inputs = track if track is not None and track.is_valid else Track(target=rule.target)
     return {
         "rule": rule.name,
@@ -109,6 +111,7 @@ def fields(rule: Rule, event: Event, track: Track | None, time: str, group: str 
         "time": time,
         "time_of_day": time[11:19],
         "sequence": event.sequence,
+        "count": notice.count,
         "first_out": event.first_out,
         **_figures(inputs),
     }
@@ -214,7 +217,7 @@ def _alone(value: Value, field: str, form: str) -> Value:
     if not isinstance(value, int | float) or not math.isfinite(value):
         return None
     if not form:
-        return round(float(value), JSON_DECIMALS) + 0.0 if field != "sequence" else value
+        return round(float(value), JSON_DECIMALS) + 0.0 if field not in _COUNTS else value
     written = format(float(value), form)
     try:
         return float(written)

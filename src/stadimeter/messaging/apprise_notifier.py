@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Self
 from urllib.parse import unquote
@@ -19,6 +18,7 @@ from urllib.parse import unquote
 from pydantic import BeforeValidator, SecretStr, model_validator
 
 from stadimeter.config.addresses import address_in
+from stadimeter.config.extras import missing
 from stadimeter.config.models import DurationAboveZero
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.secrets import HIDDEN
@@ -29,7 +29,6 @@ from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.back_off import BackOff, Patience
 
-EXTRA = "stadimeter[notify]"
 KINDS = {Severity.INFO: "info", Severity.WARNING: "warning", Severity.ALARM: "failure", Severity.SAFETY: "failure"}
 """The names that apprise has for each severity."""
 
@@ -162,10 +161,7 @@ def _service(url: str, name: str) -> Any:
     try:
         from apprise import Apprise, AppriseAsset  # noqa: PLC0415 - optional, and slow to load
     except ImportError as error:
-        raise DriverUnavailableError(
-            f"the notifier '{name}' needs the library apprise, which is not installed; "
-            f"install it with: pip install '{EXTRA}'"
-        ) from error
+        raise DriverUnavailableError(f"the notifier '{name}' needs apprise: {missing('notify') or error}") from error
     settings: dict[str, Any] = {"async_mode": False}
     if "service_timeout" in inspect.signature(AppriseAsset).parameters:
         settings["service_timeout"] = 0  # else it sends in threads of its own, which the end of the program waits for
@@ -208,7 +204,7 @@ def _build(options: AppriseOptions, context: DriverContext) -> AppriseNotifier:
 
 
 def _lacks(options: AppriseOptions) -> tuple[str, ...]:
-    lacks = [] if find_spec("apprise") else [f"the library apprise is not installed: pip install '{EXTRA}'"]
+    lacks = [trouble] if (trouble := missing("notify")) else []
     if options.url_file is not None and not is_file(options.url_file):
         lacks.append(f"there is no file {options.url_file}")
     return tuple(lacks)

@@ -12,7 +12,8 @@ from stadimeter.workbench.snapshot import Snapshot, snapshots
 
 NONE_FOUND = (
     "no camera is found. Is its cable plugged in, and does `ls /dev/video*` list it? A ribbon camera of a Raspberry Pi"
-    " is read as a stream (docs/cameras.md); so is a camera in the network, which no list can show"
+    " needs `sudo apt install python3-picamera2` and an environment that sees the system's packages; a camera in the"
+    " network is read as a stream (docs/cameras.md), which no list can show"
 )
 """What to say where there are no cameras."""
 

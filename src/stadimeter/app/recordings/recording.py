@@ -24,10 +24,10 @@ from stadimeter.app.recordings import recording_messages as messages
 from stadimeter.app.recordings.cycle_json import CycleEncoder, cycle_schema, reload_json
 from stadimeter.app.recordings.record_file import LIBRARY, RecordFile, is_ours
 from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration, sha256_of
+from stadimeter.config.extras import require
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetShape
-from stadimeter.errors import DriverUnavailableError
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -264,9 +264,4 @@ class _ImageChooser:
 
 def require_mcap(what: str) -> None:
     """Raise `DriverUnavailableError` unless the library ``mcap`` is installed."""
-    try:
-        import mcap.writer  # noqa: F401, PLC0415 - it is an extra, and few runs need it
-    except ImportError as error:
-        raise DriverUnavailableError(
-            f"{what} needs the library 'mcap' ({error}); install it with: pip install 'stadimeter[record]'"
-        ) from error
+    require("record", what)

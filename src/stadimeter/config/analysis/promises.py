@@ -75,11 +75,14 @@ def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -
     if any(step.send is not None for step in alarm.sequence):
         return
     drives = f" while it drives '{alarm.output}'" if alarm.latch and alarm.output else ""
-    does, command, key = ("reset", "reset", "latch") if alarm.latch else ("acknowledge", "ack", "ack")
+    if alarm.ack_resets and alarm.output:
+        return  # what it drives calls for the operator
+    is_reset, key = alarm.latch and not alarm.ack_resets, "latch" if alarm.latch else "ack"
+    does, command = ("reset", "reset") if is_reset else ("acknowledge", "ack")
     message = f"once raised, '{alarm.name}' waits for an operator to {does} it{drives}, and nothing notifies one"
     hint = (
-        f"only `stadimeter {command} {alarm.name}` on this computer does; add a section [messenger], or a step with "
-        "notify to escalation"
+        f"only `stadimeter alarm {command} {alarm.name}` on this computer does; add a section [messenger], or notify "
+        "with a [notifiers.NAME]"
     )
     yield Finding(declared.at(key), message, hint, "latch-unheard")
 

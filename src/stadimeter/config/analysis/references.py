@@ -83,6 +83,7 @@ def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
 
 def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Finding]:
     steps = table.get("escalation")
+    yield from _exists(table, "notify", draft.names("notifiers"), ("rules", section))
     for number, step in enumerate(steps if isinstance(steps, list) else ()):
         if not isinstance(step, Mapping):
             continue

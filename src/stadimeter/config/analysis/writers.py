@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from stadimeter.config.analysis.logic import Goal, Wanted
 from stadimeter.config.analysis.regions import region_of, widened_region_of
@@ -12,7 +11,6 @@ from stadimeter.config.analysis.subject import ASSUMED_RATE_HZ, Subject, delay_s
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule
-from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.condition import Condition, DistanceCondition
 from stadimeter.core.conditions.intervals import interval
 from stadimeter.core.decision import Severity
@@ -25,50 +23,32 @@ MOST_RIVALS = 200
 """Outputs that more rules drive are not looked at: every rule is held against every other one."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Writer:
-    """One place that says that an output is driven."""
-
-    declared: CompiledRule
-    output: str
-    path: KeyPath
-
-
-def _writers(subject: Subject) -> Iterator[_Writer]:
-    """Go through every place that drives an output that exists."""
-    known = {*subject.draft.names("actuators"), BASE_NAME}
-    return (writer for writer in _written(subject) if writer.output in known)
+def priority_warnings(subject: Subject) -> Iterator[Finding]:
+    """Find alarms that drive one actuator with one priority, and are hardly meant to be combined."""
+    for rivals in _rivals(subject):
+        alarms = [each for each in rivals if isinstance(each.rule, AlarmRule)]
+        for position, later in enumerate(alarms):
+            for earlier in alarms[:position]:
+                if earlier.rule.priority == later.rule.priority and earlier.section != later.section:
+                    yield from _badly_combined(subject, earlier, later)
 
 
-def _written(subject: Subject) -> Iterator[_Writer]:
-    for declared in subject.rules:
-        rule = declared.rule
-        if rule.observe or declared.table.get("priority", rule.priority) != rule.priority:
-            continue  # it drives nothing, or its priority could not be read
-        if rule.output is not None:
-            yield _Writer(declared=declared, output=rule.output, path=declared.at("priority"))
-        for number, step in enumerate(rule.sequence if isinstance(rule, AlarmRule) else ()):
-            if step.output is not None:
-                yield _Writer(declared=declared, output=step.output, path=declared.at("escalation", number, "actuator"))
-
-
-def priority_errors(subject: Subject) -> Iterator[Finding]:
-    """Find rules that drive one output with one priority, where the output does not say how to combine them."""
-    first: dict[tuple[str, int], str] = {}
-    for writer in _writers(subject):
-        section, priority = writer.declared.section, writer.declared.rule.priority
-        earlier = first.setdefault((writer.output, priority), section)
-        if earlier == section or subject.combination(writer.output):
-            continue
-        message = f"'{earlier}' and '{section}' both drive '{writer.output}' with priority {priority}"
-        yield Finding(writer.path, message, _way_out(writer), "equal-priority")
-
-
-def _way_out(writer: _Writer) -> str:
-    is_base = writer.output == BASE_NAME
-    combine = 'combine = "most_restrictive" to [base]' if is_base else f'combine = "max" to [actuators.{writer.output}]'
-    higher = writer.declared.rule.priority + 100
-    return f"give the one that shall win a higher one, such as priority = {higher}, or add {combine}"
+def _badly_combined(subject: Subject, earlier: CompiledRule, later: CompiledRule) -> Iterator[Finding]:
+    output, priority = later.rule.output, later.rule.priority
+    if output == BASE_NAME or subject.combination(output or ""):
+        return
+    levels = [getattr(each.rule, "level", 1.0) for each in (earlier, later)]
+    patterns = [getattr(each.rule, "pattern", None) for each in (earlier, later)]
+    both = f"'{earlier.section}' and '{later.section}' drive '{output}' with priority {priority}"
+    if 0.0 in levels and any(levels):
+        silent = (earlier, later)[levels.index(0.0)]
+        message = f"{both}, and the highest level counts: level 0 of '{silent.section}' never does"
+    elif all(patterns) and subject.logic.can_be(*((region_of(each.rule), Wanted.TRUE) for each in (earlier, later))):
+        silent, message = later, f"{both}, and may act at once: their patterns mix"
+    else:
+        return
+    hint = f"give the one that shall win a higher priority, such as priority = {priority + 100}"
+    yield Finding(silent.at("priority"), message, hint, "equal-priority")
 
 
 def shadow_errors(subject: Subject) -> Iterator[Finding]:

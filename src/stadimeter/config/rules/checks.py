@@ -9,9 +9,10 @@ from stadimeter.config.findings import Finding, did_you_mean
 from stadimeter.config.rules.condition_checks import written_condition
 from stadimeter.config.rules.tables import KINDS, FramesTable, RuleTable
 
+_BEEPS = "leave it out: a buzzer on a ramp beeps by itself, the faster the higher the level"
 _ONLY_FOR_WHEN = (
     "targets", "on_delay", "off_delay", "level", "pattern", "at_start", "latch", "ack", "realarm", "cooldown",
-    "shelve_max", "raises_per_min_max", "group", "suppress_when", "escalation",
+    "shelve_max", "raises_per_min_max", "group", "suppress_when", "escalation", "notify",
 )  # fmt: skip
 
 
@@ -44,11 +45,9 @@ def _kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
 def _keys_of_another_kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
     if "when" in table or not any(kind in table for kind in KINDS):
         return
-    for key in _ONLY_FOR_WHEN:
-        if key in table:
-            yield Finding(
-                ("rules", name, key), f"'{key}' has a meaning only beside when", "leave it out", "key-of-another-kind"
-            )
+    for key in (key for key in _ONLY_FOR_WHEN if key in table):
+        hint = _BEEPS if key == "pattern" else "leave it out"
+        yield Finding(("rules", name, key), f"'{key}' has a meaning only beside when", hint, "key-of-another-kind")
 
 
 def _frames(name: str, rule: RuleTable) -> Iterator[Finding]:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from stadimeter.config.rules.condition_tables import kinds_in
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, RuleCondition, targets_of
@@ -35,6 +36,9 @@ class WrittenCondition:
         match self.condition:
             case AnyOf(conditions=members) if "rule" in self.table:  # one name for several rules
                 return tuple(replace(self, condition=member) for member in members)
+            case AllOf(conditions=conditions) if len(kinds := kinds_in(self.table)) > 1:  # short for all of them
+                each = zip(kinds, conditions, strict=True)
+                return tuple(replace(self, table=table, condition=condition) for table, condition in each)
             case AllOf(conditions=conditions):
                 return self._parts("all", conditions)
             case AnyOf(conditions=conditions):

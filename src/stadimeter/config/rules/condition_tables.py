@@ -1,9 +1,13 @@
-"""The table of a condition, and how it becomes the core's condition. Its defaults are those of the core."""
+"""The table of a condition, and how it becomes the core's condition. Its defaults are those of the core.
+
+A table that says several things at once, such as a limit on the distance and a time of day, is short for ``all`` of
+them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
@@ -17,7 +21,6 @@ from stadimeter.config.rules.figure_tables import (
     SeparationTable,
     TimeTable,
 )
-from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import Duration, Length, LengthOrZero
 from stadimeter.core import condition as core
 from stadimeter.core.decision import Severity
@@ -38,7 +41,14 @@ Flag = Annotated[bool, BeforeValidator(_only_true), WithJsonSchema({"const": Tru
 
 
 class WhenTable(LimitsTable, LikelihoodTable):
-    """A condition: limits on the distance, or exactly one of the keys from `seen` to `negated`."""
+    """A condition: limits on the distance, one of the keys from `seen` to `negated`, or all of several such."""
+
+    written_elsewhere: ClassVar[dict[str, str]] = {
+        "for": 'write on_delay = "10 s" beside when, or lost_for = "5 min" in place of lost',
+        "on_delay": "write it beside when",
+        "off_delay": "write it beside when",
+        "hysteresis": "it is called deadband",
+    }
 
     above: Length | None = None
     """In metres; holds when the target is further."""
@@ -92,10 +102,11 @@ class WhenTable(LimitsTable, LikelihoodTable):
         Returns:
             The condition.
         """
-        for key, convert in _CONVERSIONS.items():
-            if getattr(self, "negated" if key == "not" else key) is not None:
-                return convert(self, severity)
-        return self._distance(severity)
+        others = [key for key in _CONVERSIONS if getattr(self, "negated" if key == "not" else key) is not None]
+        plans = [_CONVERSIONS[key](self, severity) for key in others]
+        if not plans or any(limit is not None for limit in self.limits):
+            plans.insert(0, self._distance(severity))
+        return plans[0] if len(plans) == 1 else core.AllOf(conditions=tuple(plans))
 
     def _distance(self, severity: Severity) -> core.DistanceCondition:
         above_m, below_m = self.limits
@@ -111,24 +122,20 @@ class WhenTable(LimitsTable, LikelihoodTable):
         )
 
 
-def simple_tables(when: WhenTable, at: KeyPath) -> Iterator[tuple[KeyPath, WhenTable]]:
-    """Go through the simple conditions that a condition is made of, in the order of `core.condition.leaves`.
+def kinds_in(table: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the conditions that a table is short for, each as a table of its own, in the order of `to_plan`.
 
-    Args:
-        when: The condition.
-        at: Where it stands.
-
-    Yields:
-        Where each of them stands, and its table.
+    Keys that say something about the distance go with the limits on it, `target` with each condition on a target.
     """
-    if when.all is not None or when.any is not None:
-        key, parts = ("all", when.all) if when.all is not None else ("any", when.any)
-        for number, part in enumerate(parts or ()):
-            yield from simple_tables(part, (*at, key, number))
-    elif when.negated is not None:
-        yield from simple_tables(when.negated, (*at, "not"))
-    else:
-        yield at, when
+    groups = [("above", "below", "between"), *((key,) for key in _CONVERSIONS)]
+    return [_of_kind(table, group) for group in groups if any(key in table for key in group)]
+
+
+def _of_kind(table: Mapping[str, Any], group: tuple[str, ...]) -> dict[str, Any]:
+    beside: tuple[str, ...] = ("target",) if group[0] in _OF_A_TARGET else ()
+    if "below" in group:
+        beside = (*KEYS_ABOUT_DISTANCE, "target")
+    return {key: value for key, value in table.items() if key in group or key in beside}
 
 
 def _presence(when: WhenTable, *, seen: bool, for_s: float | None = 0.0) -> core.PresenceCondition:
@@ -167,3 +174,6 @@ _CONVERSIONS = _OF_A_TARGET | _OF_NO_TARGET | _OF_OTHERS
 
 KEYS_OF_A_TARGET, KEYS_OF_NO_TARGET, KEYS_OF_OTHERS = map(tuple, (_OF_A_TARGET, _OF_NO_TARGET, _OF_OTHERS))
 """The keys of conditions on one target, on several or none, and on other conditions."""
+
+KEYS_ABOUT_DISTANCE = ("of", "deadband", "deadband_sigmas", "probability", "probability_off")
+"""The keys that belong to limits on the distance."""

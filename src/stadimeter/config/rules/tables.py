@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Discriminator, Field, Tag
 
@@ -27,6 +27,8 @@ _ALARM = rule.AlarmRule(name="", target="", condition=_DISTANCE)
 FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
 """One wrong frame raises nothing, and one missing frame delays nothing."""
 
+UNTIL_ACKNOWLEDGED = "until-acknowledged"
+
 KINDS = ("when", "ramp", "follow")
 """The kinds of rules: exactly one of these keys is in the table of one."""
 
@@ -36,14 +38,19 @@ class LostTable(Section):
 
     grace: Duration = _LOST.grace_s
     """In seconds."""
-    policy: Annotated[rule.LostPolicy, Field(strict=False)] = _LOST.policy
-    """What happens after it."""
+    policy: Annotated[rule.LostPolicy | None, Field(strict=False)] = None
+    """What happens after it; None for ``hold``, or ``clear`` where the off-delay is longer than `fault_after`."""
     fault_after: Duration = _LOST.fault_after_s
     """In seconds."""
 
-    def to_plan(self) -> rule.Lost:
-        """Return the table as the core sees it."""
-        return rule.Lost(grace_s=self.grace, policy=self.policy, fault_after_s=self.fault_after)
+    def to_plan(self, off_delay_s: float) -> rule.Lost:
+        """Return the table as the core sees it.
+
+        An off-delay that `hold` would cut short says what is meant: acting for that long, and not forever.
+        """
+        outlasts = off_delay_s > self.fault_after
+        policy = self.policy or (rule.LostPolicy.CLEAR if outlasts else _LOST.policy)
+        return rule.Lost(grace_s=self.grace, policy=policy, fault_after_s=self.fault_after)
 
 
 class FramesTable(Section):
@@ -70,6 +77,17 @@ class Conditions(NamedTuple):
 
 class RuleTable(Section):
     """One rule."""
+
+    written_elsewhere: ClassVar[dict[str, str]] = {
+        **dict.fromkeys(
+            ("below", "above", "between", "lost_for", "seen", "separation", "closing_speed"),
+            'write it inside when, such as when = { below = "50 cm" }',
+        ),
+        **dict.fromkeys(("deadband", "hysteresis"), 'write deadband inside when: { below = "1 m", deadband = "5 cm" }'),
+        **dict.fromkeys(("delay", "debounce", "for"), 'write on_delay = "2 s", or off_delay'),
+        **dict.fromkeys(("topic", "text", "message"), "write it in a step: [[rules.NAME.escalation]]"),
+        "distance": 'write follow = { distance = "1 m" }, or when = { below = "1 m" }',
+    }
 
     target: str | None = None
     """The target that it watches; may be left out where there is only one."""
@@ -101,8 +119,8 @@ class RuleTable(Section):
     """How that level changes while the condition holds."""
     at_start: Literal["act", "announce"] = "act" if _ALARM.act_at_start else "announce"
     """Whether an alarm that is raised by the very first sight of the target moves its output."""
-    latch: bool = _ALARM.latch
-    """Whether it stays active until somebody resets it."""
+    latch: bool | Literal["until-acknowledged"] = _ALARM.latch
+    """Whether it stays active until somebody resets it, or acknowledges it."""
     ack: Literal["required", "none"] = "required" if _ALARM.needs_ack else "none"
     """Whether somebody must acknowledge it."""
     realarm: DurationAboveZero | None = None
@@ -118,8 +136,15 @@ class RuleTable(Section):
     """Of the alarms of one group, the first one is marked; empty for none."""
     suppress_when: WhenTable | None = None
     """While this holds, it drives nothing and notifies nobody."""
+    notify: str | None = None
+    """The notifier that tells people at once: short for a step of the escalation."""
     escalation: list[StepTable] = Field(default_factory=list)
     """What else it does, and when."""
+
+    @property
+    def steps(self) -> list[StepTable]:
+        """The steps of the escalation, and behind them the one that `notify` is short for."""
+        return [*self.escalation, *([StepTable(notify=self.notify)] if self.notify is not None else [])]
 
     def names(self, name: str) -> tuple[str, ...]:
         """Return the names of the rules that it stands for: with several targets one for each, ``near:ball``."""
@@ -160,7 +185,7 @@ class RuleTable(Section):
             output=self.actuator,
             priority=self.priority,
             severity=self.severity,
-            lost=self.lost.to_plan(),
+            lost=self.lost.to_plan(0.0 if self.latch else self.off_delay),
             observe=self.observe,
         )
         if conditions.when is not None:
@@ -211,13 +236,14 @@ class RuleTable(Section):
             level=self.level,
             act_at_start=self.at_start == "act",
             pattern=self.pattern.to_plan(self.level) if self.pattern else None,
-            latch=self.latch,
-            needs_ack=self.ack == "required",
+            latch=bool(self.latch),
+            ack_resets=self.latch == UNTIL_ACKNOWLEDGED,
+            needs_ack=self.ack == "required" or self.latch == UNTIL_ACKNOWLEDGED,
             realarm_s=self.realarm,
             cooldown_s=self.cooldown_s,
             shelve_max_s=self.shelve_max_s,
             raises_per_minute_max=0 if self.raises_per_min_max == "off" else self.raises_per_min_max,
             group=self.group,
             suppress_when=suppress_when,
-            sequence=tuple(step.to_plan() for step in self.escalation),
+            sequence=tuple(step.to_plan() for step in self.steps),
         )

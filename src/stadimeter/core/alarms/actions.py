@@ -247,11 +247,12 @@ def _send(evaluation: Evaluation) -> None:
     evaluation.change(leg=replace(leg, sent=(*leg.sent, *due)))
     if evaluation.is_quiet or not leg.event.notify:
         return
+    count = evaluation.state.raises
     for position in due:
         step = evaluation.rule.sequence[position]
         if not (step.only_unacknowledged and evaluation.state.is_acknowledged):
             event = _as_of_now(leg.event, evaluation)
-            evaluation.notices += (Notice(rule=evaluation.rule.name, step=position, event=event),)
+            evaluation.notices += (Notice(rule=evaluation.rule.name, step=position, event=event, count=count),)
 
 
 def _as_of_now(event: Event, evaluation: Evaluation) -> Event:
@@ -314,6 +315,13 @@ def _request(
 
 
 # ---- In words ----
+
+
+def latched_until(rule: AlarmRule, state: AlarmState) -> str:
+    """Return until when an alarm that latched stays active, such as ``latched until it is reset``."""
+    if rule.ack_resets:
+        return "latched until it is acknowledged"
+    return f"latched until it is {'' if state.is_acknowledged else 'acknowledged and '}reset"
 
 
 def why(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:

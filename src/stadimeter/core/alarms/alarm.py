@@ -11,7 +11,16 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.actions import Evaluation, due_s, in_words, missing_in_words, requests_of, stand, unshelve
+from stadimeter.core.alarms.actions import (
+    Evaluation,
+    due_s,
+    in_words,
+    latched_until,
+    missing_in_words,
+    requests_of,
+    stand,
+    unshelve,
+)
 from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, AlarmState, Phase, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample
 from stadimeter.core.condition import Condition, CountCondition, PresenceCondition, leaves
@@ -129,7 +138,8 @@ def _without_verdict(evaluation: Evaluation, *, is_awaited: bool) -> None:
     else:
         evaluation.go(state)
     if state.is_given_up and not before.is_given_up:
-        then = "it stays latched until it is reset" if rule.latch else "the output goes to its safe value"
+        is_latched = state.phase in LATCHED
+        then = f"it stays {latched_until(rule, state)}" if is_latched else "the output goes to its safe value"
         reason = f"active, but {missing_in_words(rule, state, inputs)}; {then}"
         evaluation.add_event(EventKind.MEASUREMENT_LOST, reason, notify=not evaluation.is_quiet)
 
@@ -194,8 +204,8 @@ def _rests(evaluation: Evaluation, holds: bool | None) -> bool:
     state = evaluation.state
     if state.resumed is not None:
         return False
-    if state.leg is not None and state.is_active and evaluation.has_patterns:
-        return False
+    if state.leg is not None and evaluation.has_patterns and (state.is_active or math.isfinite(due_s(evaluation))):
+        return False  # a level changes by itself: of the alarm, or of a step that goes on after it has cleared
     return holds is None or machine.is_settled(state, holds, state.timers.leaves)
 
 
@@ -304,7 +314,7 @@ def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     if evaluation.state.is_acknowledged:
         return "there is nothing to acknowledge"
     evaluation.add_event(EventKind.ACKNOWLEDGED, _said(command), notify=not evaluation.is_quiet, by=command.by)
-    evaluation.go(machine.fire(evaluation.state, Trigger.ACKNOWLEDGE))
+    evaluation.go(machine.acknowledged(evaluation.rule, evaluation.state), _said(command), command.by)
     return ""
 
 

@@ -11,7 +11,7 @@ States as in ISA-18.2 and OPC 10000-9, 5.8. A raised, clearing or latched alarm 
 that needs no acknowledgement is acknowledged at once. Pending and clearing are the on-delay and the off-delay.
 
 All is a function of rule, state and time. Inhibits (shelved, suppressed, out of service) are beside the machine, so an
-alarm is in the right phase when they end.
+alarm is in the right phase when they end. With `ack_resets` an acknowledgement is a reset as well.
 """
 
 from __future__ import annotations
@@ -143,6 +143,8 @@ class AlarmState:
     """The condition has held in every sample of the run so far."""
     is_announced_only: bool = False
     """It was raised by the first sight of the target, and must not move its output."""
+    raises: int = 0
+    """How often it has been raised."""
     raised_at_s: float | None = None
     reported_at_s: float | None = None
     """When it was raised or last reported again."""
@@ -258,6 +260,7 @@ def _raise(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
         state,
         timers=Timers(held_last=timers.held_last, was_judged=timers.was_judged, leaves=timers.leaves),
         is_announced_only=state.held_from_start and not rule.act_at_start,
+        raises=state.raises + 1,
         raises_at_s=_with_raise(rule, state, now_s),
     )
     return fire(raised, Trigger.RAISE if rule.needs_ack else Trigger.RAISE_ACKNOWLEDGED)
@@ -267,10 +270,22 @@ def _clear_when_due(rule: AlarmRule, state: AlarmState, ended_s: float, now_s: f
     """Clear or latch an alarm whose off-delay is over, unless it chatters."""
     if ended_s < rule.off_delay_s:
         return state
-    if not rule.latch and _is_too_frequent(rule, state, now_s):
+    latches = _latches(rule, state)
+    if not latches and _is_too_frequent(rule, state, now_s):
         return state if state.is_chattering else replace(state, is_chattering=True)
     over = replace(state, timers=Timers(was_judged=state.timers.was_judged, leaves=state.timers.leaves))
-    return fire(over, Trigger.LATCH if rule.latch else Trigger.CLEAR)
+    return fire(over, Trigger.LATCH if latches else Trigger.CLEAR)
+
+
+def _latches(rule: AlarmRule, state: AlarmState) -> bool:
+    """Return whether an alarm stays active when its condition ends."""
+    return rule.latch and not (rule.ack_resets and state.is_acknowledged)
+
+
+def acknowledged(rule: AlarmRule, state: AlarmState) -> AlarmState:
+    """Return an alarm after an acknowledgement, which for some resets it too."""
+    state = fire(state, Trigger.ACKNOWLEDGE)
+    return fire(state, Trigger.RESET) if rule.ack_resets else state
 
 
 def anew(state: AlarmState, now_s: float) -> AlarmState:
@@ -351,7 +366,7 @@ def take_nothing(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState
         return _clear_when_due(rule, fire(state, Trigger.ENDS), ended_s(rule, state, now_s), now_s)
     if away_s >= rule.lost.fault_after_s and not state.is_given_up:
         state = replace(state, is_given_up=True)
-        return fire(state, Trigger.LATCH) if rule.latch else state
+        return fire(state, Trigger.LATCH) if _latches(rule, state) else state
     return state
 
 

@@ -18,12 +18,11 @@ Wanted = Mapping[str, Sequence[Request]]
 def arbitrate(requests: Iterable[Request], outputs: Mapping[str, Output] | None = None) -> dict[str, list[Request]]:
     """Sort the requests for each output, the winner first.
 
-    The highest priority wins. Between equals, the output's combination decides. Without one, the first in the
-    configuration wins; a configuration with such equals is refused before it runs.
+    The highest priority wins. Between equals, the output's combination decides.
 
     Args:
         requests: What the rules want, in the order of the configuration.
-        outputs: The outputs that combine equals, by name.
+        outputs: The outputs that have equals to combine, by name.
     """
     by_output: dict[str, list[Request]] = defaultdict(list)
     for request in sorted(requests, key=attrgetter("priority"), reverse=True):  # equals stay in order
@@ -68,7 +67,7 @@ def rearranged(
 
 def _combined(wanted: list[Request], output: Output) -> list[Request]:
     equals = [request for request in wanted if request.priority == wanted[0].priority]
-    if len(equals) == 1 or output.combine is None:
+    if len(equals) == 1:
         return wanted
     rest = wanted[len(equals) :]
     if isinstance(output, BaseOutput):

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.actions import in_words, policy_in_words
+from stadimeter.core.alarms.actions import in_words, latched_until, policy_in_words
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.machine import LATCHED, AlarmState, Phase
 from stadimeter.core.conditions import verdict as conditions
@@ -104,7 +104,7 @@ def _alarm(rule: AlarmRule, step: AlarmStep, inputs: RuleInputs) -> Iterator[str
         yield _unseen(rule, state, words, inputs.now_s)
         yield from _timers(rule, state, inputs.now_s)
         return
-    yield f"{_where(state, inputs.now_s)}: {words}"
+    yield f"{_where(rule, state, inputs.now_s)}: {words}"
     yield from _timers(rule, state, inputs.now_s)
     yield from _turning_points(rule, state, inputs)
 
@@ -116,15 +116,15 @@ _PHASES = {
     Phase.ACKNOWLEDGED: "raised{ago}",
     Phase.CLEARING_UNACKNOWLEDGED: "raised{ago}, about to clear, not acknowledged",
     Phase.CLEARING: "raised{ago}, about to clear",
-    Phase.LATCHED_UNACKNOWLEDGED: "raised{ago}, latched until it is acknowledged and reset",
-    Phase.LATCHED: "raised{ago}, latched until it is reset",
+    Phase.LATCHED_UNACKNOWLEDGED: "raised{ago}, {latched}",
+    Phase.LATCHED: "raised{ago}, {latched}",
     Phase.RTN_UNACKNOWLEDGED: "over, not acknowledged",
 }
 
 
-def _where(state: AlarmState, now_s: float) -> str:
+def _where(rule: AlarmRule, state: AlarmState, now_s: float) -> str:
     ago = f" {rounded_duration(now_s - state.raised_at_s)} ago" if state.raised_at_s is not None else ""
-    return _PHASES[state.phase].format(ago=ago)
+    return _PHASES[state.phase].format(ago=ago, latched=latched_until(rule, state))
 
 
 def _unseen(rule: AlarmRule, state: AlarmState, words: str, now_s: float) -> str:
@@ -132,7 +132,7 @@ def _unseen(rule: AlarmRule, state: AlarmState, words: str, now_s: float) -> str
     counts = policy_in_words(rule, state, now_s)
     unseen = f"there is nothing to judge by for {rounded_duration(now_s - since_s)}{counts}: {words}"
     if counts or state.phase in LATCHED or state.phase is Phase.RTN_UNACKNOWLEDGED:
-        return f"{_where(state, now_s)}; {unseen}"
+        return f"{_where(rule, state, now_s)}; {unseen}"
     return f"{'held as it was, raised' if state.is_active else 'not raised'}, since {unseen}"
 
 
@@ -203,6 +203,13 @@ def _untold(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
         yield f"no notification for another {rounded_duration(max(0.0, left_s))} (cooldown)"
 
 
+def _advantage(rule: AnyRule, decision: Decision, output: OutputTrace) -> str:
+    """Say what the winner of an output has before a rule."""
+    reasons = decision.reasons
+    is_equal = isinstance(reasons, Reasons) and reasons.step(output.winner.split("+")[0])[0].priority == rule.priority
+    return "the same priority and the level that counts" if is_equal else f"a higher priority than {rule.priority}"
+
+
 def _commanded(rule: AnyRule, decision: Decision, output: OutputTrace) -> Iterator[str]:
     if rule.name in output.winner.split("+"):
         others = f", before {' and '.join(output.losers)}" if output.losers else ""
@@ -211,6 +218,6 @@ def _commanded(rule: AnyRule, decision: Decision, output: OutputTrace) -> Iterat
         why = output.reason or decision.safety_reason
         yield f"but '{output.output}' is kept safe: {why}"
     else:
-        yield f"but '{output.winner}' commands '{output.output}', with a higher priority than {rule.priority}"
+        yield f"but '{output.winner}' commands '{output.output}', with {_advantage(rule, decision, output)}"
     if decision.safety is not SafetyMode.ACTIVE and output.winner != "safety":
         yield f"outputs are kept safe: {decision.safety_reason}"

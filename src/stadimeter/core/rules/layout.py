@@ -33,7 +33,7 @@ class Layout:
 
     Attributes:
         bases: The names of the outputs that are bases.
-        combined: The outputs that combine equals, by name.
+        combined: The outputs that have equals to combine, by name.
         grouped: The positions of the alarms that belong to a group.
         by_cycle: The positions of the alarms that are judged in every cycle, with or without a new frame.
         positions: The position of each rule, by its name.
@@ -54,16 +54,28 @@ def layout_of(plan: Plan) -> Layout:
     Raises:
         ValueError: Rules ask for each other in a circle.
     """
+    contested = contested_outputs(plan.rules)
     alarms = [(index, rule) for index, rule in enumerate(plan.rules) if isinstance(rule, AlarmRule)]
     return Layout(
         watch=watch_of(plan.rules),
         order=order_of(plan.rules),
         bases=frozenset(output.name for output in plan.outputs if isinstance(output, BaseOutput)),
-        combined={output.name: output for output in plan.outputs if output.combine is not None},
+        combined={output.name: output for output in plan.outputs if output.name in contested},
         grouped=tuple(index for index, rule in alarms if rule.group),
         by_cycle=frozenset(index for index, rule in alarms if judged_by_cycle(rule.condition)),
         positions={rule.name: index for index, rule in enumerate(plan.rules)},
     )
+
+
+def contested_outputs(rules: Sequence[AnyRule]) -> frozenset[str]:
+    """Return the outputs that two rules, or more, may ask for with one priority."""
+    names: dict[tuple[str, int], set[str]] = defaultdict(set)
+    for rule in rules:
+        steps = rule.sequence if isinstance(rule, AlarmRule) else ()
+        for output in (rule.output, *(step.output for step in steps)):
+            if output is not None:
+                names[output, rule.priority].add(rule.name)
+    return frozenset(output for (output, _), of_one_priority in names.items() if len(of_one_priority) > 1)
 
 
 def asks_for(rule: AnyRule) -> frozenset[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,8 +34,13 @@ class BoardPictures:
     height_px: int
 
 
-def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:
+def find_boards(
+    paths: Sequence[Path], board: Board, watched: Callable[[Sequence[Path]], Iterable[Path]] = iter
+) -> BoardPictures:
     """Look for a board in pictures.
+
+    Args:
+        watched: Goes through the pictures, such as to show how many are done.
 
     Raises:
         PictureError: A picture cannot be read.
@@ -44,7 +49,7 @@ def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:
     views: list[BoardView] = []
     missed: list[tuple[str, str]] = []
     shape = (0, 0)
-    for path in paths:
+    for path in watched(paths):
         frame = open_picture(path)
         here = (frame.width_px, frame.height_px)
         shape = here if shape == (0, 0) else shape

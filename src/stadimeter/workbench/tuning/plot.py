@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stadimeter.config.extras import require
 from stadimeter.core.rule import OnDelay
-from stadimeter.errors import DriverUnavailableError, PictureError
+from stadimeter.errors import PictureError
 from stadimeter.workbench.tuning.candidates import PROBABILITIES
 from stadimeter.workbench.tuning.proposing import Beginning, Proposal
 
@@ -21,13 +22,7 @@ _FADED = 0.35
 
 def require_matplotlib() -> None:
     """Raise DriverUnavailableError if charts cannot be drawn here."""
-    try:
-        import matplotlib as mpl  # noqa: F401, PLC0415 - an extra
-    except ImportError as error:
-        raise DriverUnavailableError(
-            "the plot needs the library matplotlib, which is not installed; install it with "
-            "`pip install 'stadimeter[plots]'`, or leave out --plot"
-        ) from error
+    require("plots", "the plot", "leave out --plot")
 
 
 def draw_plot(proposal: Proposal, path: Path) -> None:

@@ -1,0 +1,47 @@
+"""What would keep a configuration from running on this computer, though it may be right on another one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from stadimeter.app.bootstrap import build
+from stadimeter.config.findings import Finding, problems
+from stadimeter.config.loader import Configuration
+from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.toml_lines import KeyPath
+from stadimeter.errors import ConfigError, DriverUnavailableError, Problem, StadimeterError
+
+
+def warnings_here(configuration: Configuration) -> tuple[Problem, ...]:
+    """Find what a run would lack here: devices, files, libraries, permissions. No hardware is touched."""
+    lacking = problems(_lacking(configuration), str(configuration.path), configuration.spans)
+    return (*lacking, *_why_not_built(configuration))
+
+
+def _lacking(configuration: Configuration) -> Iterator[Finding]:
+    for at, part in _parts(configuration):
+        for lack in part.plugin.lacks(part.options):
+            message = f"the driver '{part.driver}' will not work here: {lack}"
+            yield Finding(at, message, "on another computer it may: see --elsewhere", "driver-lacks")
+
+
+def _parts(configuration: Configuration) -> Iterator[tuple[KeyPath, DriverChoice]]:
+    yield ("camera",), configuration.camera
+    single = (("base", configuration.base), ("messenger", configuration.messenger), ("world", configuration.world))
+    yield from (((section,), choice) for section, choice in single if choice is not None)
+    for section in ("targets", "actuators", "notifiers"):
+        yield from (((section, choice.name), choice) for choice in getattr(configuration, section))
+
+
+def _why_not_built(configuration: Configuration) -> tuple[Problem, ...]:
+    """Return why a run would not begin. A library that is missing is left out: its driver has said so."""
+    try:
+        build(configuration)
+    except ConfigError as error:
+        return tuple(error.problems)
+    except DriverUnavailableError:
+        return ()
+    except StadimeterError as error:
+        words = f"`stadimeter run` refuses this: {error}"
+        return (Problem(words, file=str(configuration.path), code="will-not-run"),)
+    return ()

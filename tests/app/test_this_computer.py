@@ -1,0 +1,96 @@
+"""What `check` says a run would lack on this computer: devices, pins, libraries, and frames often enough."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.app.this_computer import warnings_here
+from stadimeter.config.loader import Configuration, load_configuration
+from support.simulated_run import SIMULATED_BALL
+
+RULE = '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n'
+SIREN = '[actuators.siren]\ndriver = "relay"\npin = 17\n'
+
+
+def loaded(tmp_path: Path, *parts: str) -> Configuration:
+    path = tmp_path / "run.toml"
+    path.write_text("\n".join(parts), encoding="utf-8")
+    return load_configuration(path)
+
+
+def lacking(tmp_path: Path, *parts: str) -> list[tuple[str, str, str]]:
+    return [(each.code, each.key, each.message) for each in warnings_here(loaded(tmp_path, *parts))]
+
+
+@pytest.fixture
+def mock_pins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GPIOZERO_PIN_FACTORY", "mock")
+
+
+@pytest.mark.usefixtures("mock_pins")
+def test_with_pins_in_memory_a_simulation_lacks_nothing(tmp_path: Path) -> None:
+    assert lacking(tmp_path, SIMULATED_BALL, SIREN, RULE, "[world]") == []
+
+
+def test_pins_of_another_library_than_ours_are_told_before_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GPIOZERO_PIN_FACTORY", "pigpio")
+    ((code, key, message),) = lacking(tmp_path, SIMULATED_BALL, SIREN, RULE, "[world]")
+    assert (code, key) == ("driver-lacks", "actuators.siren")
+    assert "GPIOZERO_PIN_FACTORY=pigpio" in message
+
+
+def test_a_library_that_is_missing_comes_with_the_line_for_this_python(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stadimeter.config.extras.find_spec", lambda _name: None)
+    monkeypatch.delenv("GPIOZERO_PIN_FACTORY", raising=False)
+    phone = '[notifiers.phone]\ndriver = "apprise"\nurl_file = "phone.txt"\n'
+    found = lacking(tmp_path, SIMULATED_BALL, SIREN, phone, RULE, 'notify = "phone"', "[world]")
+    lacks = [message for code, _, message in found if code == "driver-lacks"]
+    assert f"{sys.executable} -m pip install 'stadimeter[pi]'" in lacks[0]
+    assert f"{sys.executable} -m pip install 'stadimeter[notify]'" in lacks[1]
+    assert lacks[2].endswith(f"there is no file {tmp_path / 'phone.txt'}")
+
+
+@pytest.mark.usefixtures("mock_pins")
+def test_a_camera_and_a_serial_port_that_are_not_there_are_told(tmp_path: Path) -> None:
+    camera = f'[camera]\ndriver = "opencv"\ndevice = "{tmp_path / "video7"}"\n'
+    model = "[camera.model]\nwidth_px = 640\nheight_px = 480\nfx_px = 600.0\n"
+    target = '[targets.ball]\ndetector = "ball"\ndiameter = "7 cm"\nhsv = "29,86,6:64,255,255"\n'
+    base = '[base]\ndriver = "ros-arduino-bridge"\nwheel_diameter = "6 cm"\nticks_per_turn = 100\n'
+    base += 'track_width = "20 cm"\n'
+    rule = '[rules.follow]\nactuator = "base"\nfollow = { distance = "1 m" }\n'
+    found = lacking(tmp_path, camera, model, target, f'{base}port = "{tmp_path / "ttyUSB7"}"', rule)
+    assert [key for _, key, _ in found] == ["camera", "base"]
+    assert "there is no camera" in found[0][2]
+    assert "there is no serial port" in found[1][2]
+    _, port = os.openpty()
+    found = lacking(tmp_path, camera, model, target, f'{base}port = "{os.ttyname(port)}"', rule)
+    assert [key for _, key, _ in found] == ["camera"]
+
+
+def test_what_a_run_refuses_for_want_of_a_camera_model_is_told(tmp_path: Path) -> None:
+    text = '[camera]\ndriver = "simulated"\n[targets.ball]\ndetector = "ideal"\n[world]\n'
+    assert [code for code, _, _ in lacking(tmp_path, text)] == ["camera-model-missing"]
+
+
+@pytest.mark.usefixtures("mock_pins")
+def test_a_live_camera_too_slow_for_outputs_is_warned_of_until_the_hint_is_followed(tmp_path: Path) -> None:
+    camera = '[camera]\ndriver = "opencv"\ndevice = 0\nrate = "4 Hz"\n'
+    model = "[camera.model]\nwidth_px = 640\nheight_px = 480\nfx_px = 600.0\n"
+    target = '[targets.ball]\ndetector = "ball"\ndiameter = "20 cm"\nhsv = "29,86,6:64,255,255"\n'
+    before = feasibility_warnings(loaded(tmp_path, camera, model, target, SIREN, RULE))
+    (warning,) = [each for each in before if each.code == "rate-too-low"]
+    age = re.findall(r'max_frame_age = ("[^"]+")', warning.hint)[0]
+    after = loaded(tmp_path, camera, model, target, f"{SIREN}lease = {age}", RULE, f"[safety]\nmax_frame_age = {age}")
+    assert "rate-too-low" not in [each.code for each in (*feasibility_warnings(after), *after.warnings)]
+    simulated = loaded(tmp_path, SIMULATED_BALL.replace("30 Hz", "4 Hz"), SIREN, RULE, "[world]")
+    assert "rate-too-low" not in [each.code for each in feasibility_warnings(simulated)]
