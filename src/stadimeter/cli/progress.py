@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 import typer
@@ -56,10 +56,11 @@ def _show(now: list[str], is_over: threading.Event) -> None:
     began_s = time.monotonic()
     if is_over.wait(FIRST_AFTER_S):
         return
-    if sys.stderr.isatty():
-        _show_moving(now, is_over, began_s)
-    else:
-        _show_in_lines(now, is_over, began_s)
+    with suppress(OSError):  # whoever looked on is gone, and the work goes on
+        if sys.stderr.isatty():
+            _show_moving(now, is_over, began_s)
+        else:
+            _show_in_lines(now, is_over, began_s)
 
 
 def _show_moving(now: list[str], is_over: threading.Event, began_s: float) -> None:
