@@ -132,7 +132,8 @@ def test_a_disk_that_hangs_does_not_keep_a_run_from_ending_on_sigterm(config: Pa
 def test_a_run_that_did_not_open_leaves_no_file_behind(tmp_path: Path) -> None:
     camera = f'[camera]\ndriver = "opencv"\ndevice = "{tmp_path / "no-camera"}"\n'
     text = SIMULATED.replace('[camera]\ndriver = "simulated"\nrate = "30 Hz"\nrender = false\n', camera)
-    (tmp_path / "config.toml").write_text(text.replace('"ideal"', '"ball"\ndiameter = "7 cm"\nhsv = "29,86,6:64,255,255"'))
+    ball = '"ball"\ndiameter = "7 cm"\nhsv = "29,86,6:64,255,255"'
+    (tmp_path / "config.toml").write_text(text.replace('"ideal"', ball))
     old = tmp_path / "old.jsonl"
     old.touch()
     for journal in (tmp_path / "run.jsonl", old):
