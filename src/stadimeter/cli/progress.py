@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import typer
 
-FIRST_AFTER_S = 1.0
+FIRST_AFTER_S = 0.5
 """What is done sooner is not announced."""
 
 EVERY_S = 15.0
@@ -23,7 +23,7 @@ Say = Callable[[str], None]
 
 @contextmanager
 def working(doing: str) -> Iterator[Say]:
-    """Show that a command works, from the first second on and until the block ends.
+    """Show that a command works, soon after it began and until the block ends.
 
     A thread of its own shows it, so what is computed need not know. Nothing is written on standard output.
 
