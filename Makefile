@@ -8,7 +8,7 @@ ARGS ?=
 SPREAD := -n auto --dist loadfile
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures format clean
+.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures docs format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -53,24 +53,37 @@ bench-safety: $(VENV)/.dev ## run the program on streams that fail, and time how
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	PYTHONPATH=tests $(BIN)/python docs/pictures/make_pictures.py
 
+docs: $(VENV)/.docs ## build the documentation as a site into site/, and check its links and its search
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --clean
+	$(BIN)/pytest tests/docs/test_site.py $(ARGS)
+
 clean: ## remove what the other targets made
-	rm -rf $(VENV) $(OLD_VENV) .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(OLD_VENV) .mypy_cache .ruff_cache .hypothesis .import_linter_cache site
 
 $(VENV)/.python:
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	@echo "Making a virtual environment in $(VENV) ..."
+	@$(PYTHON) -m venv $(VENV)
 	@touch $@
 
 $(VENV)/.app: $(VENV)/.python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable .
+	@echo "Installing stadimeter and its libraries there, once: about 100 MB, half a minute to a few minutes."
+	@$(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable .
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.app
+$(VENV)/.pip: $(VENV)/.app
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.pip
 	$(BIN)/python -m pip install --quiet --group dev
 	@touch $@
 
-$(VENV)/.bench: $(VENV)/.app pyproject.toml
+$(VENV)/.bench: $(VENV)/.pip pyproject.toml
 	$(BIN)/python -m pip install --quiet --group bench
+	@touch $@
+
+$(VENV)/.docs: $(VENV)/.dev pyproject.toml
+	$(BIN)/python -m pip install --quiet --group docs
 	@touch $@
 
 $(OLD_VENV)/.dev: pyproject.toml

@@ -14,8 +14,8 @@ from hypothesis import settings
 import stadimeter  # noqa: F401 - before OpenCV, which asks only once how many pixels it may decode
 
 # Machines are shared and slow at times: how long an example takes says nothing. In CI the examples are always the same,
-# so that a change is judged by what it changes; everywhere else new ones are tried each time.
-settings.register_profile("here", deadline=None)
+# so that a change is judged by what it changes; everywhere else new ones are tried each time, and fewer of them.
+settings.register_profile("here", deadline=None, max_examples=60)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.register_profile("quick", deadline=None, max_examples=10)  # `make quick`: for the inner loop of development
 PROFILE = os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "here")

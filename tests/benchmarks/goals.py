@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from goal import Facts, Goal, at_least, at_most, percent, plain, times
-from part import table
+from part import row, table
 
 HEIGHTS = (480, 720, 1080)
 HELD = (0.90, 0.99)
@@ -208,6 +208,16 @@ def goals_table(facts: Facts) -> str:
     """Return the table of goals, with how often the intervals hold at the end."""
     rows = [goal.line(facts) for goal in GOALS] + [_overall(facts), _by_trouble(facts)]
     return table(("what", "to reach", "reached", "met"), rows)
+
+
+def with_new_goals(table_before: str, facts: Facts) -> str:
+    """Return a table of goals with new lines for those whose every figure is measured.
+
+    The last two are of all parts, so they stay until all are measured together.
+    """
+    new = {goal.what: row(goal.line(facts)) for goal in GOALS if goal.limits.keys() <= facts.keys()}
+    lines = table_before.split("\n")
+    return "\n".join(new.get(line.removeprefix("| ").partition(" | ")[0], line) for line in lines)
 
 
 def _coverages(facts: Facts) -> dict[str, float]:

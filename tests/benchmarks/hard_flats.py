@@ -11,6 +11,7 @@ from part import Part, table
 from samples import Sample, Summary, ours_of, rate, summarise
 from workload import over_seeds
 
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.ranging.measure import measure
 from support.scenes import draw, hard_flats, nuisances
@@ -30,6 +31,9 @@ APART = 100_000
 
 SIGMAS_OF_A_CUT = 0.7
 """Standard deviation of a side, as a share of the most by which its two ends are off."""
+
+AS_CALIBRATED = replace(draw.CAMERA, edge_bias_sigma_px=UNKNOWN_EDGE_BIAS_SIGMA_PX)
+"""The camera as `stadimeter calibrate` writes it where nothing tells its edge bias: these cameras have random ones."""
 
 CARD, TAPE = "card ±1 mm", "tape ±1 mm"
 OF_EACH_BACKDROP = (CARD, TAPE)
@@ -90,6 +94,8 @@ class RoomLook:
 
 TABLES = {
     CUT: (
+        f"What is measured with has the true focal length, and an edge bias of 0 ± {UNKNOWN_EDGE_BIAS_SIGMA_PX} px, as "
+        "`calibrate` writes it where nothing tells more, up to the troubles one at a time, further below. "
         "Cards meant to be 100 × 75 mm and strips of tape meant to be 127 × 51 mm, 15–60 px long and 8 px high at "
         "least, tilted by up to 45°, taken by cameras of random quality. ±1 mm: each place of a side (of tape: of an "
         "end) is off by up to 1 mm, evenly spread, 0.58 mm rms, smoothly along it. Cards are plain, drawn on, shaded, "
@@ -213,9 +219,10 @@ def _measured(name: str, kinds: tuple[str, ...], scene: Scene, target: str, **op
     made = render(scene)
     if target == "tag":
         options["id"] = scene.target.number
-    finder = ours.detector(target, draw.CAMERA, **options)
+    camera = draw.CAMERA if name == GRID else AS_CALIBRATED
+    finder = ours.detector(target, camera, **options)
     found = finder.detect(ours.framed(made))
-    measured = measure(found, finder.target_shape, found.measured_with or draw.CAMERA, 0.0)
+    measured = measure(found, finder.target_shape, found.measured_with or camera, 0.0)
     sample = ours_of(kinds[-1], scene.seed, made.truth, measured)
     sample, is_elsewhere = _of_nearest(sample, found, scene, made)
     if is_elsewhere:

@@ -51,7 +51,12 @@ class Part:
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a Markdown table; all columns but the first are aligned to the right."""
     lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    return "\n".join(row(line) for line in lines) + "\n"
+
+
+def row(cells: Sequence[str]) -> str:
+    """Return a row of such a table."""
+    return "| " + " | ".join(cells) + " |"
 
 
 def commit() -> str:

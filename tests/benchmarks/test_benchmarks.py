@@ -191,3 +191,24 @@ def test_the_libraries_for_tags_read_the_right_tag_and_its_range() -> None:
 def test_seeds_for_tuning_are_none_of_the_reports() -> None:
     assert not set(draw.TUNING_SEEDS) & {draw.REPORT_SEEDS.start, draw.REPORT_SEEDS.stop - 1}
     assert draw.TUNING_SEEDS.stop <= draw.REPORT_SEEDS.start
+
+
+def test_a_part_takes_its_place_in_the_report_with_its_goals_and_its_commit(tmp_path) -> None:
+    from part import Part
+    from report import replace_parts, write_report
+
+    empty = {"alarms stadimeter ball clutter": 0.001}
+    before = [
+        Part(title="Sheet", text="| sheets | 60 |\n", facts={"sheet clutter found": 0.8}),
+        Part(title="False alarms", text="| rooms | 5 |\n", facts=empty),
+    ]
+    report = write_report(before, tmp_path, 60.0, plots=False)
+    old = report.read_text(encoding="utf-8")
+    sheets = Part(title="Sheet", text="| sheets | 200 |\n", facts={"sheet clutter found": 0.96})
+    replace_parts([sheets], tmp_path, plots=False)
+    new = report.read_text(encoding="utf-8")
+    changed = [(was, now) for was, now in zip(old.splitlines(), new.splitlines(), strict=True) if was != now]
+    assert [now.split(" | ")[-2:] for _, now in changed] == [["96.00 %", "yes |"], ["| sheets", "200 |"]]
+    assert new.count("Measured at commit ") == 2
+    with pytest.raises(ValueError, match="no part 'Speed'"):
+        replace_parts([Part(title="Speed", text="")], tmp_path, plots=False)

@@ -8,7 +8,7 @@ import pytest
 
 from stadimeter.core.detection import Detection, DetectionStatus
 from support.scenes.cut_sheet import GroupTarget
-from support.scenes.draw import CAMERA
+from support.scenes.draw import CAMERA, disc_scene
 from support.scenes.hard_flats import hard_tape
 from support.scenes.render import render
 
@@ -58,3 +58,14 @@ def test_another_thing_that_is_said_to_be_ambiguous_is_not_held_against_it() -> 
     silent, said = (FlatSample(**kinds, is_elsewhere=True, is_said=each) for each in (False, True))
     right = FlatSample(**kinds)
     assert _unsaid([silent, said, right, right]) == 0.25
+
+
+def test_what_is_met_is_measured_with_a_camera_file_and_single_troubles_with_the_true_camera() -> None:
+    from hard_flats import DISC, GRID, _measured
+
+    scene = disc_scene(3, 0.3, plain=True)
+    met, single = (_measured(name, ("all",), scene, "disc").sample for name in (DISC, GRID))
+    assert met.measured_m == single.measured_m
+    # The edge bias of either side, 0.1 px, as a share of what the disc measures across.
+    of_bias = 2 * 0.1 / met.apparent_px
+    assert (met.sigma_m**2 - single.sigma_m**2) ** 0.5 / met.measured_m == pytest.approx(of_bias, rel=0.1)

@@ -26,6 +26,7 @@ from stadimeter.cli.formatting import (
     format_speed,
     format_time,
     format_turn,
+    in_unit,
     length_unit,
 )
 from stadimeter.errors import ConfigError
@@ -146,3 +147,28 @@ def test_times_and_ages() -> None:
 def test_an_unknown_unit_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match="m, cm, ft, in, not in 'feet'"):
         length_unit("feet")
+
+
+@pytest.mark.parametrize(
+    ("words", "in_feet", "in_centimetres"),
+    [
+        ("3.59 m ± 0.04, 3.05 m (off)", "11.8 ft ± 0.1, 10.0 ft (off)", "359 cm ± 4, 305 cm (off)"),
+        ("2.002 m ± 0.004, below 0.50 m", "6.57 ft ± 0.01, below 1.6 ft", "200.2 cm ± 0.4, below 50 cm"),
+        ("nearer than 3.05 m (10.0 ft)", "nearer than 10.0 ft", "nearer than 305 cm"),
+        ("closing at 0.21 m/s ± 0.02, 12 ms", "closing at 0.7 ft/s ± 0.1, 12 ms", "closing at 21 cm/s ± 2, 12 ms"),
+        ("room 2.05 mm, 7 min, 3 metres", "room 2.05 mm, 7 min, 3 metres", "room 2.05 mm, 7 min, 3 metres"),
+    ],
+)  # fmt: skip
+def test_lengths_in_reasons_come_in_the_unit_asked_for(words: str, in_feet: str, in_centimetres: str) -> None:
+    assert in_unit(words, METRE) == words
+    assert in_unit(words, FOOT) == in_feet
+    assert in_unit(words, CENTIMETRE) == in_centimetres
+
+
+@given(st.floats(0.01, 99.0), st.sampled_from(sorted(LENGTH_UNITS)))
+def test_a_length_in_another_unit_is_the_same_length_up_to_its_last_digit(value_m: float, symbol: str) -> None:
+    unit = LENGTH_UNITS[symbol]
+    shown = float(in_unit(f"{value_m:.3f} m", unit).partition(" ")[0])
+    assert shown * unit.size_m == pytest.approx(
+        value_m, abs=0.55 * max(0.001, unit.size_m * 10.0**-unit.decimals_max) + 0.002
+    )

@@ -138,4 +138,23 @@ def test_ascii_is_kept_to_and_a_driver_s_words_stay_on_one_line(make_record: Cal
     assert len(lines) == 1
     assert lines[0].isascii()
     assert lines[0].isprintable()
-    assert re.search(r"2\.43 m \+/- 0\.04", lines[0])
+    assert re.search(r"2\.43 m \+- 0\.04", lines[0])
+
+
+def test_what_happens_in_a_simulated_world_is_told_when_it_changes(make_record: Callable[..., CycleRecord]) -> None:
+    lines: list[str] = []
+    told = iter(["it rolls beyond 3.05 m", "it rolls beyond 3.05 m", "", "it rolls beyond 3.05 m"])
+    view = PlainView(lines.append, narration=lambda: next(told), unit="ft")
+    for now_s in (100.0, 100.1, 100.2, 100.3):
+        view.update(make_record(now_s))
+    assert [line for line in lines if ">" in line] == [
+        "   0.0 s  > it rolls beyond 10.0 ft",
+        "   0.3 s  > it rolls beyond 10.0 ft",
+    ]
+
+
+def test_the_unit_reaches_reasons_and_events(make_record: Callable[..., CycleRecord]) -> None:
+    lines: list[str] = []
+    PlainView(lines.append, unit="cm").update(make_record(100.0, events=(raised(100.0),)))
+    assert lines[0].endswith("too-near raised: 43 cm is below 50 cm")
+    assert "ACTIVE too-near: 43 cm is below 50 cm: P 0.97" in lines[1]

@@ -97,6 +97,21 @@ def test_the_demo_shows_rules_acting_without_hardware():
     assert done.stderr == ""
 
 
+def test_without_a_terminal_the_demo_and_a_watched_run_print_lines(simulated):
+    for command in (["demo"], ["run", simulated, "--watch"]):
+        done = stadimeter(*command, "--seconds", 2, "--speed", 0)
+        assert done.returncode == 0, done.stderr
+        assert "\x1b" not in done.stdout
+        assert "1.0 s  ball" in done.stdout
+
+
+def test_the_demo_ends_with_what_to_do_next():
+    done = stadimeter("demo", "--seconds", 0.1, "--speed", 0)
+    commands = [line.split()[1] for line in done.stdout.splitlines() if line.startswith("  stadimeter ")]
+    assert commands == ["init", "calibrate", "check"]
+    assert max(map(len, done.stdout.splitlines()[-4:])) < 80
+
+
 @pytest.mark.parametrize("name", ["distance-alert", "follow-ball", "appliance"])
 def test_a_configuration_for_real_hardware_says_plainly_that_there_is_none(name):
     done = stadimeter("run", CONFIG / f"{name}.toml", "--seconds", 1)

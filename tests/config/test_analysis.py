@@ -25,7 +25,8 @@ CLASSES = {
     "cooldown-hides-realarm", "driver", "empty-interval", "equal-priority", "frames-reversed", "group-of-one", "late",
     "latch-observed", "latch-suppresses", "latch-unheard", "lost-cuts-off-delay", "lost-reversed", "motion-blind",
     "never-true", "no-effect",
-    "output-unused", "ramp-reversed", "reference-cycle", "safety-clears-at-once", "safety-delayed", "safety-observed",
+    "output-unused", "pin-taken", "ramp-reversed", "reference-cycle",
+    "safety-clears-at-once", "safety-delayed", "safety-observed",
     "safety-shelved", "safety-suppressed", "shadowed", "unheard", "unknown-key", "unknown-name", "unreachable",
     "unresolvable",
 }  # fmt: skip

@@ -13,10 +13,13 @@ from stadimeter.app.clock import MonotonicClock
 from stadimeter.cameras.image_files import ImageFilesCamera
 from stadimeter.cameras.opencv_device import OpenCvCamera
 from stadimeter.cameras.opencv_settings import OpenCvOptions
+from stadimeter.cameras.picamera2_camera import Picamera2Camera
+from stadimeter.cameras.picamera2_settings import Picamera2Options
 from stadimeter.cameras.video_file import VideoFileCamera
 from stadimeter.testing.camera_contract import FRAMES, CameraContract, CameraRig
 from stadimeter.testing.manual_clock import ManualClock
 from support.cameras import NodeDevice, StreamServer, open_files, picture
+from support.picamera2_double import Sensor
 
 
 class TestImageFiles(CameraContract):
@@ -98,3 +101,26 @@ class TestOpenCvStream(CameraContract):
                 held=lambda: server.connections,
                 lose=server.stop,
             )
+
+
+class TestPicamera2(CameraContract):
+    @pytest.fixture
+    def make_rig(self) -> Callable[[], CameraRig]:
+        def rig() -> CameraRig:
+            clock = MonotonicClock()
+            sensor, nothing = Sensor(clock), Sensor(clock, is_there=False)
+
+            def camera(of: Sensor) -> Picamera2Camera:
+                table = {"width_px": 66, "height_px": 48, "rate": "100 Hz", "read_timeout": "500 ms"}
+                options = Picamera2Options.model_validate(table)
+                return Picamera2Camera(options, clock, of.package, monotonic=clock.now_s)
+
+            return CameraRig(
+                camera=camera(sensor),
+                clock=clock,
+                absent=camera(nothing),
+                held=lambda: sensor.held,
+                lose=lambda: setattr(sensor, "is_silent", True),
+            )
+
+        return rig

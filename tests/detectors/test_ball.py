@@ -299,6 +299,7 @@ def test_without_a_camera_model_the_real_tennis_ball_is_found_as_well(real_pictu
 
 
 @pytest.mark.long
+@pytest.mark.timeout(300)
 def test_the_green_ball_in_a_hand_is_found_in_the_video(real_pictures: Path, ball_detector) -> None:
     detector = ball_detector(hsv=GREEN_HSV)
     capture = cv2.VideoCapture(str(real_pictures / "ball_video" / "green_ball.mp4"))

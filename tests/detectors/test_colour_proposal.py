@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -21,10 +22,23 @@ from support.scenes.render import render
 pytestmark = pytest.mark.vision
 
 
-@pytest.mark.parametrize("is_pointed_at", [True, False])
-def test_most_balls_as_they_are_met_are_found_with_the_range_that_is_proposed(is_pointed_at: bool) -> None:
+FEW = (0, 1, 3, 4, 8, 9, 10)
+"""Scenes of every kind, of which one is on grass: its many specks are each a ball to be tried, which takes seconds."""
+
+
+@pytest.mark.parametrize(
+    ("is_pointed_at", "seeds", "missed"),
+    [
+        (True, range(12), 1),
+        (False, FEW, 1),
+        pytest.param(False, range(12), 2, marks=[pytest.mark.long, pytest.mark.timeout(300)]),
+    ],
+)
+def test_most_balls_as_they_are_met_are_found_with_the_range_that_is_proposed(
+    is_pointed_at: bool, seeds: Sequence[int], missed: int
+) -> None:
     found = 0
-    for seed in range(12):
+    for seed in seeds:
         ball = hard_ball(seed, (20.0, 70.0))
         made = render(ball.scene)
         (x_px, y_px), radius_px = made.truth.outline_px.mean(axis=0).tolist(), ball.radius_px
@@ -37,7 +51,7 @@ def test_most_balls_as_they_are_met_are_found_with_the_range_that_is_proposed(is
             and abs(seen.width_px / (2 * radius_px) - 1) < 0.1
             and math.dist(seen.centre_px, (x_px, y_px)) < 0.3 * radius_px
         )
-    assert found >= (11 if is_pointed_at else 10)
+    assert found >= len(seeds) - missed
 
 
 hues = st.integers(0, 179)

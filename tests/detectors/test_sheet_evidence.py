@@ -138,7 +138,7 @@ def test_of_two_strips_on_a_wall_that_is_turned_away_one_is_measured(draw) -> No
     assert seen.status is DetectionStatus.FOUND, seen.reason
 
 
-@pytest.mark.parametrize("seed", [1, 3, 12, 15, 18])
+@pytest.mark.parametrize("seed", [1, 3, 8, 12, 13, 18])
 def test_tape_on_a_carpet_is_found_by_how_it_stands_out(seed: int) -> None:
     flat = hard_tape(seed, sizes_px=(36.0, 60.0), backdrop=TEXTURE, pairs=0.0)
     made = render(flat.scene)
@@ -160,7 +160,7 @@ def test_the_more_an_outline_stands_out_the_more_speaks_for_it(levels: int, more
     def evidence(contrast: int) -> float:
         picture = np.full((120, 120, 3), 40, np.uint8)
         picture[45:76, 40:81] += np.uint8(contrast)
-        looks = Looks(picture, 1.0, np.zeros(2), None)
+        looks = Looks(picture, picture, 1.0, np.zeros(2), None)
         looks.note_others(corners)
         return float(looks.evidence(corners, np.full((1, 4, 3), 40.0 + contrast))[0])
 

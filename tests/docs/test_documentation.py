@@ -1,6 +1,7 @@
 """What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere."""
 
 import ast
+import itertools
 import os
 import re
 import shlex
@@ -39,8 +40,11 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
     *sorted((ROOT / "deploy").glob("*.md")),
 ]
+ANSWERS = re.compile(r"^<!-- answers -->\n```toml\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WRONG = re.compile(r"^<!-- wrong on purpose -->\n(?:<!-- .*? -->\n)?```\w+\n.*?^```\n", re.MULTILINE | re.DOTALL)
+CODE = re.compile(r"`([^`]*)`")
+IN_A_SENTENCE = re.compile(r"(?:[a-z ]+ )?stadimeter ([a-z].*)", re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 
 AROUND = {
@@ -78,7 +82,7 @@ def blocks(language):
     return [
         pytest.param(page, text, id=f"{page.relative_to(ROOT)}-{number}")
         for page in PAGES
-        for number, (kind, text) in enumerate(FENCE.findall(WRONG.sub("", page.read_text())))
+        for number, (kind, text) in enumerate(FENCE.findall(ANSWERS.sub("", WRONG.sub("", page.read_text()))))
         if kind == language
     ]
 
@@ -151,24 +155,31 @@ def codes_in_the_source():
     return {each.value for codes in given for each in codes if isinstance(each, ast.Constant) and each.value}
 
 
+def lines_typed(text):
+    """Return the lines that a reader types, of each block of a page for a shell."""
+    for kind, block in FENCE.findall(text):
+        if kind == "sh":
+            yield from block.splitlines()
+        elif kind == "console":
+            yield from (re.split(r" [|>] ", line[2:])[0] for line in block.splitlines() if line.startswith("$ "))
+
+
 def commands():
     for page in PAGES:
-        for kind, text in FENCE.findall(page.read_text()):
-            if kind not in {"sh", "console"}:
-                continue
-            lines = text.splitlines()
-            if kind == "console":
-                lines = [re.split(r" [|>] ", line[2:])[0] for line in lines if line.startswith("$ ")]
-            for line in lines:
-                words = shlex.split(line, comments=True)
-                if words and words[0].rpartition("/")[2] == "stadimeter":
-                    yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
+        text = page.read_text()
+        typed = [shlex.split(line, comments=True) for line in lines_typed(text)]
+        typed = [list(itertools.dropwhile(lambda word: word in {"uvx", "pipx", "run", "sudo"}, each)) for each in typed]
+        for words in (each for each in typed if each and each[0].rpartition("/")[2] == "stadimeter"):
+            yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
+        for span in CODE.findall(FENCE.sub("", text)):
+            if shown := IN_A_SENTENCE.fullmatch(span):
+                yield pytest.param(shlex.split(shown[1]), id=f"{page.name}: {shown[1]}")
 
 
 @pytest.mark.parametrize("words", list(commands()))
 def test_every_command_that_is_shown_exists_with_its_options(words):
     command = typer.main.get_command(app)
-    while hasattr(command, "commands"):
+    while hasattr(command, "commands") and words:
         name, *words = words
         assert name in command.commands, f"there is no command {name}"
         command = command.load(name) if hasattr(command, "load") else command.commands[name]

@@ -69,7 +69,7 @@ def records(run):
     return list(records_of(run[1]))
 
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 
 
 def test_the_video_ends_normally_after_all_its_frames(run):

@@ -8,10 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.errors import PictureError
+from stadimeter.workbench import annotation, text_panel
 from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, Mark, annotate, write_picture
+from stadimeter.workbench.label_placement import Box
 
 pytestmark = pytest.mark.vision
 
@@ -76,12 +80,153 @@ def test_a_target_that_was_not_found_stands_in_the_legend_only() -> None:
     assert (copy[:450] == 128).all()
 
 
+def _places(marks: list[Mark], width: int, height: int) -> tuple[list[Box], list[Box]]:
+    """Return where the labels and the panels of a picture are drawn."""
+    canvas = _blank(width, height)
+    scale = max(width, height) / annotation.REFERENCE_PX
+    room = annotation._room_around(canvas, marks, 1, scale)
+    labels, room = annotation._labels(
+        canvas, [each for each in marks if len(each.detection.outline_px)], room, 1, scale
+    )
+    return [box for _, _, box in labels], [box for _, box in annotation._legend(canvas, marks, room, scale)]
+
+
+def _meet(one: Box, other: Box) -> bool:
+    return one.left < other.right and other.left < one.right and one.top < other.bottom and other.top < one.bottom
+
+
 def test_the_legend_makes_way_for_a_target_in_its_corner() -> None:
     low = CORNERS + np.array([-150, 250])
     plain = annotate(_blank(), [_mark(outline=low, headline="x", lines=())])
     copy = annotate(_blank(), [_mark(outline=low, headline="x", lines=("one", "two"))])
-    changed_rows = np.nonzero((copy != plain).any(axis=(1, 2)))[0]
-    assert changed_rows.max() < 200
+    rows, columns = np.nonzero((copy != plain).any(axis=2))
+    assert len(rows) > 1000
+    assert rows.max() < low[:, 1].min() or columns.min() > low[:, 0].max()
+
+
+LINES = ("ball: 1.234 m ± 0.005", "depth 1.234 m ± 0.005, 14.0 deg right, 27.4 deg down", "223.4 x 223.4 px ± 1.30")
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(
+    size=st.tuples(st.integers(600, 2400), st.integers(600, 2400)),
+    middle=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
+    share=st.floats(0.02, 0.3),
+    name=st.text(st.characters(codec="ascii", categories=("L", "N")), min_size=1, max_size=24),
+)
+def test_neither_label_nor_legend_of_one_target_covers_it_or_the_other(
+    size: tuple[int, int], middle: tuple[float, float], share: float, name: str
+) -> None:
+    radius = share * min(size)
+    angles = np.linspace(0, 2 * np.pi, 90, endpoint=False)
+    limb = np.array(middle) * size + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    mark = _mark(outline=limb, headline=f"{name}: 1.234 m ± 0.005", lines=LINES)
+    labels, panels = _places([mark], *size)
+    assert (len(labels), len(panels)) == (1, 1)
+    assert not _meet(labels[0], panels[0])
+    for box in (*labels, *panels):
+        assert box.left >= 0
+        assert box.top >= 0
+        assert box.right <= size[0]
+        assert box.bottom <= size[1]
+        nearest = np.clip(limb.mean(axis=0), (box.left, box.top), (box.right, box.bottom))
+        assert math.dist(nearest, limb.mean(axis=0)) > radius
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(
+    size=st.tuples(st.integers(900, 2000), st.integers(900, 2000)),
+    cells=st.sets(st.integers(0, 15), min_size=2, max_size=6),
+    share=st.floats(0.2, 0.5),
+)
+def test_no_label_of_several_targets_covers_another_or_a_target(
+    size: tuple[int, int], cells: set[int], share: float
+) -> None:
+    marks = []
+    for cell in sorted(cells):
+        middle = (np.array(divmod(cell, 4)) + 0.5) * size / 4
+        square = middle + share * min(size) / 8 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+        marks.append(_mark(outline=square, headline=f"tag {cell}: 58.5 cm ± 0.3", lines=LINES))
+    labels, panels = _places(marks, *size)
+    assert len(labels) == len(cells)
+    assert len(panels) in {0, len(cells)}
+    every = [*labels, *panels]
+    assert not any(_meet(one, other) for index, one in enumerate(every) for other in every[:index])
+    for mark in marks:
+        low, high = mark.detection.outline_px.min(axis=0), mark.detection.outline_px.max(axis=0)
+        assert not any(_meet(Box(*map(int, (*low, *high))), box) for box in every)
+
+
+def test_a_label_that_has_to_be_away_from_its_target_is_joined_to_it() -> None:
+    centre = np.array([450.0, 300.0])
+    marks = [
+        _mark(
+            outline=centre + 30 * each + 14 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]), headline=f"tag {n}: 1 m"
+        )
+        for n, each in enumerate(np.array(np.meshgrid(range(-2, 3), range(-2, 3))).reshape(2, -1).T)
+    ]
+    labels, _ = _places(marks, 900, 600)
+    ordered = sorted(marks, key=_lowest)
+    mark, box = next((mark, box) for mark, box in zip(ordered, labels, strict=True) if _gap(mark, box) > 40)
+    canvas = _blank()
+    annotation._draw_leader(canvas, mark, box, 1, 1.0)
+    drawn = np.argwhere((canvas != 128).any(axis=2))[:, ::-1]
+    low, high = mark.detection.outline_px.min(axis=0) - 3, mark.detection.outline_px.max(axis=0) + 3
+    assert ((drawn > low) & (drawn < high)).all(axis=1).any()
+    assert np.hypot(*(drawn - np.clip(drawn, (box.left, box.top), (box.right, box.bottom))).T).min() < 3
+
+
+def _lowest(mark: Mark) -> float:
+    return -float(mark.detection.outline_px[:, 1].max())
+
+
+def _gap(mark: Mark, box: Box) -> float:
+    points = mark.detection.outline_px
+    return float(np.hypot(*(points - np.clip(points, (box.left, box.top), (box.right, box.bottom))).T).min())
+
+
+def test_where_there_is_no_room_the_label_is_inside_the_picture_all_the_same() -> None:
+    whole = np.array([(2.0, 2.0), (898.0, 2.0), (898.0, 598.0), (2.0, 598.0)])
+    labels, panels = _places([_mark(outline=whole)], 900, 600)
+    for box in (*labels, *panels):
+        assert box.left >= 0
+        assert box.bottom <= 600
+
+
+def test_what_is_not_found_is_told_however_full_the_picture_is() -> None:
+    missing = _mark(DetectionStatus.NOT_FOUND, outline=np.empty((0, 2)), lines=("tag 3: not found", "no tag 3"))
+    whole = np.array([(2.0, 2.0), (898.0, 2.0), (898.0, 598.0), (2.0, 598.0)])
+    assert len(_pixels_of(annotate(_blank(), [_mark(outline=whole), missing]), RED)) > 10
+
+
+@pytest.mark.parametrize("text", ["Größe", "ball…", "90° × 2", "猫", "a\tb"])
+def test_letters_that_the_fonts_lack_become_others(text: str) -> None:
+    shown = text_panel._drawable(text)
+    assert shown.isascii()
+    assert len(shown) >= 1
+    assert text_panel._drawable("35.0 in ± 0.4") == "35.0 in ± 0.4"
+
+
+def test_edge_points_are_drawn_one_by_one_when_they_are_asked_for() -> None:
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    limb = np.column_stack([345 + 100 * np.cos(angles), 212 + 100 * np.sin(angles)])
+    between = np.column_stack([345 + 100 * np.cos(angles + angles[1] / 2), 212 + 100 * np.sin(angles + angles[1] / 2)])
+    green = _pixels_of(annotate(_blank(), [_mark(outline=limb, headline="x", lines=(), draws_edges=True)]), GREEN)
+    for point, gap in zip(limb, between, strict=True):
+        assert np.hypot(*(green - point).T).min() < 2
+        assert np.hypot(*(green - gap).T).min() > 5
+
+
+def test_a_rejected_outline_of_four_sides_is_drawn_as_one() -> None:
+    corners = ((650.0, 400.0), (800.0, 420.0), (790.0, 520.0), (640.0, 500.0))
+    candidate = RejectedCandidate(centre_px=(720.0, 460.0), size_px=151.0, reason="x", corners_px=corners)
+    plain = annotate(_blank(), [_mark()])
+    copy = annotate(_blank(), [_mark(rejected=((7, candidate),))])
+    drawn = np.argwhere((copy != plain).any(axis=2))[:, ::-1]
+    for corner in corners:
+        assert np.hypot(*(drawn - corner).T).min() < 2.5
+    assert np.hypot(*(drawn - (720, 460)).T).min() > 30, "nothing inside, and no ring"
+    assert not ((drawn[:, 0] < 900) & (drawn[:, 1] > 530)).any(), "a ring would reach further down"
 
 
 @pytest.mark.parametrize("size", [(1, 1), (40, 30), (120, 500), (640, 480), (3000, 2000)])

@@ -128,4 +128,4 @@ class GpiozeroBuzzer:
         self._pin.write(FULL_PERCENT if self._pattern.sounds(self._level, now_s) else 0)
 
 
-PLUGIN = Plugin(options=BuzzerOptions, build=GpiozeroBuzzer, lacks=pins_lack, verb="buzzes")
+PLUGIN = Plugin(options=BuzzerOptions, build=GpiozeroBuzzer, lacks=pins_lack, verb="buzzes", circuit="buzzer")

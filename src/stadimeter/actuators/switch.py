@@ -106,7 +106,12 @@ def _on_from(on_at: float) -> Callable[[float], int]:
     return lambda level: FULL_PERCENT if level >= on_at else 0
 
 
-LED_PLUGIN = Plugin(options=LedOptions, build=build_led, lacks=pins_lack, verb="lights")
+LED_PLUGIN = Plugin(options=LedOptions, build=build_led, lacks=pins_lack, verb="lights", circuit="led")
 RELAY_PLUGIN = Plugin(
-    options=RelayOptions, build=build_relay, lacks=pins_lack, verb="switches on", is_worn_by_switching=True
+    options=RelayOptions,
+    build=build_relay,
+    lacks=pins_lack,
+    verb="switches on",
+    is_worn_by_switching=True,
+    circuit="relay",
 )

@@ -97,4 +97,6 @@ class GpiozeroVibrationMotor:
         self._pin.write(FULL_PERCENT if kicks else self._percent)
 
 
-PLUGIN = Plugin(options=VibrationMotorOptions, build=GpiozeroVibrationMotor, lacks=pins_lack, verb="vibrates")
+PLUGIN = Plugin(
+    options=VibrationMotorOptions, build=GpiozeroVibrationMotor, lacks=pins_lack, verb="vibrates", circuit="motor"
+)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import stadimeter
 from stadimeter.app.capture import Capture, capture_for
@@ -19,6 +19,9 @@ from stadimeter.core.outputs import safe_command
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.messaging.protocol import Messenger, Notifier
+
+if TYPE_CHECKING:  # most runs have no simulated world
+    from stadimeter.simulation.protocol import StagedWorld
 
 
 @dataclass(slots=True, kw_only=True)
@@ -35,6 +38,7 @@ class Parts:
         shared: What the drivers share; its closers are called at the end.
         is_live: Whether the camera delivers frames at its own pace, on the computer's clock.
         recording_drives: The names of real outputs that a recording or a simulation drives; none for a live camera.
+        world: The simulated world; None for none.
     """
 
     configuration: Configuration
@@ -47,6 +51,7 @@ class Parts:
     recording_drives: tuple[str, ...] = ()
     is_live: bool = False
     notifiers: Mapping[str, Notifier] = field(default_factory=dict)
+    world: StagedWorld | None = None
 
 
 def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
@@ -95,6 +100,7 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
         shared=builder.shared,
         is_live=camera.is_live,
         recording_drives=() if camera.is_live else _real_outputs(configuration),
+        world=builder.world,
     )
 
 
@@ -110,8 +116,7 @@ class _Builder:
         self.shared = Shared()
         self._configuration = configuration
         self._clock = clock
-        if configuration.world is not None:
-            self.build(configuration.world)
+        self.world: StagedWorld | None = self.build(configuration.world) if configuration.world is not None else None
 
     def build(self, choice: DriverChoice) -> Any:
         context = DriverContext(

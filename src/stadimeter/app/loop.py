@@ -135,6 +135,10 @@ class Loop:
             self._is_opening = False
             raise _EndedWhileOpening
 
+    def end(self, why: str) -> None:
+        """End the run after this cycle. May be called from any thread."""
+        self.ending = self.ending or why
+
     def give_up(self) -> list[str]:
         """Stop every output once more and keep what alarms remember, since the process is ended while the run hangs.
 

@@ -98,7 +98,7 @@ def board(
     nothing was written.
     """
     with plain_errors():
-        wanted = _wanted(chessboard, charuco, square, marker, dictionary)
+        wanted = wanted_board(chessboard, charuco, square, marker, dictionary)
         if bool(pictures) == bool(live):
             raise ConfigError("give pictures of the board, or --live for a camera, one of the two")
         made, all_used = _from_camera(live, wanted) if live else _from_pictures(pictures or [], wanted)
@@ -142,9 +142,10 @@ def _never_found(what: str) -> NoReturn:
     raise typer.Exit(NOT_FOUND)
 
 
-def _wanted(
+def wanted_board(
     chessboard: str | None, charuco: str | None, square: str, marker: str | None, dictionary: str | None
 ) -> Board:
+    """Return the board that the options describe; `ConfigError` if they contradict each other."""
     square_m = parse_known_length(square, "--square")
     if (chessboard is None) == (charuco is None):
         raise ConfigError("say which board it is: --board 9x6 for a chessboard, or --charuco 5x7, one of the two")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -15,16 +14,21 @@ from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.cli.progress import working
 from stadimeter.config.plugins import DETECTORS, load_plugin
 from stadimeter.core.detection import DetectionStatus
-from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.errors import ConfigError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.colour_picture import colour_picture
+from stadimeter.workbench.colour_places import (
+    NOTHING_STANDS_OUT,
+    ONLY_BACKGROUND,
+    colour_sample,
+    is_where_pointed,
+    split_places,
+)
 from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.frame_source import settled_frame
 from stadimeter.workbench.measuring import open_picture
-
-Place = tuple[float, float]
+from stadimeter.workbench.picture_quality import picture_remarks
 
 
 def register(app: typer.Typer) -> None:
@@ -84,7 +88,7 @@ def colour(
         for name, sample, view in zip(names, samples, proposal.views, strict=True):
             write_picture(paths[name], colour_picture(sample.frame.image, view, proposal.colour))
             typer.echo(f"written: {paths[name]}")
-        is_found = all(map(_is_there, samples, proposal.views))
+        is_found = all(map(is_where_pointed, samples, proposal.views))
     raise typer.Exit(DONE if is_found else NOT_FOUND)
 
 
@@ -96,58 +100,28 @@ def _given(pictures: Sequence[str], at: Sequence[str], live: str | None) -> tupl
         raise ConfigError("--at is a place in one picture; for several write such as noon.jpg@312,240 dusk.jpg@290,255")
     if live:
         frame = settled_frame(camera_choice(live))
-        return [Path("live.png")], [_sample(frame, "the camera's picture", at)]
-    split = [_split(each) for each in pictures]
+        for words in picture_remarks(frame.image):
+            typer.echo(f"note: {words}", err=True)
+        return [Path("live.png")], [colour_sample(frame, "the camera's picture", at, "--at")]
+    split = [split_places(each) for each in pictures]
     names = [Path(name) for name, _ in split]
     for note in profile_notes(names):
         typer.echo(f"note: {note}", err=True)
-    samples = [_sample(open_picture(Path(name)), name, [*places, *at]) for name, places in split]
+    samples = [colour_sample(open_picture(Path(name)), name, [*places, *at], "--at") for name, places in split]
     return names, samples
-
-
-def _split(text: str) -> tuple[str, list[str]]:
-    """Return the path and the places of ``PATH@X,Y@X,Y``; a path may hold an ``@`` itself."""
-    name, places = text, []
-    while "@" in name and not Path(name).is_file():
-        name, _, place = name.rpartition("@")
-        places.append(place)
-    return (name, places) if Path(name).is_file() else (text, [])
-
-
-def _sample(frame: Frame, name: str, places: Sequence[str]) -> ColourSample:
-    return ColourSample(frame, tuple(_place(each, name, frame) for each in places))
-
-
-def _place(text: str, name: str, frame: Frame) -> Place:
-    x, _, y = text.partition(",")
-    try:
-        place = float(x), float(y)
-    except ValueError as error:
-        raise ConfigError([Problem(f"{text!r} is not a place; write it such as 312,240", key="--at")]) from error
-    if not (0 <= place[0] < frame.width_px and 0 <= place[1] < frame.height_px):
-        size = f"{frame.width_px} × {frame.height_px} pixels"
-        raise ConfigError([Problem(f"{text} is not in {name}, which has {size}", key="--at")])
-    return place
 
 
 def _nothing(samples: Sequence[ColourSample]) -> str:
     if any(sample.places_px for sample in samples):
-        return "what you point at has no outline of its own: it is background; point at the middle of the ball"
-    return "nothing in the picture stands out as a ball of one colour; point at it with --at X,Y, in pixels"
-
-
-def _is_there(sample: ColourSample, view: ColourView) -> bool:
-    """Return whether a ball is seen, and where the person has pointed."""
-    seen = view.detection
-    if seen.status is DetectionStatus.NOT_FOUND:
-        return False
-    reach_px = seen.width_px / 2
-    return not sample.places_px or any(math.dist(seen.centre_px, each) <= reach_px for each in sample.places_px)
+        return ONLY_BACKGROUND
+    return f"{NOTHING_STANDS_OUT}; point at it with --at X,Y, in pixels"
 
 
 def _print(names: Sequence[Path], samples: Sequence[ColourSample], proposal: ColourProposal) -> None:
     for name, sample, view in zip(names, samples, proposal.views, strict=True):
-        elsewhere = "" if _is_there(sample, view) or not len(view.detection.outline_px) else ", not where you point"
+        elsewhere = (
+            "" if is_where_pointed(sample, view) or not len(view.detection.outline_px) else ", not where you point"
+        )
         typer.echo(f"{name}: {_in_words(view)}{elsewhere}")
         for number, other in enumerate(view.others, start=1):
             x_px, y_px = other.centre_px

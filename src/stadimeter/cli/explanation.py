@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -123,6 +124,9 @@ def _rejected(result: TargetResult, found: Detection) -> list[tuple[str, str]]:
 KEPT_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 """A copy is of the same kind as the picture where that is one of these, else a PNG."""
 
+LONGEST_NAME, WRAPPED_AT = 24, 64
+"""Characters of a target's name beside it in an annotated copy, and of a line of its reason."""
+
 _WORDS = {
     MeasurementStatus.NOT_FOUND: "not found",
     MeasurementStatus.TRUNCATED: "cut off by the border",
@@ -157,40 +161,45 @@ def copy_paths(images: Sequence[Path], folder: Path | None, ending: str = "measu
 
 
 def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) -> tuple[Mark, ...]:
-    """Return what to draw into the copy of a picture; with ``explain``, also what was rejected."""
+    """Return what to draw into the copy of a picture; with ``explain``, also edge points and what was rejected."""
     marks = (_mark(each, unit) for each in result.targets)
     if not explain:
         return tuple(marks)
-    return tuple(replace(mark, rejected=each.rejected) for mark, each in zip(marks, result.targets, strict=True))
+    return tuple(
+        replace(mark, draws_edges=True, rejected=each.rejected)
+        for mark, each in zip(marks, result.targets, strict=True)
+    )
 
 
 def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
     measured = result.measurement
     detection = result.detection or Detection(target=measured.target, status=DetectionStatus.NOT_FOUND)
+    name = result.label if len(result.label) <= LONGEST_NAME else f"{result.label[: LONGEST_NAME - 2]}.."
     if measured.status is not MeasurementStatus.MEASURED:
         words = _WORDS[measured.status]
         return Mark(
             detection=detection,
             has_corners=result.has_corners,
-            headline=words,
-            lines=(f"{measured.target}: {words}", measured.reason),
+            headline=f"{name}: {words}",
+            lines=(f"{result.label}: {words}", *textwrap.wrap(measured.reason, WRAPPED_AT)),
         )
     return Mark(
         detection=detection,
         has_corners=result.has_corners,
-        headline=format_distance(measured.distance_m, measured.sigma_m, unit),
-        lines=_legend(measured, detection, unit),
+        headline=f"{name}: {format_distance(measured.distance_m, measured.sigma_m, unit)}",
+        lines=_legend(result, detection, unit),
     )
 
 
-def _legend(measured: Measurement, detection: Detection, unit: LengthUnit) -> tuple[str, ...]:
+def _legend(result: TargetResult, detection: Detection, unit: LengthUnit) -> tuple[str, ...]:
+    measured = result.measurement
     distance = format_distance(measured.distance_m, measured.sigma_m, unit)
     in_metres = "" if unit is METRE else f"  =  {format_distance(measured.distance_m, measured.sigma_m, METRE)}"
     depth = format_distance(measured.depth_m, measured.sigma_m, unit)
     direction = f"{_angle(measured.bearing_rad, 'right', 'left')}, {_angle(measured.elevation_rad, 'up', 'down')}"
     tilt = "" if measured.tilt_rad is None else f", {format_tilt(measured.tilt_rad).replace('°', ' deg')}"
     return (
-        f"{measured.target}: {distance}{in_metres}",
+        f"{result.label}: {distance}{in_metres}",
         f"depth {depth}, {direction}{tilt}",
         f"{detection.width_px:.1f} x {detection.height_px:.1f} px ± {detection.size_sigma_px:.2f}",
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -183,6 +184,28 @@ def format_best(reason: str, rejected: Sequence[RejectedCandidate]) -> str:
     best = rejected[0]
     words = f"looked at {format_place(best)}"
     return words if not best.reason or best.reason in reason else f"{words}: {best.reason}"
+
+
+_LENGTH_IN_WORDS = re.compile(
+    r"(?<![\w.])(?P<value>-?\d+(?:\.(?P<decimals>\d+))?) m(?P<speed>/s)?\b"
+    r"(?: ± (?P<sigma>\d+\.\d+))?(?: \(-?[\d.]+ ft\))?"
+)
+"""A length or a speed as reasons have it: ``2.43 m ± 0.04``, ``3.05 m (10.0 ft)`` or ``0.21 m/s``."""
+
+
+def in_unit(words: str, unit: LengthUnit) -> str:
+    """Return words with each length and speed in them in a unit, to the place that the words state it to.
+
+    Reasons are put into words in metres, once, so that recordings of a run are the same for everyone.
+    """
+    return words if unit is METRE else _LENGTH_IN_WORDS.sub(lambda found: _converted(found, unit), words)
+
+
+def _converted(found: re.Match[str], unit: LengthUnit) -> str:
+    value, step = float(found["value"]) / unit.size_m, 10.0 ** -len(found["decimals"] or "") / unit.size_m
+    decimals = min(unit.decimals_max, max(0, math.floor(-math.log10(step) + 0.5)))
+    plus_minus = f" ± {_fixed(float(found['sigma']) / unit.size_m, decimals)}" if found["sigma"] else ""
+    return f"{_fixed(value, decimals)} {unit.symbol}{found['speed'] or ''}{plus_minus}"
 
 
 def _decimals_of(sigma: float, decimals_max: int) -> int:

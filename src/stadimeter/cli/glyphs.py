@@ -2,18 +2,49 @@
 
 from __future__ import annotations
 
+import codecs
+import io
+import unicodedata
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # the plain view starts sooner without rich
+    from rich.console import Console
     from rich.text import Text
 
-_ASCII_WORDS = str.maketrans(
-    {
-        "±": "+/-", "°": " deg", "…": "...", "²": "2", "—": "-", "–": "-", "→": "->", "≥": ">=", "≤": "<=", "·": "-",
-        "σ": "sigma", "µ": "u", "×": "x",
-    }
-)  # fmt: skip
+PLAIN = {
+    "±": "+-", "°": " deg", "…": "...", "²": "2", "³": "3", "—": "-", "–": "-", "−": "-", "·": "-", "•": "*", "→": "->",
+    "←": "<-", "≥": ">=", "≤": "<=", "≈": "~", "×": "x", "÷": "/", "σ": "sigma", "µ": "u", "μ": "u", "π": "pi",
+    "ω": "omega", "Ω": "ohm",
+    "\N{LEFT SINGLE QUOTATION MARK}": "'", "\N{RIGHT SINGLE QUOTATION MARK}": "'", "“": '"', "”": '"', "„": '"',
+    "━": "=", "│": "|", "┃": "|", "█": "#", "▀": "#", "▄": "#", "✓": "ok", "✗": "x",
+    "\N{NO-BREAK SPACE}": " ", "\N{NARROW NO-BREAK SPACE}": " ",
+}  # fmt: skip
+"""What stands for a character where a terminal or file cannot take it."""
+
+PLAIN_ERRORS = "stadimeter.plain"
+"""The name of the error handler for encodings that puts `plain` in place of what an encoding lacks."""
+
+
+def plain(character: str) -> str:
+    """Return what stands for a character in ASCII; its number for a letter, which may be part of a file's name."""
+    if character.isascii():
+        return character
+    if character in PLAIN:
+        return PLAIN[character]
+    if "BOX DRAWINGS" in (name := unicodedata.name(character, "")):
+        return "-" if name.endswith("HORIZONTAL") and "AND" not in name else "+"
+    return character.encode("ascii", "backslashreplace").decode("ascii")
+
+
+def _write_plain(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(plain, error.object[error.start : error.end])), error.end
+
+
+codecs.register_error(PLAIN_ERRORS, _write_plain)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,12 +76,27 @@ class Glyphs:
         shown = "".join(character if character.isprintable() else " " for character in text)
         if not self.ascii_only:
             return shown
-        return shown.translate(_ASCII_WORDS).encode("ascii", "replace").decode("ascii")
+        return "".join(map(plain, shown))
+
+    def hang(self, label: Text, words: Text, width: int) -> list[Text]:
+        """Return a label and the words beside it, on as many lines as they take; each begins below the first."""
+        from rich.text import Text  # noqa: PLC0415 - the plain view starts sooner without rich
+
+        first, *more = words.wrap(_console(), max(1, width - label.cell_len)) or [Text()]
+        return [Text.assemble(label, first), *(Text(" " * label.cell_len).append_text(line) for line in more)]
 
     def fit(self, text: Text, width: int) -> Text:
         """Return a line cut or filled to a width in columns."""
         text.truncate(width, overflow="crop" if self.ascii_only else "ellipsis", pad=True)
         return text
+
+
+@cache
+def _console() -> Console:
+    """Return what rich wants for wrapping, and does not look at."""
+    from rich.console import Console  # noqa: PLC0415 - the plain view starts sooner without rich
+
+    return Console(file=io.StringIO(), width=80)
 
 
 UNICODE = Glyphs()

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
-from stadimeter.cli.target_options import key_and_value
 from stadimeter.config.findings import findings_of
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
+from stadimeter.config.toml_source import key_and_value
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.errors import ConfigError, Problem
 

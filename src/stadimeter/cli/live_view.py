@@ -18,10 +18,20 @@ from rich.text import Text
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs, heading
-from stadimeter.cli.run_panels import event_line, header_lines, message_line, output_blocks, rule_blocks
-from stadimeter.cli.snapshot import LookedAt, RunHistory, Snapshot
-from stadimeter.cli.target_panel import target_lines
-from stadimeter.core.decision import RuleStatus
+from stadimeter.cli.keyboard import RunKeys
+from stadimeter.cli.run_history import LookedAt, RunHistory, Snapshot
+from stadimeter.cli.run_panels import (
+    Block,
+    event_block,
+    explanation_lines,
+    footer_line,
+    header_lines,
+    message_line,
+    narration_lines,
+    output_blocks,
+    rule_blocks,
+)
+from stadimeter.cli.target_panel import figure_rows, target_lines
 from stadimeter.core.message import Message
 
 REFRESH_S = 0.1
@@ -42,6 +52,8 @@ class LiveView:
         trouble: Says what is wrong outside the loop, such as with the broker; an empty string if nothing.
         messages: Returns what was sent to other programs and when, newest first.
         limits_m: Distances to mark in the chart of each target, such as those of its rules.
+        narration: Says what happens in a simulated world; an empty string if nothing.
+        keys: What keys do; they are attended to after each cycle.
         real_time_s: A monotonic clock of real time, in seconds. Simulated time would draw too often, or too seldom.
 
     Raises:
@@ -56,6 +68,8 @@ class LiveView:
         trouble: Callable[[], str] = str,
         messages: Callable[[], Sequence[tuple[float, Message]]] = tuple,
         limits_m: Mapping[str, Sequence[float]] | None = None,
+        narration: Callable[[], str] = str,
+        keys: RunKeys | None = None,
         console: Console | None = None,
         real_time_s: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -64,6 +78,8 @@ class LiveView:
         self._trouble = trouble
         self._messages = messages
         self._limits_m = dict(limits_m or {})
+        self._narration = narration
+        self._keys = keys
         self._console = console or Console()
         self._real_time_s = real_time_s
         self._history = RunHistory()
@@ -92,16 +108,22 @@ class LiveView:
         self._record = record
         self._history.add(record)
         self._looked_at.add(record)
+        if self._keys is not None:
+            self._keys.attend(self._draw)
         started_s = self._real_time_s()
-        if self._live is None or started_s < self._draw_at_s:
+        if started_s < self._draw_at_s:
             return
-        self._live.update(self.render(), refresh=True)
+        self._draw()
         ended_s = self._real_time_s()
         self._draw_at_s = max(started_s + REFRESH_S, ended_s + (ended_s - started_s) * (1 / SHARE_MAX - 1))
 
+    def _draw(self) -> None:
+        if self._live is not None:
+            self._live.update(self.render(), refresh=True)
+
     def render(self) -> RenderableType:
         """Return the view as it is now; it fits itself to the console that it is printed on."""
-        history = self._history
+        history, keys = self._history, self._keys
         return LiveScreen(
             snapshot=Snapshot(
                 title=self._title,
@@ -117,17 +139,19 @@ class LiveView:
                 messages=self._messages(),
                 limits_m=self._limits_m,
                 trouble=self._trouble(),
+                narration=self._narration(),
+                keys=keys.keys if keys is not None else None,
+                is_paused=keys is not None and keys.is_paused,
+                is_explained=keys is not None and keys.is_explained,
             )
         )
 
 
+FRAMED_HEIGHT = 10
+"""From this many rows on there is room for the narration and the keys."""
+
 WIDE = 100
 """From this many columns on, targets are on the left and the rest on the right."""
-
-JOINED_WIDTH = 76
-"""From this many columns on, the figures of a rule or output and the reason behind them share a line."""
-
-Block = tuple[Text, Text]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,10 +174,17 @@ def screen_lines(snapshot: Snapshot, width: int, height: int, glyphs: Glyphs = U
         Exactly `height` lines of exactly `width` columns.
     """
     lines = header_lines(snapshot, width, glyphs)[: max(1, height // 4)]
-    if snapshot.record is not None:
+    footer: list[Text] = []
+    if height >= FRAMED_HEIGHT:
+        lines += narration_lines(snapshot, width, glyphs)[: height // 6]
+        footer = [footer_line(snapshot.keys, width, glyphs)] if snapshot.keys is not None else []
+    rows = height - len(lines) - len(footer)
+    if snapshot.is_explained:
+        lines += explanation_lines(snapshot, width, glyphs)[:rows]
+    elif snapshot.record is not None:
         body = _wide if width >= WIDE else _narrow
-        lines += body(snapshot, snapshot.record, width, height - len(lines), glyphs)
-    lines += [Text() for _ in range(height - len(lines))]
+        lines += body(snapshot, snapshot.record, width, rows, glyphs)
+    lines = [*lines, *(Text() for _ in range(height - len(lines) - len(footer))), *footer]
     for line in lines:
         line.no_wrap, line.overflow = True, "crop"
     return [glyphs.fit(line, width) for line in lines[:height]]
@@ -161,43 +192,45 @@ def screen_lines(snapshot: Snapshot, width: int, height: int, glyphs: Glyphs = U
 
 def _narrow(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Put everything in one column; what matters most gets its rows first."""
-    targets, rules, outputs = _counts(record)
-    headings = 4 if snapshot.messages else 3
-    second = 0 if width >= JOINED_WIDTH else 1
+    targets = len(record.decision.tracks)
+    rest = _Rest.of(snapshot, record, width, glyphs)
+    rules, outputs = len(rest.rules), len(rest.outputs)
     rows = grant_rows(
         height,
         [
             ("targets", targets), ("outputs", min(outputs, 2)), ("rules", min(rules, 3)), ("targets", targets),
-            ("events", 1), ("outputs", outputs), ("rules", rules), ("headings", headings), ("events", 2),
-            ("targets", 7), ("messages", 1), ("events", 1), ("outputs", second * outputs), ("rules", second * rules),
-            ("targets", height),
+            ("events", 1), ("outputs", outputs - 2), ("rules", rules - 3), ("messages", 1),
+            ("headings", rest.headings), ("targets", _figure_rows(snapshot, record, width, glyphs) - 2 * targets),
+            ("outputs", rest.loud(rest.outputs) - outputs), ("rules", rest.loud(rest.rules) - rules),
+            ("events", rest.newest - 1), ("outputs", rest.full(rest.outputs) - rest.loud(rest.outputs)),
+            ("targets", 5), ("rules", rest.full(rest.rules) - rest.loud(rest.rules)), ("events", 1), ("messages", 1),
+            ("events", 1), ("targets", height),
         ],
-        {"outputs": outputs * (1 + second), "rules": rules * (1 + second), "messages": len(snapshot.messages)},
+        rest.most(),
     )  # fmt: skip
-    return [*_targets(snapshot, record, width, rows["targets"], glyphs), *_rest(snapshot, record, width, rows, glyphs)]
+    return [*_targets(snapshot, record, width, rows["targets"], glyphs), *rest.lines(rows)]
 
 
 def _wide(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Put targets on the left, the rest on the right."""
-    _, rules, outputs = _counts(record)
-    headings = 4 if snapshot.messages else 3
     left_width = width * 11 // 20
     right_width = width - left_width - 2
-    second = 0 if right_width >= JOINED_WIDTH else 1
+    rest = _Rest.of(snapshot, record, right_width, glyphs)
     rows = grant_rows(
         height,
         [
-            ("outputs", outputs), ("rules", rules), ("events", 1), ("headings", headings), ("events", 3),
-            ("messages", 2), ("rules", second * rules), ("outputs", second * outputs), ("events", 3), ("messages", 7),
-            ("events", height),
+            ("outputs", len(rest.outputs)), ("rules", len(rest.rules)), ("events", 1), ("messages", 1),
+            ("headings", rest.headings), ("events", 2), ("messages", 1),
+            ("rules", rest.full(rest.rules) - len(rest.rules)),
+            ("outputs", rest.full(rest.outputs) - len(rest.outputs)),
+            ("events", 3), ("messages", 7), ("events", height),
         ],
-        {"outputs": outputs * (1 + second), "rules": rules * (1 + second), "messages": len(snapshot.messages)},
+        rest.most(),
     )  # fmt: skip
     left = _targets(snapshot, record, left_width, height, glyphs)
-    right = _rest(snapshot, record, right_width, rows, glyphs)
     return [
         Text.assemble(glyphs.fit(one, left_width), "  ", glyphs.fit(other, right_width))
-        for one, other in zip_longest(left, right, fillvalue=Text())
+        for one, other in zip_longest(left, rest.lines(rows), fillvalue=Text())
     ]
 
 
@@ -213,9 +246,9 @@ def grant_rows(free: int, claims: Sequence[tuple[str, int]], most: dict[str, int
     return rows
 
 
-def _counts(record: CycleRecord) -> tuple[int, int, int]:
-    decision = record.decision
-    return len(decision.tracks), len(decision.rules), len(decision.commands)
+def _figure_rows(snapshot: Snapshot, record: CycleRecord, width: int, glyphs: Glyphs) -> int:
+    """Return the rows that all targets take without their charts."""
+    return sum(figure_rows(snapshot, track, width, glyphs) for track in record.decision.tracks)
 
 
 def _targets(snapshot: Snapshot, record: CycleRecord, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
@@ -233,32 +266,91 @@ def _targets(snapshot: Snapshot, record: CycleRecord, width: int, rows: int, gly
     ]
 
 
-def _rest(snapshot: Snapshot, record: CycleRecord, width: int, rows: Counter[str], glyphs: Glyphs) -> list[Text]:
-    """Return rules, outputs, events and messages, under their headings if there is room for these."""
-    blocks = rule_blocks(record, glyphs)
-    if rows["rules"] < len(blocks):  # what does something comes first when not all can be shown
-        is_idle = [trace.status is RuleStatus.IDLE for trace in record.decision.rules]
-        blocks = [block for _, block in sorted(zip(is_idle, blocks, strict=True), key=lambda pair: pair[0])]
-    sections = {
-        "rules": _stacked(blocks, rows["rules"], 5),
-        "outputs": _stacked(output_blocks(record, snapshot.unit, width, glyphs), rows["outputs"], 3),
-        "events": [event_line(event, snapshot.started_s, glyphs) for event in snapshot.events][: rows["events"]],
-    }
-    if snapshot.messages:
-        newest = snapshot.messages[: rows["messages"]]
-        sections["messages"] = [message_line(at_s, sent, snapshot.started_s, glyphs) for at_s, sent in newest]
-    return [
-        line
-        for name, section in sections.items()
-        for line in ([heading(name, width, glyphs), *section] if rows["headings"] else section)
-    ]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Rest:
+    """Rules, outputs, events and messages, before it is known how many rows there are for them."""
 
+    width: int
+    glyphs: Glyphs
+    rules: Sequence[Block]
+    outputs: Sequence[Block]
+    events: Sequence[list[Text]]
+    messages: Sequence[Text]
 
-def _stacked(blocks: Sequence[Block], rows: int, indent: int) -> list[Text]:
-    """Return blocks as two lines each if there are rows for all of them, else as one."""
-    if rows >= 2 * len(blocks):
-        return [line for first, second in blocks for line in (first, Text(" " * indent).append_text(second))]
-    return with_more([Text.assemble(first, "  ", second) for first, second in blocks[:rows]], len(blocks))
+    @classmethod
+    def of(cls, snapshot: Snapshot, record: CycleRecord, width: int, glyphs: Glyphs) -> Self:
+        """Put everything into words."""
+        unit, started_s = snapshot.unit, snapshot.started_s
+        return cls(
+            width=width,
+            glyphs=glyphs,
+            rules=rule_blocks(record, unit, glyphs),
+            outputs=output_blocks(record, unit, width, glyphs),
+            events=[glyphs.hang(*event_block(event, started_s, unit, glyphs), width) for event in snapshot.events],
+            messages=[message_line(at_s, sent, started_s, glyphs) for at_s, sent in snapshot.messages],
+        )
+
+    @property
+    def headings(self) -> int:
+        return 4 if self.messages else 3
+
+    def full(self, blocks: Sequence[Block]) -> int:
+        """Return the rows of blocks with all their words."""
+        return sum(len(block.lines(self.width, self.glyphs)) for block in blocks)
+
+    def loud(self, blocks: Sequence[Block]) -> int:
+        """Return their rows when those that are quiet have no more than one line."""
+        return self.full([block for block in blocks if not block.is_quiet]) + sum(block.is_quiet for block in blocks)
+
+    @property
+    def newest(self) -> int:
+        """The rows of the newest event."""
+        return len(self.events[0]) if self.events else 1
+
+    def most(self) -> dict[str, int]:
+        return {"rules": self.full(self.rules), "outputs": self.full(self.outputs), "messages": len(self.messages)}
+
+    def lines(self, rows: Counter[str]) -> list[Text]:
+        """Return what fits into the rows, under headings if there is room for these."""
+        sections = {
+            "rules": self._blocks(self.rules, rows["rules"]),
+            "outputs": self._blocks(self.outputs, rows["outputs"]),
+            "events": self._newest(rows["events"]),
+            **({"messages": list(self.messages[: rows["messages"]])} if self.messages else {}),
+        }
+        return [
+            line
+            for name, section in sections.items()
+            for line in ([heading(name, self.width, self.glyphs), *section] if rows["headings"] else section)
+        ]
+
+    def _blocks(self, blocks: Sequence[Block], rows: int) -> list[Text]:
+        """Return every block on a line at least; with all its words as long as there are rows, those that act first."""
+        by_need = sorted(blocks, key=lambda block: block.is_quiet)
+        if rows < len(blocks):
+            return with_more([block.joined() for block in by_need[:rows]], len(blocks))
+        shown: dict[int, list[Text]] = {}
+        free = rows - len(blocks)
+        for block in by_need:
+            whole = block.lines(self.width, self.glyphs)
+            if block.is_quiet and len(whole) > 1 + free:
+                whole = [block.figures]
+            shown[id(block)] = self._cut(whole, 1 + free)
+            free -= len(shown[id(block)]) - 1
+        return [line for block in blocks for line in shown[id(block)]]
+
+    def _newest(self, rows: int) -> list[Text]:
+        """Return as many events as there are rows for."""
+        lines: list[Text] = []
+        for event in self.events:
+            lines += self._cut(event, rows - len(lines))
+        return lines
+
+    def _cut(self, lines: list[Text], rows: int) -> list[Text]:
+        """Return lines as far as there are rows; the last one shows that there would be more."""
+        if 0 < rows < len(lines):
+            lines[rows - 1].append(" " * self.width)
+        return lines[:rows]
 
 
 def with_more(lines: list[Text], count: int) -> list[Text]:

@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar
 import typer
 
 import stadimeter
+from stadimeter.cli.glyphs import PLAIN_ERRORS
 from stadimeter.cli.lazy_group import LazyCommand, LazyGroup
 
 ALARM_COMMANDS = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back")
@@ -21,13 +22,24 @@ class Commands(LazyGroup):
 
     LAZY: ClassVar[Mapping[str, LazyCommand]] = {
         "demo": LazyCommand(
-            "stadimeter.cli.run",
+            "stadimeter.cli.demo",
             "Watch a simulated ball being measured, followed and reported. Needs no hardware.",
             RUN,
+        ),
+        "init": LazyCommand(
+            "stadimeter.cli.init", "Write a first configuration: asks for camera, target and what shall happen.", RUN
         ),
         "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped.", RUN),
         "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts.", RUN),
         "help": LazyCommand("stadimeter.cli.help", "Print the help of a command, or the list of commands.", RUN),
+        "cameras": LazyCommand(
+            "stadimeter.cli.cameras",
+            "List the cameras on this computer, each by the path that stays right.",
+            MEASURE,
+        ),
+        "snapshot": LazyCommand(
+            "stadimeter.cli.snapshot", "Take a picture with exactly the settings that `run` uses.", MEASURE
+        ),
         "measure": LazyCommand(
             "stadimeter.cli.measure",
             "Measure how far away a target is in pictures, in videos, or before a camera.",
@@ -43,10 +55,16 @@ class Commands(LazyGroup):
             "Find out a camera's focal length, write its camera file, and check it.",
             MEASURE,
         ),
+        "print": LazyCommand(
+            "stadimeter.cli.print_target", "Make tags, boards, discs and sheets to print, at true scale.", MEASURE
+        ),
         "check": LazyCommand(
             "stadimeter.cli.check",
             "Check a configuration: print every error in one pass, or say in words what it does.",
             RULES,
+        ),
+        "wiring": LazyCommand(
+            "stadimeter.cli.wiring", "Draw what hangs on which pin of the Raspberry Pi, from a configuration.", RULES
         ),
         "test": LazyCommand(
             "stadimeter.cli.test_rules", "Run the tests of a configuration. Nothing is opened and nothing moves.", RULES
@@ -115,5 +133,5 @@ def main() -> None:
     """Run the command line and leave the process with its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a file's name need be no text, nor need a terminal know every letter
-            stream.reconfigure(errors="backslashreplace")
+            stream.reconfigure(errors=PLAIN_ERRORS)
     app()

@@ -1,21 +1,22 @@
-"""The commands that run the loop: ``run`` and ``demo``."""
+"""The command ``run``, and how any command runs the loop."""
 
 from __future__ import annotations
 
 import gc
 import json
 import os
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from stadimeter.app.bootstrap import build, demo_configuration
+from stadimeter.app.bootstrap import build
 from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.exits import DONE, plain_errors
+from stadimeter.cli.keyboard import RunKeys
 from stadimeter.cli.run_options import (
+    Frames,
     ImageQuality,
     ImageRate,
     JournalFile,
@@ -23,30 +24,25 @@ from stadimeter.cli.run_options import (
     NoState,
     RecordFile,
     RecordImages,
+    Seconds,
     Serving,
     SocketFile,
+    Speed,
     StateFile,
     TrustClock,
+    Unit,
     kept,
     served,
 )
-from stadimeter.cli.viewing import View, in_words, show, summarise
+from stadimeter.cli.viewing import Showing, View, in_words, live_or_plain, show, summarise
 from stadimeter.config.loader import load_configuration
 
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, a TOML file.")]
-Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S", help="End after this long.")]
-Frames = Annotated[int | None, typer.Option("--frames", min=1, metavar="N", help="End after this many frames.")]
-Speed = Annotated[
-    float,
-    typer.Option("--speed", min=0.0, help="How fast recordings and simulations run: 1 is real time, 0 has no brake."),
-]
-Unit = Annotated[Literal["m", "cm", "ft", "in"], typer.Option("--unit", help="The unit to show distances in.")]
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands."""
+    """Add the command."""
     app.command("run")(run)
-    app.command("demo")(demo)
 
 
 def run(
@@ -89,7 +85,7 @@ def run(
     cannot be begun; 128 and the number of a signal if something hung, so that the process was ended before all was
     done. A journal that cannot go on, for a full disk for example, is a warning: the run goes on without it.
     """
-    view: View = "json" if as_json else "live" if watch else "plain"
+    view: View = "json" if as_json else live_or_plain() if watch else "plain"
     with plain_errors():
         loop = Loop(build(load_configuration(config, with_tests=False), speed=speed or None))
         keeping = Keeping(
@@ -108,52 +104,27 @@ def run(
             is_unhurried=loop.parts.is_live or speed > 0,
             is_quiet=view == "live",
         )
-        _run(loop, Limits(frames=frames, seconds=seconds), keeping, serving, Showing(view, config.name, unit))
+        showing = Showing(view, config.name, unit, RunKeys(loop))
+        run_loop(loop, Limits(frames=frames, seconds=seconds), keeping, serving, showing)
 
 
-def demo(
-    seconds: Seconds = None,
-    plain: Annotated[bool, typer.Option("--plain", help="Print lines instead of the live view.")] = False,
-    journal: JournalFile = None,
-    record: RecordFile = None,
-    speed: Speed = 1.0,
-    unit: Unit = "m",
-) -> None:
-    """Watch a simulated ball being measured, followed and reported. Needs no hardware.
-
-    A ball rolls through a simulated room. A camera on a simulated robot measures its distance in the pictures that it
-    takes. Rules drive a vibration motor, a buzzer and the robot's base (through real serial bytes to an emulated
-    firmware) and send alerts to a simulated broker. Now and then the ball hides or the camera freezes, and everything
-    stops. Ctrl-C ends it.
-
-    The configuration is config/demo.toml: copy it, change it, and `stadimeter run` it.
-    """
-    with plain_errors():
-        loop = Loop(build(demo_configuration(), speed=speed or None))
-        keeping = Keeping(journal=journal, record=record, is_quiet=not plain)
-        serving = Serving(is_unhurried=speed > 0, is_quiet=not plain)
-        _run(loop, Limits(seconds=seconds), keeping, serving, Showing("plain" if plain else "live", "demo", unit))
-
-
-@dataclass(frozen=True, slots=True)
-class Showing:
-    """How a run is shown."""
-
-    view: View
-    title: str
-    unit: str
-
-
-def _run(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
+def run_loop(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
     """Run, and raise `typer.Exit`; or leave the process at once, if a signal has asked for the end and all is done.
 
     To take down the interpreter takes a small computer half a second, and for ever if a thread of a library hangs.
     """
-    with stopping_on_signals(loop.stop, loop.services.reload, loop.give_up):
+
+    def stop(why: str) -> None:
+        try:
+            loop.stop(why)
+        finally:
+            showing.keys.keyboard.restore()
+
+    with stopping_on_signals(stop, loop.services.reload, loop.give_up):
         try:
             with plain_errors():
                 _run_to_the_end(loop, limits, keeping, serving, showing)
-                _say_end(loop, showing.view)
+                _say_end(loop, showing)
             code = DONE
         except typer.Exit as left:
             code = left.exit_code
@@ -163,18 +134,20 @@ def _run(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing
 
 
 def _run_to_the_end(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
-    with served(loop, serving), kept(loop, keeping), show(loop, showing.view, showing.title, showing.unit):
+    with served(loop, serving), kept(loop, keeping), show(loop, showing):
         if loop.parts.recording_drives:
             loop.listeners.append(_RealOutputsWarning(loop.parts.recording_drives))
         gc.freeze()  # else all threads stand still now and then, while the collector walks through every library
         loop.run(limits)
 
 
-def _say_end(loop: Loop, view: View) -> None:
+def _say_end(loop: Loop, showing: Showing) -> None:
     for trouble in loop.troubles:
         typer.echo(f"warning: while ending: {trouble}", err=True)
     summary = summarise(loop.health, loop.ending)
-    typer.echo(json.dumps(summary) if view == "json" else in_words(summary))
+    typer.echo(json.dumps(summary) if showing.view == "json" else in_words(summary))
+    if showing.last:
+        typer.echo(f"\n{showing.last}")
 
 
 class _RealOutputsWarning:

@@ -12,16 +12,23 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stadimeter.app.loop import Loop
 from stadimeter.app.persistence.state_file import state_file
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
 from stadimeter.errors import ControlError, JournalError
 
 if TYPE_CHECKING:
+    from stadimeter.app.loop import Loop
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
     from stadimeter.app.recordings.recorder import Recorder, Writer
 
 
+Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S", help="End after this long.")]
+Frames = Annotated[int | None, typer.Option("--frames", min=1, metavar="N", help="End after this many frames.")]
+Speed = Annotated[
+    float,
+    typer.Option("--speed", min=0.0, help="How fast recordings and simulations run: 1 is real time, 0 has no brake."),
+]
+Unit = Annotated[Literal["m", "cm", "ft", "in"], typer.Option("--unit", help="The unit to show distances in.")]
 JournalFile = Annotated[
     Path | None, typer.Option("--journal", metavar="FILE", help="Record every cycle, for `stadimeter replay`.")
 ]

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from rich.text import Text
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.cli.formatting import LengthUnit, format_age, format_level, format_speed, format_time, format_turn
+from stadimeter.cli.formatting import (
+    LengthUnit,
+    format_age,
+    format_level,
+    format_speed,
+    format_time,
+    format_turn,
+    in_unit,
+)
 from stadimeter.cli.glyphs import Glyphs
-from stadimeter.cli.snapshot import Snapshot
+from stadimeter.cli.keyboard import Key
+from stadimeter.cli.run_history import Snapshot
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message
@@ -37,6 +47,18 @@ SEVERITY_STYLES = {
     Severity.ALARM: "red",
     Severity.SAFETY: "bold magenta",
 }
+PAUSED_STYLE = "bold black on yellow"
+CTRL_C = Key(presses="", name="Ctrl-C", does="quit", act=lambda: None)
+SCREEN = (
+    ("ACTIVE", "outputs may act: frames are fresh; STARTING and STALE: outputs are at their safe values"),
+    ("target", "its distance ± one standard deviation, how it moves, its bearing, and the last half minute"),
+    ("rules", "the state of each, its output, and the reason"),
+    ("outputs", "what each really does, and the rule that commands it"),
+    ("events", "what changed, the newest first"),
+    ("messages", "what was sent to other programs"),
+)
+"""What the parts of the screen show."""
+
 NAMES_WIDTH_MAX = 16
 """Names longer than this are cut, so that what comes behind them stays in sight."""
 
@@ -53,7 +75,9 @@ def header_lines(snapshot: Snapshot, width: int, glyphs: Glyphs) -> list[Text]:
     if record is None:
         return [glyphs.fit(Text.assemble((f" {glyphs.words(snapshot.title)} ", "bold"), " waiting for a frame"), width)]
     mode = record.decision.safety
-    badge = Text(f" {mode.value.upper()} ", SAFETY_STYLES[mode])
+    badge = (
+        Text(" PAUSED ", PAUSED_STYLE) if snapshot.is_paused else Text(f" {mode.value.upper()} ", SAFETY_STYLES[mode])
+    )
     age = "no frame" if snapshot.frame_age_s is None else f"age {format_age(snapshot.frame_age_s)}"
     now = format_time(record.observation.now_s - snapshot.started_s)
     frames = f"{snapshot.frame_rate_hz:.1f} fps  {age}  " if width >= FRAMES_WIDTH else ""
@@ -61,7 +85,44 @@ def header_lines(snapshot: Snapshot, width: int, glyphs: Glyphs) -> list[Text]:
     left = glyphs.fit(Text(f" {glyphs.words(snapshot.title)}", "bold"), max(0, width - right.cell_len - 1))
     return [
         glyphs.fit(Text.assemble(left, " ", right), width),
-        *(glyphs.fit(Text(f" ! {glyphs.words(words)}", "yellow"), width) for words in _warnings(snapshot, record)),
+        *(
+            line
+            for words in _warnings(snapshot, record)
+            for line in _warning(in_unit(words, snapshot.unit), width, glyphs)
+        ),
+    ]
+
+
+def _warning(words: str, width: int, glyphs: Glyphs) -> list[Text]:
+    return glyphs.hang(Text(" ! ", "yellow"), Text(glyphs.words(words), "yellow"), width)
+
+
+def narration_lines(snapshot: Snapshot, width: int, glyphs: Glyphs) -> list[Text]:
+    """Return what happens in a simulated world."""
+    words = glyphs.words(in_unit(snapshot.narration, snapshot.unit))
+    return glyphs.hang(Text(" "), Text(words, "bold bright_cyan"), width) if words else []
+
+
+def footer_line(keys: Sequence[Key], width: int, glyphs: Glyphs) -> Text:
+    """Return the keys that there is room for, with what each would do now."""
+    line = Text()
+    for key in keys or (CTRL_C,):
+        hint = Text.assemble(" ", (key.name, "bold reverse"), f" {glyphs.words(key.words)} ")
+        if line.cell_len + hint.cell_len > width:
+            break
+        line.append_text(hint)
+    return line
+
+
+def explanation_lines(snapshot: Snapshot, width: int, glyphs: Glyphs) -> list[Text]:
+    """Return what the keys do and what the screen shows, in place of it."""
+    keys = [(key.name, f"{key.does}; again: {key.undoes}" if key.undoes else key.does) for key in snapshot.keys or ()]
+    states = "  ".join(f"{dot} {status.value}" for dot, status in zip(glyphs.dots, RuleStatus, strict=True))
+    rows = [*keys, ("Ctrl-C", "stop every output at once, and quit"), *SCREEN, ("states", states)]
+    return [
+        line
+        for name, words in rows
+        for line in glyphs.hang(Text(f" {name:<9} ", "bold"), Text(glyphs.words(words)), width)
     ]
 
 
@@ -75,25 +136,63 @@ def _warnings(snapshot: Snapshot, record: CycleRecord) -> list[str]:
     return [words for words in (*warnings, snapshot.trouble) if words]
 
 
-def rule_blocks(record: CycleRecord, glyphs: Glyphs) -> list[tuple[Text, Text]]:
-    """Return what each rule does, and why, as two lines each that may be joined."""
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A rule or an output: its figures, and the words behind them, which take further lines if they are long.
+
+    Attributes:
+        is_quiet: Whether the words may be left away where there is no room for all.
+    """
+
+    figures: Text
+    words: Text
+    is_quiet: bool = False
+
+    def lines(self, width: int, glyphs: Glyphs) -> list[Text]:
+        """Return all of it: the words behind the figures if there is room for them, else below."""
+        beside = Text.assemble(self.figures, "  ")
+        if beside.cell_len + self.words.cell_len > width and width < JOINED_WIDTH:
+            return [self.figures, *glyphs.hang(Text(" " * BELOW), self.words, width)]
+        return glyphs.hang(beside, self.words, width)
+
+    def joined(self) -> Text:
+        """Return it as one line, however long."""
+        return Text.assemble(self.figures, "  ", self.words)
+
+
+JOINED_WIDTH = 76
+"""From this many columns on, words that take several lines stand behind the figures; in fewer, below."""
+
+BELOW = 5
+"""Words below figures begin with this many spaces."""
+
+
+def rule_blocks(record: CycleRecord, unit: LengthUnit, glyphs: Glyphs) -> list[Block]:
+    """Return what each rule does, and why."""
     names = _column([trace.rule for trace in record.decision.rules])
     outputs = _column([_drives(trace, record.decision.outputs)[0] for trace in record.decision.rules], 28)
-    return [_rule_block(trace, record, glyphs, names, outputs) for trace in record.decision.rules]
+    return [_rule_block(trace, record, unit, glyphs, names, outputs) for trace in record.decision.rules]
 
 
 def _rule_block(
-    trace: RuleTrace, record: CycleRecord, glyphs: Glyphs, name_width: int, output_width: int
-) -> tuple[Text, Text]:
+    trace: RuleTrace, record: CycleRecord, unit: LengthUnit, glyphs: Glyphs, name_width: int, output_width: int
+) -> Block:
     style = RULE_STYLES[trace.status]
     drives, drives_style = _drives(trace, record.decision.outputs)
     dot = glyphs.dots[list(RuleStatus).index(trace.status)]
-    return Text.assemble(
-        (f" {dot} ", style),
-        glyphs.fit(Text(glyphs.words(trace.rule), "bold"), name_width),
-        (f"  {trace.status.value:<8}{' ' if trace.acknowledged else '!'} ", style),
-        glyphs.fit(Text(glyphs.words(drives), drives_style), output_width),
-    ), Text(glyphs.words(why(record.decision, trace.rule)), "dim" if trace.status is RuleStatus.IDLE else "")
+    words = why(record.decision, trace.rule)
+    for said in (f"{trace.status.value}: ", f"; it commands '{trace.output}'"):  # which the figures show
+        words = words.removeprefix(said).removesuffix(said)
+    return Block(
+        Text.assemble(
+            (f" {dot} ", style),
+            glyphs.fit(Text(glyphs.words(trace.rule), "bold"), name_width),
+            (f"  {trace.status.value:<8}{' ' if trace.acknowledged else '!'} ", style),
+            glyphs.fit(Text(glyphs.words(drives), drives_style), output_width),
+        ),
+        Text(glyphs.words(in_unit(words, unit)), "dim" if trace.status is RuleStatus.IDLE else ""),
+        is_quiet=trace.status in {RuleStatus.IDLE, RuleStatus.UNKNOWN},
+    )
 
 
 def why(decision: Decision, rule: str) -> str:
@@ -117,8 +216,8 @@ def _drives(trace: RuleTrace, outputs: Sequence[OutputTrace]) -> tuple[str, str]
     return f"· {trace.output}", "dim"
 
 
-def output_blocks(record: CycleRecord, unit: LengthUnit, width: int, glyphs: Glyphs) -> list[tuple[Text, Text]]:
-    """Return what each output does, and who commands it, as two lines each that may be joined."""
+def output_blocks(record: CycleRecord, unit: LengthUnit, width: int, glyphs: Glyphs) -> list[Block]:
+    """Return what each output does, and who commands it. The reason of a rule stands beside that rule."""
     applied = {command.output: command for command in record.applied}
     faults = {fault.output: fault.reason for fault in record.observation.output_faults}
     traces = {trace.output: trace for trace in record.decision.outputs}
@@ -128,12 +227,13 @@ def output_blocks(record: CycleRecord, unit: LengthUnit, width: int, glyphs: Gly
         name = glyphs.fit(Text(glyphs.words(command.output), "bold"), names)
         shown = applied.get(command.output)
         value = _value(shown, unit, max(6, min(20, width // 4)), glyphs) if shown else _broken()
-        who = _who(traces.get(command.output), record.decision.reasons, glyphs)
+        who = _who(traces.get(command.output), glyphs)
         if command.output in faults:
             who = Text(glyphs.words(faults[command.output]), "bold red")
-        elif shown and (asked := _difference(command, shown)):
+        elif shown and (asked := _difference(command, shown, unit)):
             who = Text.assemble((f"asked for {asked}, ", "yellow"), who)
-        blocks.append((Text.assemble(" ", name, "  ", value), who))
+        rests = command.output not in faults and getattr(traces.get(command.output), "winner", "") == "safe"
+        blocks.append(Block(Text.assemble(" ", name, "  ", value), who, is_quiet=rests))
     return blocks
 
 
@@ -168,7 +268,7 @@ def _twist(command: TwistCommand, unit: LengthUnit, glyphs: Glyphs) -> Text:
     )
 
 
-def _who(trace: OutputTrace | None, reasons: Mapping[str, str], glyphs: Glyphs) -> Text:
+def _who(trace: OutputTrace | None, glyphs: Glyphs) -> Text:
     if trace is None:
         return Text()
     line = Text()
@@ -178,27 +278,25 @@ def _who(trace: OutputTrace | None, reasons: Mapping[str, str], glyphs: Glyphs) 
         line.append("by ", "dim").append(glyphs.words(trace.winner), "yellow" if trace.winner == "safety" else "green")
     if trace.losers:
         line.append(glyphs.words(f" over {', '.join(trace.losers)}"), "yellow")
-    reason = trace.reason or reasons.get(trace.winner, "")
-    return line.append(glyphs.words(f": {reason}") if reason else "", "dim")
+    return line.append(glyphs.words(f": {trace.reason}") if trace.reason else "", "dim")
 
 
-def _difference(asked: Command, applied: Command) -> str:
+def _difference(asked: Command, applied: Command, unit: LengthUnit) -> str:
     """Return what was asked for if the driver did something clearly different; rounding to its own steps is not."""
     if isinstance(asked, LevelCommand) and isinstance(applied, LevelCommand):
         return format_level(asked.level) if abs(asked.level - applied.level) > 0.015 else ""
     if isinstance(asked, TwistCommand) and isinstance(applied, TwistCommand):
         away = max(abs(asked.linear_mps - applied.linear_mps), abs(asked.angular_radps - applied.angular_radps) / 4)
-        return f"{format_speed(asked.linear_mps)} {format_turn(asked.angular_radps)}" if away > 0.02 else ""
+        return f"{format_speed(asked.linear_mps, None, unit)} {format_turn(asked.angular_radps)}" if away > 0.02 else ""
     return ""
 
 
-def event_line(event: Event, started_s: float, glyphs: Glyphs) -> Text:
-    """Return one event: when, what, to whom, why."""
+def event_block(event: Event, started_s: float, unit: LengthUnit, glyphs: Glyphs) -> tuple[Text, Text]:
+    """Return one event: when, and what happened to whom and why."""
     what = f"{event.source} {event.kind.value.replace('_', ' ')}"
-    return Text.assemble(
-        (f"{format_time(event.at_s - started_s):>8}  ", "dim"),
+    return Text(f"{format_time(event.at_s - started_s):>8}  ", "dim"), Text.assemble(
         (glyphs.words(what), SEVERITY_STYLES[event.severity]),
-        glyphs.words(f": {event.reason}") if event.reason else "",
+        glyphs.words(f": {in_unit(event.reason, unit)}") if event.reason else "",
     )
 
 

@@ -18,7 +18,7 @@ from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config.findings import findings_of
 from stadimeter.config.paper import paper_sides
 from stadimeter.config.plugins import DETECTORS, DriverChoice, load_plugin
-from stadimeter.config.toml_source import parse_toml
+from stadimeter.config.toml_source import key_and_value
 from stadimeter.config.units import LENGTHS_M, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
@@ -40,7 +40,8 @@ KnownSideOption = Annotated[
     ),
 ]
 BallOption = Annotated[
-    str | None, typer.Option("--ball", metavar="DIAMETER", help="Look for a ball of this size, such as 6.4cm.")
+    str | None,
+    typer.Option("--ball", metavar="DIAMETER", help="Look for a ball of this size, such as 6.4cm or 'tennis ball'."),
 ]
 HsvOption = Annotated[
     str | None,
@@ -320,15 +321,6 @@ def _named(text: str) -> _Described:
             raise ConfigError(f"--target: {key} is given twice")
         table[key] = value
     return _Described(kind, table, {})
-
-
-def key_and_value(text: str) -> tuple[str, Any]:
-    """Return an option of a driver as a configuration would have it; a value that is none of TOML is text."""
-    key, _, value = text.partition("=")
-    try:
-        return key.strip(), parse_toml(f"value = {value}", "").table["value"]
-    except ConfigError:
-        return key.strip(), value.strip()
 
 
 def _choice(driver: str, table: dict[str, Any], keys: Mapping[str, str]) -> DriverChoice:

@@ -21,7 +21,7 @@ from stadimeter.cli.formatting import (
     format_time,
 )
 from stadimeter.cli.glyphs import Glyphs, heading
-from stadimeter.cli.snapshot import Snapshot
+from stadimeter.cli.run_history import Snapshot
 from stadimeter.cli.strip_chart import StripChart
 from stadimeter.core.track import Track, TrackStatus
 
@@ -38,8 +38,11 @@ BEARING_END_RAD = math.radians(30)
 BIG_WIDTH, BIG_ROWS = 48, 14
 """From this size on there is room for large digits."""
 
-WHY_FROM_ROWS, WHY_ROWS = 7, 4
-"""From this height on the reason why a target is not measured has lines of its own; and at most this many."""
+SPLIT_WIDTH = 60
+"""In fewer columns the distance and the bearing stand on a line each."""
+
+WHY_ROWS = 4
+"""The reason why a target is not measured has this many lines of its own at most, if there is room for all of it."""
 
 
 def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
@@ -48,12 +51,15 @@ def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs
     if rows < 2:
         return [glyphs.fit(figures.one_line(), width)][:rows]
     is_big = rows >= BIG_ROWS and width >= BIG_WIDTH and not glyphs.ascii_only
-    why = figures.why_not(width, WHY_ROWS) if rows >= WHY_FROM_ROWS else []
+    why = figures.why_not(width, WHY_ROWS)
+    shown = figures.large if is_big else figures.small if width < SPLIT_WIDTH else figures.normal
+    if 1 + len(shown(with_reason=False)) + len(why) > rows:
+        why = []
     top = [
         heading(track.target, width, glyphs, (track.status.value, f"bold {STATUS_STYLES[track.status]}")),
-        *(figures.large(with_reason=not why) if is_big else [figures.normal(with_reason=not why)]),
+        *shown(with_reason=not why),
         *why,
-    ]
+    ][:rows]
     chart = StripChart(
         width=width,
         height=rows - len(top),
@@ -63,6 +69,13 @@ def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs
     )
     now_s = snapshot.record.observation.now_s if snapshot.record else 0.0
     return [glyphs.fit(line, width) for line in (*top, *chart.render(snapshot.samples.get(track.target, ()), now_s))]
+
+
+def figure_rows(snapshot: Snapshot, track: Track, width: int, glyphs: Glyphs) -> int:
+    """Return the rows that a target takes without its chart: its heading, its figures, and why it is not measured."""
+    figures = _Figures(snapshot, track, glyphs)
+    shown = figures.small if width < SPLIT_WIDTH else figures.normal
+    return 1 + len(shown(with_reason=False)) + len(figures.why_not(width, WHY_ROWS))
 
 
 class _Figures:
@@ -81,8 +94,15 @@ class _Figures:
         line = Text.assemble(" ", (self._words(self._track.target), "bold"), " ", self._distance(), status)
         return line.append_text(Text("  ").join(self._whereabouts()))
 
-    def normal(self, *, with_reason: bool = True) -> Text:
-        return Text("  ").join((Text.assemble(" ", self._distance(), " "), *self._whereabouts(with_reason=with_reason)))
+    def normal(self, *, with_reason: bool = True) -> list[Text]:
+        line = Text("  ").join((Text.assemble(" ", self._distance(), " "), *self._whereabouts(with_reason=with_reason)))
+        line.rstrip()
+        return [line]
+
+    def small(self, *, with_reason: bool = True) -> list[Text]:
+        motion, bearing = self._whereabouts(with_reason=with_reason)
+        lines = [Text.assemble(" ", self._distance(), "  ", motion), Text.assemble(" ", bearing)]
+        return lines if bearing else lines[:1]
 
     def large(self, *, with_reason: bool = True) -> list[Text]:
         number, plus_minus = distance_figures(self._track.distance_m, self._track.sigma_m, self._unit)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 import typer
@@ -22,10 +24,11 @@ from stadimeter.cli.formatting import (
     format_speed,
     format_time,
     format_turn,
+    in_unit,
     length_unit,
 )
 from stadimeter.cli.glyphs import ASCII, UNICODE
-from stadimeter.cli.snapshot import LookedAt
+from stadimeter.cli.run_history import LookedAt
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import Event, RuleStatus, RuleTrace, SafetyMode
@@ -34,6 +37,7 @@ from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.track import Track
 
 if TYPE_CHECKING:
+    from stadimeter.cli.keyboard import RunKeys
     from stadimeter.cli.live_view import LiveView
 
 
@@ -47,6 +51,7 @@ class PlainView:
     Args:
         write: Takes one line without its line break, such as `print`.
         trouble: Says what is wrong outside the loop; said again only when it changes.
+        narration: Says what happens in a simulated world; likewise.
         ascii_only: Whether `write` takes nothing but ASCII.
 
     Raises:
@@ -60,6 +65,7 @@ class PlainView:
         *,
         unit: str = "m",
         trouble: Callable[[], str] = str,
+        narration: Callable[[], str] = str,
         ascii_only: bool = False,
     ) -> None:
         self._write = write
@@ -69,7 +75,8 @@ class PlainView:
         self._glyphs = ASCII if ascii_only else UNICODE
         self._started_s: float | None = None
         self._due_s = 0.0
-        self._said = ""
+        self._narration = narration
+        self._said = self._narrated = ""
         self._looked_at = LookedAt()
 
     def update(self, record: CycleRecord) -> None:
@@ -78,6 +85,7 @@ class PlainView:
         self._looked_at.add(record)
         if self._started_s is None:
             self._started_s = self._due_s = now_s
+        self._narrate(now_s)
         for event in record.decision.events:
             self._line(event.at_s, _event_words(event))
         self._say_trouble(now_s)
@@ -87,6 +95,12 @@ class PlainView:
         missed = int((now_s - self._due_s) / self._every_s + 1e-9) if self._every_s > 0 else 0
         self._due_s += (missed + 1) * self._every_s
 
+    def _narrate(self, now_s: float) -> None:
+        words = self._narration()
+        if words and words != self._narrated:
+            self._line(now_s, f"> {words}")
+        self._narrated = words
+
     def _say_trouble(self, now_s: float) -> None:
         trouble = self._trouble()
         if trouble != self._said:
@@ -94,7 +108,8 @@ class PlainView:
         self._said = trouble
 
     def _line(self, at_s: float, words: str) -> None:
-        self._write(self._glyphs.words(f"{format_time(at_s - (self._started_s or 0.0)):>8}  {words}"))
+        shown = in_unit(words, self._unit)
+        self._write(self._glyphs.words(f"{format_time(at_s - (self._started_s or 0.0)):>8}  {shown}"))
 
     def _words(self, record: CycleRecord) -> Iterator[str]:
         decision, observation = record.decision, record.observation
@@ -142,16 +157,44 @@ WAITING_MAX = 300
 STOP_WAIT_S = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class Showing:
+    """How a run is shown.
+
+    Attributes:
+        unit: That of distances.
+        keys: Those of the live view.
+        last: Words for the end of the run.
+    """
+
+    view: View
+    title: str
+    unit: str
+    keys: RunKeys
+    last: str = ""
+
+
+def live_or_plain() -> View:
+    """Return the live view if there is a terminal to draw it on, else lines."""
+    return "live" if sys.stdout.isatty() and os.environ.get("TERM") not in {"dumb", "unknown"} else "plain"
+
+
 @contextmanager
-def show(loop: Loop, view: View, title: str, unit: str) -> Iterator[None]:
-    """Show a run until the context ends; `unit` is that of distances."""
-    if view == "live":
-        live = live_view_of(loop, title, unit)
-        with _fed(loop, live.update, live):
+def show(loop: Loop, showing: Showing) -> Iterator[None]:
+    """Show a run until the context ends."""
+    if showing.view == "live":
+        live = live_view_of(loop, showing.title, showing.unit, showing.keys)
+        with showing.keys.keyboard, _fed(loop, live.update, live):
             yield
         return
-    if view == "plain":
-        plain = PlainView(typer.echo, unit=unit, trouble=loop.trouble, ascii_only=not _is_unicode(sys.stdout))
+    if showing.view == "plain":
+        plain = PlainView(
+            typer.echo,
+            unit=showing.unit,
+            trouble=loop.trouble,
+            narration=narration_of(loop),
+            ascii_only=not _is_unicode(sys.stdout),
+        )
         with _fed(loop, plain.update):
             yield
         return
@@ -180,7 +223,12 @@ def _fed(
             typer.echo(f"warning: {thread.dropped} cycles were not shown: the terminal did not keep up", err=True)
 
 
-def live_view_of(loop: Loop, title: str, unit: str) -> LiveView:
+def narration_of(loop: Loop) -> Callable[[], str]:
+    """Return what says in a sentence what happens in the simulated world of a run: nothing, if there is none."""
+    return loop.parts.world.narration if loop.parts.world is not None else str
+
+
+def live_view_of(loop: Loop, title: str, unit: str, keys: RunKeys | None = None) -> LiveView:
     """Return the live view of a run, not shown yet; `unit` is that of distances."""
     from stadimeter.cli.live_view import LiveView  # noqa: PLC0415 - it takes long, and few runs show it
 
@@ -188,6 +236,8 @@ def live_view_of(loop: Loop, title: str, unit: str) -> LiveView:
         title,
         unit=unit,
         trouble=loop.trouble,
+        narration=narration_of(loop),
+        keys=keys,
         messages=lambda: tuple(loop.published),
         limits_m=chart_limits_m(loop.parts.configuration.plan),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime as dt
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
-from stadimeter.config.toml_source import read_toml
+from stadimeter.config.toml_source import as_toml, read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance, ToneCurve
 from stadimeter.core.frame import Subsampling
@@ -136,16 +135,17 @@ def save_camera_model(path: Path, model: CameraModel) -> None:
         ConfigError: It cannot be written there.
     """
     try:
-        write_atomically(path, _text(model).encode())
+        write_atomically(path, camera_file_text(model).encode())
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         problem = Problem(f"the camera file cannot be written: {reason}", str(path), hint="choose another with -o")
         raise ConfigError([problem]) from error
 
 
-def _text(model: CameraModel) -> str:
+def camera_file_text(model: CameraModel) -> str:
+    """Return a camera file that `load_camera_model` reads as the same model."""
     provenance = model.provenance
-    notes = "".join(f"    {_quoted(note)},\n" for note in provenance.notes)
+    notes = "".join(f"    {as_toml(note)},\n" for note in provenance.notes)
     return f"""\
 # A camera for stadimeter. Made by: {_one_line(provenance.method) or "hand"}.
 
@@ -163,7 +163,7 @@ cy_px = {model.cy_px!r}
 distortion = {list(model.distortion)!r}
 
 # How code values follow from light: "srgb" for nearly every camera, "linear" for raw pictures.
-tone_curve = {_quoted(model.tone_curve)}
+tone_curve = {as_toml(model.tone_curve)}
 
 # How coarsely the camera stores colour: "4:4:4", "4:2:2" or "4:2:0"; left to the driver where it is not written.
 {_subsampling(model)}
@@ -177,8 +177,8 @@ edge_bias_sigma_px = {model.edge_bias_sigma_px!r}
 # Standard deviation of the focal length as a share of it: {100 * model.focal_relative_sigma:.2g} %.
 focal_relative_sigma = {model.focal_relative_sigma!r}
 {_uncertainty(model.uncertainty)}
-method = {_quoted(provenance.method)}
-date = {_quoted(provenance.date)}
+method = {as_toml(provenance.method)}
+date = {as_toml(provenance.date)}
 
 # The figures that it came from; F is the focal length that one picture by itself gives.
 notes = [
@@ -203,12 +203,7 @@ lens_correlations = [
 
 
 def _subsampling(model: CameraModel) -> str:
-    return f"subsampling = {_quoted(model.subsampling)}" if model.subsampling else '# subsampling = "4:2:0"'
-
-
-def _quoted(text: str) -> str:
-    """Return a TOML basic string: JSON's escapes are among TOML's, but the delete character needs one here too."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
+    return f"subsampling = {as_toml(model.subsampling)}" if model.subsampling else '# subsampling = "4:2:0"'
 
 
 def _one_line(text: str) -> str:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-import typing
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import Any
-
-from pydantic import BaseModel
 
 from stadimeter.config.analysis.bands import band_errors, holding_errors
 from stadimeter.config.analysis.promises import promise_errors
@@ -17,6 +14,7 @@ from stadimeter.config.analysis.subject import Subject, subject_of
 from stadimeter.config.analysis.writers import shadow_errors
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
+from stadimeter.config.plugins import marked_options
 from stadimeter.config.rules.checks import rule_findings, written_findings
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
@@ -102,28 +100,12 @@ def _ports_once(draft: Draft) -> Iterator[Finding]:
 def _used_once(draft: Draft, mark: type, kind: str, identity: Callable[[Any], object]) -> Iterator[Finding]:
     users: dict[object, list[tuple[KeyPath, object]]] = defaultdict(list)
     for table, part in draft.parts():
-        for path, value in _marked(part.options, mark):
-            users[identity(value)].append(((*table, *path), value))
+        for key, value in marked_options(part.options, mark):
+            users[identity(value)].append(((*table, *key), value))
     for (first, _), *others in users.values():
         for path, value in others:
             message = f"{kind} {value} is used twice: by {_dotted(first)} and by {_dotted(path)}"
             yield Finding(path, message, "each needs its own", "used-twice")
-
-
-def _marked(options: BaseModel, mark: type) -> Iterator[tuple[KeyPath, object]]:
-    for name, field in type(options).model_fields.items():
-        value, key = getattr(options, name), field.alias or name
-        if isinstance(value, BaseModel):
-            yield from (((key, *path), inner) for path, inner in _marked(value, mark))
-        elif value is not None and _bears(field.metadata, field.annotation, mark):
-            yield (key,), value
-
-
-def _bears(metadata: list[Any], annotation: Any, mark: type) -> bool:
-    if any(isinstance(entry, mark) for entry in metadata):
-        return True
-    inner = typing.get_args(annotation)
-    return any(isinstance(entry, mark) or _bears([], entry, mark) for entry in inner)
 
 
 def _world_around(draft: Draft) -> Iterator[Finding]:

@@ -7,7 +7,8 @@ configuration names are loaded, so a driver whose library is missing costs nothi
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping
+import typing
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, EntryPoints, PackageNotFoundError, distribution, entry_points
@@ -17,6 +18,7 @@ from pydantic import BaseModel, ConfigDict
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
+from stadimeter.core.drawing import Drawing
 from stadimeter.core.frame import Image
 from stadimeter.errors import DriverError, DriverNotFoundError, DriverUnavailableError
 
@@ -132,12 +134,17 @@ class Plugin(Generic[OptionsT]):
         not_for_motion: Of a camera, why nothing may move on its frames: for each option that would have to be written,
             a sentence that `check` warns of. See `stadimeter.cameras.protocol.Camera.not_for_motion`.
         latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
+        attached: Of a camera, lists those that are on this computer, without taking pictures: a tuple of
+            `stadimeter.cameras.protocol.AttachedCamera`.
         verb: Of an actuator, what it does when it acts, for descriptions: such as ``buzzes``.
         is_worn_by_switching: Of an actuator, whether each change of its level wears it out: `check` warns of patterns
             that never end.
+        circuit: Of an actuator on a pin, what hangs on it, for `wiring`: ``motor`` (or another coil on a supply of its
+            own), ``buzzer``, ``led`` or ``relay`` (a board with an input); empty for a signal of 3.3 V.
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
         exercise: Of a detector, makes what `bench` measures its speed on; None to leave it out.
+        draw: Of a detector, draws its target at its true size with the white rim that it needs, for `print`.
         propose_colour: Of a detector that goes by colour, finds out the range of colours of its target in pictures: a
             `stadimeter.detectors.protocol.ProposesColour`.
     """
@@ -148,11 +155,14 @@ class Plugin(Generic[OptionsT]):
     lacks: Callable[[OptionsT], tuple[str, ...]] = field(default=lambda _options: ())
     not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
     latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
+    attached: Callable[[], tuple[Any, ...]] = field(default=tuple, kw_only=True)
     verb: str = field(default="drives", kw_only=True)
     is_worn_by_switching: bool = field(default=False, kw_only=True)
+    circuit: str = field(default="", kw_only=True)
     needs_world: bool = field(default=False, kw_only=True)
     needs_pixels: bool = field(default=True, kw_only=True)
     exercise: Callable[[], Exercise] | None = field(default=None, kw_only=True)
+    draw: Callable[[OptionsT], Drawing] | None = field(default=None, kw_only=True)
     propose_colour: Callable[..., Any] | None = field(default=None, kw_only=True)
 
 
@@ -169,6 +179,26 @@ class DriverChoice:
     driver: str
     plugin: Plugin[Any]
     options: Options
+
+
+def marked_options(options: BaseModel, mark: type) -> Iterator[tuple[tuple[str, ...], object]]:
+    """Yield the options of a driver whose type bears a mark, such as `stadimeter.config.units.PinMark`: key and value.
+
+    Tables in the options are looked through too; options without a value are left out.
+    """
+    for name, field_ in type(options).model_fields.items():
+        value, key = getattr(options, name), field_.alias or name
+        if isinstance(value, BaseModel):
+            yield from (((key, *path), inner) for path, inner in marked_options(value, mark))
+        elif value is not None and _bears(field_.metadata, field_.annotation, mark):
+            yield (key,), value
+
+
+def _bears(metadata: list[Any], annotation: Any, mark: type) -> bool:
+    if any(isinstance(entry, mark) for entry in metadata):
+        return True
+    inner = typing.get_args(annotation)
+    return any(isinstance(entry, mark) or _bears([], entry, mark) for entry in inner)
 
 
 @cache

@@ -7,6 +7,7 @@ no configuration for certain is refused before it is parsed, with its line.
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -90,6 +91,23 @@ def parse_toml(text: str, file: str) -> TomlSource:
     if found := list(_numbers_too_large((), table)):
         raise ConfigError(problems(found, file, spans))
     return TomlSource(text=text, table=table, spans=spans)
+
+
+def key_and_value(text: str) -> tuple[str, Any]:
+    """Return an option of a driver as a configuration would have it; a value that is none of TOML is text."""
+    key, _, value = text.partition("=")
+    try:
+        return key.strip(), parse_toml(f"value = {value}", "").table["value"]
+    except ConfigError:
+        return key.strip(), value.strip()
+
+
+def as_toml(value: object) -> str:
+    """Return a value as TOML has it: text, a number, true or false, or a list of these.
+
+    JSON's escapes are among TOML's, but the delete character needs one here too.
+    """
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
 def _syntax_hint(message: str) -> str:

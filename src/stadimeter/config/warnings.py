@@ -12,11 +12,14 @@ from stadimeter.config.analysis.timing import timing_warnings
 from stadimeter.config.analysis.writers import overlap_warnings, priority_warnings, shadow_warnings
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding
+from stadimeter.config.gpio_header import TAKEN
+from stadimeter.config.plugins import marked_options
 from stadimeter.config.rule_test_checks import rule_test_warnings
 from stadimeter.config.rules.pattern_tables import PatternTable
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.secrets import secret_warnings
 from stadimeter.config.toml_lines import KeyPath
+from stadimeter.config.units import PinMark
 
 LEFT_FOR_FRAMES_S = 0.1
 """Three frames at 30 a second: with less, every hiccup of a network stops the outputs."""
@@ -165,6 +168,14 @@ def _patterns(rule: RuleTable) -> Iterator[tuple[KeyPath, str | None, PatternTab
             yield ("escalation", position), step.actuator, step.pattern
 
 
+def _taken_pins(draft: Draft) -> Iterator[Finding]:
+    for at, part in draft.parts():
+        for key, pin in marked_options(part.options, PinMark):
+            if pin in TAKEN:
+                message = f"GPIO {pin} is also for {TAKEN[pin]}"
+                yield Finding((*at, *key), message, "take one of GPIO 4 to 13 or 16 to 27, such as 18", "pin-taken")
+
+
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     _leases_long_enough,
     _rules_matter,
@@ -184,4 +195,5 @@ _ABOUT_DRIVERS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     _late_frames,
     _unused_notifiers,
     _worn_contacts,
+    _taken_pins,
 )

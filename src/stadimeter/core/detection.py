@@ -34,11 +34,13 @@ class RejectedCandidate:
         centre_px: Where it is, x and y.
         size_px: How large it is: the diameter of something round, the longer side of something flat.
         reason: The test that it failed, with the figure and the limit: ``edge scatters by 2.1 px, limit 1.0 px``.
+        corners_px: Of something with corners, these in order around it; empty for the rest.
     """
 
     centre_px: tuple[float, float]
     size_px: float
     reason: str
+    corners_px: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

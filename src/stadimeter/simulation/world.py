@@ -20,6 +20,7 @@ from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import LENGTHS_M, Angle, Duration, Length, LengthOrZero, as_written, parse_quantity
 from stadimeter.core.clock import Clock
 from stadimeter.errors import ConfigError
+from stadimeter.simulation.narration import Narrator, StoryLine
 from stadimeter.simulation.robot import DifferentialRobot, Pose
 
 SHARED_NAME = "world"
@@ -104,6 +105,8 @@ class WorldOptions(Options):
     """Height of the camera above the floor. It looks straight ahead, level, from between the wheels."""
     faults: tuple[ScheduledFault, ...] = ()
     """What goes wrong when."""
+    story: tuple[StoryLine, ...] = ()
+    """What the views say about the ball's path, and from when on; it begins again with the path."""
 
     @field_validator("path")
     @classmethod
@@ -246,7 +249,11 @@ class World:
     def __init__(self, options: WorldOptions, clock: Clock) -> None:
         start_s = clock.now_s()
         self._clock = clock
+        self._start_s = start_s
         self._lock = threading.RLock()
+        self._narrator = Narrator(
+            options.story, options.path[-1].at if options.loop and len(options.path) > 1 else None
+        )
         self._faults = Faults()
         self._schedule = FaultSchedule(options.faults, start_s)
         self.seed = options.seed
@@ -276,6 +283,19 @@ class World:
         with self._lock:
             self._schedule.turn(self._faults, self._clock.now_s())
         return self._faults
+
+    def narration(self) -> str:
+        """Return in a sentence what happens now: what goes wrong on purpose, else the story of the path."""
+        with self._lock:
+            return self._narrator.words([kind for kind in KNOBS if self.goes_wrong(kind)], self.now_s - self._start_s)
+
+    def goes_wrong(self, fault: str) -> bool:
+        """Return whether a fault of this `FaultKind` is there now."""
+        return bool(getattr(self.faults, KNOBS[FaultKind(fault)]))
+
+    def toggle(self, fault: str) -> None:
+        """Turn the knob of a `FaultKind`. It stays so until it is turned again, or its next time in the schedule."""
+        setattr(self.faults, KNOBS[FaultKind(fault)], not self.goes_wrong(fault))
 
     def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
         """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.

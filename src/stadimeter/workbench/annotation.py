@@ -14,27 +14,32 @@ from stadimeter.config.atomic_file import write_atomically
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
-
-Colour = tuple[int, int, int]
+from stadimeter.workbench.label_placement import USEFUL, Box, LabelRoom
+from stadimeter.workbench.text_panel import DARK, Colour, Panel
 
 GREEN: Colour = (110, 230, 60)
 ORANGE: Colour = (40, 160, 255)
 RED: Colour = (90, 90, 255)
-WHITE: Colour = (245, 245, 245)
 GREY: Colour = (215, 190, 170)
-DARK: Colour = (28, 24, 20)
-BACKING = 0.72
-"""How much of what is behind a text is darkened."""
 
 REFERENCE_PX = 900.0
 """The long side of a picture in which a line is two pixels thick; in others everything grows and shrinks with it."""
 
 SMALLEST_LONG_SIDE_PX = 600
-"""Smaller pictures are enlarged: letters need pixels."""
+"""Smaller pictures are enlarged: letters need pixels, and those of many labels twice as many."""
 
-FONT = cv2.FONT_HERSHEY_SIMPLEX
+FEW_MARKS = 4
+
 JPEG_QUALITY = 93
 SUBPIXEL_BITS = 4
+
+LABEL_SIZES = (1.0, 0.75, 0.55, 0.45)
+"""Sizes of the letters of labels that are tried, until all labels find room."""
+
+LEGEND_SIZE = 0.7
+GAP, LEADER_FROM, FARTHEST = 12.0, 2.0, 0.08
+"""Between a target and its label, in units of the picture's scale; from this many gaps on a line joins them. Where
+one is further away than this share of the picture's longer side, all are written smaller."""
 
 REACH_MAX_PX = 1e5
 """Beyond this nothing is drawn: OpenCV's drawing counts in whole numbers of 32 bits."""
@@ -48,11 +53,13 @@ class Mark:
 
     Attributes:
         has_corners: Whether its outline is corners in order, or else points on a rim that may be hidden in parts.
-        headline: What stands beside it, such as ``35.0 in ± 0.4``; for a target that was not found, the legend only.
+        draws_edges: Whether the points of a rim are drawn one by one, as they were found.
+        headline: What stands beside it, such as ``sheet: 35.0 in ± 0.4``; nothing does if it was not found.
     """
 
     detection: Detection
     has_corners: bool = False
+    draws_edges: bool = False
     headline: str
     lines: tuple[str, ...] = ()
     rejected: tuple[tuple[int, RejectedCandidate], ...] = ()
@@ -60,18 +67,16 @@ class Mark:
 
 def annotate(image: Image, marks: Sequence[Mark]) -> Image:
     """Draw what was measured into a copy of a picture, which is enlarged by a whole factor if it is small."""
-    factor = math.ceil(SMALLEST_LONG_SIDE_PX / max(image.shape[:2]))
+    least_px = SMALLEST_LONG_SIDE_PX * (1 if len(marks) <= FEW_MARKS else 2)
+    factor = math.ceil(least_px / max(image.shape[:2]))
     canvas = image.copy() if factor == 1 else _enlarged(image, factor)
     scale = max(canvas.shape[:2]) / REFERENCE_PX
     for mark in marks:
-        for number, candidate in mark.rejected:
-            _draw_rejected(canvas, number, candidate, factor, scale)
+        for _, candidate in mark.rejected:
+            _draw_rejected(canvas, candidate, factor, scale)
     for mark in marks:
         _draw_target(canvas, mark, factor, scale)
-    for mark in marks:
-        if len(mark.detection.outline_px):
-            _draw_headline(canvas, mark, factor, scale)
-    _draw_legend(canvas, marks, factor, scale)
+    _draw_words(canvas, marks, factor, scale)
     return canvas
 
 
@@ -113,30 +118,51 @@ def _draw_target(canvas: Image, mark: Mark, factor: int, scale: float) -> None:
     for width, shade in ((thickness + max(2, round(2 * scale)), DARK), (thickness, colour)):
         if mark.has_corners:
             _draw_polygon(canvas, outline, shade, width)
+        elif mark.draws_edges:
+            _draw_points(canvas, outline, shade, width)
         else:
             _draw_limb(canvas, outline, detection, (shade, width), factor)
     _draw_cross(canvas, _on_canvas(np.array(detection.centre_px), factor), colour, scale)
 
 
-def _draw_rejected(canvas: Image, number: int, candidate: RejectedCandidate, factor: int, scale: float) -> None:
-    """Draw a thin ring of the candidate's size around its centre, with its number at the upper right."""
-    centre = _on_canvas(np.array(candidate.centre_px), factor)
-    radius = candidate.size_px * factor / 2
-    if not (np.isfinite(centre).all() and 0 < radius < REACH_MAX_PX and np.abs(centre).max() < REACH_MAX_PX):
+def _rim(candidate: RejectedCandidate, factor: int) -> Points:
+    """Return the corners of a candidate on the canvas, or points on its circle; none if it is out of reach."""
+    if not (np.isfinite(candidate.centre_px).all() and 0 < candidate.size_px < REACH_MAX_PX):
+        return np.empty((0, 2))
+    if candidate.corners_px:
+        points = np.array(candidate.corners_px)
+    else:
+        angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        around = np.column_stack([np.cos(angles), np.sin(angles)])
+        points = np.array(candidate.centre_px) + candidate.size_px / 2 * around
+    rim = _on_canvas(points, factor)
+    return rim if np.isfinite(rim).all() and np.abs(rim).max() < REACH_MAX_PX else np.empty((0, 2))
+
+
+def _draw_rejected(canvas: Image, candidate: RejectedCandidate, factor: int, scale: float) -> None:
+    """Draw a candidate with a thin line: its corners, or a ring of its size."""
+    rim = _rim(candidate, factor)
+    if not len(rim):
         return
-    x, y = (round(float(each) * 2**SUBPIXEL_BITS) for each in centre)
-    fixed_radius = round(radius * 2**SUBPIXEL_BITS)
+    x, y = (round(float(each) * 2**SUBPIXEL_BITS) for each in rim.mean(axis=0))
+    radius = round(candidate.size_px * factor / 2 * 2**SUBPIXEL_BITS)
     thickness = max(1, round(scale))
     for width, shade in ((thickness + max(1, round(scale)), DARK), (thickness, GREY)):
-        cv2.circle(canvas, (x, y), fixed_radius, shade, width, cv2.LINE_AA, SUBPIXEL_BITS)
-    aside = radius * math.sqrt(0.5) + 2 * scale
-    panel = _Panel((str(number),), GREY, 0.5, scale, canvas)
-    panel.draw(round(float(centre[0]) + aside), round(float(centre[1]) - aside) - panel.height)
+        if candidate.corners_px:
+            _draw_polygon(canvas, rim, shade, width)
+        else:
+            cv2.circle(canvas, (x, y), radius, shade, width, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _draw_polygon(canvas: Image, corners: Points, colour: Colour, thickness: int) -> None:
     fixed = np.round(corners * 2**SUBPIXEL_BITS).astype(np.int32).reshape(-1, 1, 2)
     cv2.polylines(canvas, [fixed], isClosed=True, color=colour, thickness=thickness, lineType=cv2.LINE_AA, shift=4)
+
+
+def _draw_points(canvas: Image, points: Points, colour: Colour, thickness: int) -> None:
+    for x, y in np.round(points * 2**SUBPIXEL_BITS).astype(int).tolist():
+        radius = round(0.6 * thickness * 2**SUBPIXEL_BITS)
+        cv2.circle(canvas, (x, y), radius, colour, cv2.FILLED, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _draw_limb(canvas: Image, limb: Points, detection: Detection, pen: tuple[Colour, int], factor: int) -> None:
@@ -161,81 +187,121 @@ def _draw_cross(canvas: Image, centre: Points, colour: Colour, scale: float) -> 
         cv2.line(canvas, (x, y - size), (x, y + size), shade, thickness, cv2.LINE_AA)
 
 
-def _draw_headline(canvas: Image, mark: Mark, factor: int, scale: float) -> None:
-    """Write the headline below the target, or above it where there is no room."""
+def _draw_words(canvas: Image, marks: Sequence[Mark], factor: int, scale: float) -> None:
+    """Write labels beside their targets, and what was measured where nothing is in the way."""
+    room = _room_around(canvas, marks, factor, scale)
+    seen = [mark for mark in marks if len(mark.detection.outline_px)]
+    placed, room = _labels(canvas, seen, room, factor, scale)
+    legend = _legend(canvas, marks, room, scale)
+    for mark, _, box in placed:
+        _draw_leader(canvas, mark, box, factor, scale)
+    for panel, box in (*((panel, box) for _, panel, box in placed), *legend):
+        panel.draw(box)
+        room.take_box(box)
+    for mark in marks:
+        for number, candidate in mark.rejected:
+            rim = _rim(candidate, factor)
+            if len(rim):
+                _draw_number(canvas, number, rim, room, scale)
+
+
+def _room_around(canvas: Image, marks: Sequence[Mark], factor: int, scale: float) -> LabelRoom:
+    room = LabelRoom(canvas.shape[1], canvas.shape[0])
+    for mark in marks:
+        room.take_outline(_on_canvas(mark.detection.outline_px, factor), 4 * scale)
+        for _, candidate in mark.rejected:
+            room.take_outline(_rim(candidate, factor), scale, USEFUL)
+    return room
+
+
+_Placed = list[tuple[Mark, "Panel", Box]]
+
+
+def _labels(
+    canvas: Image, marks: Sequence[Mark], room: LabelRoom, factor: int, scale: float
+) -> tuple[_Placed, LabelRoom]:
+    """Return a label for each target as large as all of them find room nearby, and what room is left."""
+    placed: _Placed = []
+    left = room
+    for size in LABEL_SIZES if marks else ():
+        placed, left = [], room.copy()
+        is_good = True
+        for mark in sorted(marks, key=lambda each: -float(each.detection.outline_px[:, 1].max())):
+            panel = Panel((mark.headline,), _COLOURS[mark.detection.status], size, scale, canvas)
+            near = _box_around(_on_canvas(mark.detection.outline_px, factor))
+            place = left.place(panel.width, panel.height, near, GAP * scale)
+            left.take_box(place.box, 2 * scale)
+            is_good = is_good and place.is_free and _is_beside(near, place.box, FARTHEST * max(canvas.shape[:2]))
+            placed.append((mark, panel, place.box))
+        if is_good:
+            break
+    return placed, left
+
+
+def _is_beside(target: Box, label: Box, reach_px: float) -> bool:
+    """Return whether a label is above, below or beside its target's middle, and near it."""
+    across = max(target.left - label.right, label.left - target.right, 0)
+    down = max(target.top - label.bottom, label.top - target.bottom, 0)
+    is_in_column = 2 * label.left <= target.left + target.right <= 2 * label.right
+    is_in_row = 2 * label.top <= target.top + target.bottom <= 2 * label.bottom
+    return (is_in_column or is_in_row) and math.hypot(across, down) < reach_px
+
+
+def _legend(canvas: Image, marks: Sequence[Mark], room: LabelRoom, scale: float) -> list[tuple[Panel, Box]]:
+    """Return the panels of what was measured, from the lower left corner on; first those with no label beside a target.
+
+    Where one of the others finds no room, all of them are left out: their labels say the most.
+    """
+    margin = round(14 * scale)
+    corner = Box(0, canvas.shape[0], 0, canvas.shape[0])
+    alone: list[tuple[Panel, Box]] = []
+    beside: list[tuple[Panel, Box]] = []
+    is_free = True
+    for mark in sorted(marks, key=lambda each: len(each.detection.outline_px) > 0):
+        if not mark.lines:
+            continue
+        has_label = len(mark.detection.outline_px) > 0
+        panel = Panel(mark.lines, _COLOURS[mark.detection.status], LEGEND_SIZE, scale, canvas)
+        place = room.place(panel.width + 2 * margin, panel.height + 2 * margin, corner, 0.0)
+        box = panel.box_at(place.box.left + margin, place.box.top + margin)
+        room.take_box(box)
+        is_free = is_free and (place.is_free or not has_label)
+        (beside if has_label else alone).append((panel, box))
+    return [*alone, *(beside if is_free or len(marks) == 1 else [])]
+
+
+def _draw_number(canvas: Image, number: int, rim: Points, room: LabelRoom, scale: float) -> None:
+    """Write a candidate's number at one of its corners where nothing is in the way, at best the upper right."""
+    panel = Panel((str(number),), GREY, 0.5, scale, canvas)
+    gap = round(2 * scale)
+    boxes = []
+    for across, down in ((1, -1), (-1, -1), (1, 1), (-1, 1)):
+        x, y = rim[np.argmax(rim @ (across, down))].tolist()
+        left = round(x) + gap if across > 0 else round(x) - gap - panel.width
+        boxes.append(panel.box_at(left, round(y) + gap if down > 0 else round(y) - gap - panel.height))
+    box = next((each for each in boxes if room.is_free(each)), boxes[0])
+    room.take_box(box)
+    panel.draw(box)
+
+
+def _box_around(points: Points) -> Box:
+    left, top = np.floor(np.clip(points.min(axis=0), -REACH_MAX_PX, REACH_MAX_PX)).astype(int).tolist()
+    right, bottom = np.ceil(np.clip(points.max(axis=0), -REACH_MAX_PX, REACH_MAX_PX)).astype(int).tolist()
+    return Box(left, top, right, bottom)
+
+
+def _draw_leader(canvas: Image, mark: Mark, box: Box, factor: int, scale: float) -> None:
+    """Draw a line from a label that is away from its target to the target's outline."""
     outline = _on_canvas(mark.detection.outline_px, factor)
-    panel = _Panel((mark.headline,), _COLOURS[mark.detection.status], 1.0, scale, canvas)
-    gap = round(12 * scale)
-    left = round(float(outline[:, 0].mean()) - panel.width / 2)
-    top = round(float(outline[:, 1].max())) + gap
-    if top + panel.height > canvas.shape[0] - gap:
-        top = round(float(outline[:, 1].min())) - gap - panel.height
-    panel.draw(left, top)
-
-
-def _draw_legend(canvas: Image, marks: Sequence[Mark], factor: int, scale: float) -> None:
-    """Write what was measured into the lower left corner, or into the upper one where a target is in the way."""
-    panels = [_Panel(mark.lines, _COLOURS[mark.detection.status], 0.7, scale, canvas) for mark in marks if mark.lines]
-    margin, gap = round(14 * scale), round(8 * scale)
-    height = sum(panel.height + gap for panel in panels) - gap
-    right = margin + max((panel.width for panel in panels), default=0)
-    top = canvas.shape[0] - margin - height
-    outlines = [_on_canvas(mark.detection.outline_px, factor) for mark in marks]
-    if any(((outline[:, 0] < right + margin) & (outline[:, 1] > top - margin)).any() for outline in outlines):
-        top = margin
-    for panel in panels:
-        panel.draw(margin, top)
-        top += panel.height + gap
-
-
-class _Panel:
-    """Lines of text on a dark backing with a stripe of the target's colour, as wide as the picture at most."""
-
-    def __init__(self, lines: tuple[str, ...], colour: Colour, size: float, scale: float, canvas: Image) -> None:
-        self._lines = lines
-        self._colour = colour
-        self._canvas = canvas
-        widest = max(_text_width(line, size * scale, 1) for line in lines)
-        room = canvas.shape[1] - 2 * round(16 * scale)
-        self._font = size * scale * min(1.0, (room - 3 * 12 * scale * size) / max(widest, 1))
-        self._thickness = max(1, round(1.9 * self._font))
-        self._pad = round(13 * self._font)
-        self._line_height = round(35 * self._font)
-        text_width = max(_text_width(line, self._font, self._thickness) for line in lines)
-        self.width = text_width + 3 * self._pad
-        self.height = self._line_height * len(lines) + 2 * self._pad - round(8 * self._font)
-
-    def draw(self, left: int, top: int) -> None:
-        """Draw it, moved into the picture where it would reach beyond."""
-        height, width = self._canvas.shape[:2]
-        left = max(0, min(left, width - self.width))
-        top = max(0, min(top, height - self.height))
-        behind = self._canvas[top : top + self.height, left : left + self.width]
-        behind[:] = np.round(behind * (1 - BACKING) + np.array(DARK) * BACKING).astype(np.uint8)
-        behind[:, : max(2, self._pad // 3)] = self._colour
-        for index, line in enumerate(self._lines):
-            baseline = top + self._pad + round(20 * self._font) + index * self._line_height
-            _write(self._canvas, line, (left + 2 * self._pad, baseline), self._font, self._thickness)
-
-
-def _write(canvas: Image, text: str, origin: tuple[int, int], font: float, thickness: int) -> None:
-    """Write a text. The fonts of older OpenCV have no ``±``: it is written as a plus with a bar below."""
-    x, y = origin
-    for index, part in enumerate(text.split("±")):
-        if index:
-            plus = _text_width("+", font, thickness)
-            cv2.putText(canvas, "+", (x, y - round(3 * font)), FONT, font, WHITE, thickness, cv2.LINE_AA)
-            bar = (x + round(0.15 * plus), x + round(0.85 * plus))
-            cv2.line(
-                canvas, (bar[0], y + round(3 * font)), (bar[1], y + round(3 * font)), WHITE, thickness, cv2.LINE_AA
-            )
-            x += plus
-        cv2.putText(canvas, part, (x, y), FONT, font, WHITE, thickness, cv2.LINE_AA)
-        x += _text_width(part, font, thickness)
-
-
-def _text_width(text: str, font: float, thickness: int) -> int:
-    parts = text.split("±")
-    widths = [cv2.getTextSize(part, FONT, font, thickness)[0][0] for part in parts if part]
-    plus = cv2.getTextSize("+", FONT, font, thickness)[0][0]
-    return int(sum(widths) + plus * (len(parts) - 1))
+    if mark.has_corners:
+        along = np.linspace(0, 1, 32)[:, np.newaxis, np.newaxis]
+        outline = (outline + along * (np.roll(outline, -1, axis=0) - outline)).reshape(-1, 2)
+    start = np.array([np.clip(outline[:, 0], box.left, box.right), np.clip(outline[:, 1], box.top, box.bottom)]).T
+    apart = np.linalg.norm(outline - start, axis=1)
+    nearest = int(np.argmin(apart))
+    if not LEADER_FROM * GAP * scale < apart[nearest] < REACH_MAX_PX:
+        return
+    ends = [tuple(round(float(each)) for each in point) for point in (start[nearest], outline[nearest])]
+    colour = _COLOURS[mark.detection.status]
+    for shade, thickness in ((DARK, max(2, round(3.4 * scale))), (colour, max(1, round(1.4 * scale)))):
+        cv2.line(canvas, ends[0], ends[1], shade, thickness, cv2.LINE_AA)

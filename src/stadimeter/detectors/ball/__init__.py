@@ -18,6 +18,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
+from stadimeter.config.ball_sizes import BallDiameter
 from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
@@ -88,8 +89,8 @@ LIKELY_FOCAL_SHARE = 0.8
 class BallOptions(Options):
     """What a ``[targets.…]`` table with ``driver = "ball"`` may hold."""
 
-    diameter: Length
-    """The ball's diameter, such as ``"6.4 cm"``."""
+    diameter: BallDiameter
+    """The ball's diameter, such as ``"6.4 cm"``, or its name, such as ``"tennis ball"``."""
     tolerance: Length | None = None
     """One standard deviation of the diameter, such as ``"1 mm"``; None if it is known well."""
     hsv: HsvRangeText

@@ -20,6 +20,7 @@ from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
+from stadimeter.core.drawing import Circle, Drawing
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc.choice import (
     MOST_REJECTED,
@@ -97,6 +98,9 @@ white disc 0.02 px too small in all frames, and h the share of the outline that 
 Fitted on rendered discs of 24 to 240 px, tilted by 0 to 60 degrees: clean, before clutter, with noise, moved by 3 and
 6 px, in JPEG, hidden by 20 %.
 """
+
+PRINTED_RIM = 0.1
+"""White around a printed disc, as a share of its diameter."""
 
 Shade = Literal["bright", "dark", "any"]
 
@@ -309,4 +313,10 @@ def _exercise() -> Exercise:
     return Exercise(options={"diameter": "8 cm"}, patch=patch)
 
 
-PLUGIN = Plugin(DiscOptions, _build, exercise=_exercise)
+def _draw(options: DiscOptions) -> Drawing:
+    """Return a black disc on white."""
+    side_m = (1 + 2 * PRINTED_RIM) * options.diameter
+    return Drawing(side_m, side_m, (Circle(side_m / 2, side_m / 2, options.diameter / 2),))
+
+
+PLUGIN = Plugin(DiscOptions, _build, exercise=_exercise, draw=_draw)

@@ -14,6 +14,7 @@ from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
+from stadimeter.core.drawing import Drawing, Rectangle
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
 from stadimeter.detectors.protocol import check_image
@@ -214,4 +215,13 @@ def _exercise() -> Exercise:
     return Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=patch)
 
 
-PLUGIN = Plugin(SheetOptions, _build, exercise=_exercise)
+def _draw(options: SheetOptions) -> Drawing:
+    """Return a fine line to cut along, which is part of the sheet."""
+    line_m = 0.0002
+    cut = Rectangle(
+        line_m / 2, line_m / 2, options.width - line_m, options.height - line_m, "#b0b0b0", outline_m=line_m
+    )
+    return Drawing(options.width, options.height, (cut,))
+
+
+PLUGIN = Plugin(SheetOptions, _build, exercise=_exercise, draw=_draw)

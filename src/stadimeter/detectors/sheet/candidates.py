@@ -23,16 +23,17 @@ MOST_REFUSED = 8
 REFUSED_OF_A_KIND = 3
 KEPT_STAGE = 16
 
-LEAST_EVIDENCE = 1.2
+LEAST_EVIDENCE = 1.5
 SURE_EVIDENCE = 2.5
 """Least evidence of what is taken for the sheet, and that beyond which no other one is looked for."""
 
 RIVAL_EVIDENCE = 1.5
 RIVAL_LOG_SIZE = 0.05
 RIVAL_LOG_SIZE_A_LENGTH, MOST_LENGTHS = 0.05, 3.0
-"""Another candidate with at most so much less evidence may be the sheet just as well. It contradicts if the logarithms
-of both sizes differ by more than this, and by so much more for each length of the sheet that it is away, up to so many:
-of two strips of tape beside each other on a wall that is turned away, one is nearer, and both are right."""
+"""What has so much less evidence than another candidate is not the sheet, unless it is beyond doubt itself. Two that
+may be it contradict each other if the logarithms of their sizes differ by more than this, and by so much more for each
+length of the sheet that they are apart, up to so many: of two strips of tape beside each other on a wall that is
+turned away, one is nearer, and both are right."""
 
 SAME_PX = 1.0
 
@@ -76,7 +77,13 @@ class Refused(NamedTuple):
     stage: int
     centre_px: tuple[float, float]
     size_px: float
+    corners_px: Points
     why: Callable[[], str]
+
+    def rejected(self) -> RejectedCandidate:
+        """Return it with its reason in words."""
+        corners = tuple((float(x_px), float(y_px)) for x_px, y_px in self.corners_px)
+        return RejectedCandidate(centre_px=self.centre_px, size_px=self.size_px, reason=self.why(), corners_px=corners)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -92,32 +99,29 @@ class Findings:
     @property
     def best(self) -> Candidate | None:
         """The outline that looks most like the sheet; None if none is one."""
-        return max((each for each in self.kept if each.evidence >= LEAST_EVIDENCE), key=_score, default=None)
+        return max((each for each in self._likely if each.evidence >= LEAST_EVIDENCE), key=_score, default=None)
 
     @property
     def rival(self) -> Candidate | None:
-        """Another one that is about as much like the sheet and contradicts; None if there is none."""
+        """Another one that may be the sheet and contradicts; None if there is none."""
         best = self.best
         if best is None:
             return None
-        return max((each for each in self._alike if _contradict(each, best)), key=_score, default=None)
+        return max((each for each in self._likely if _contradict(each, best)), key=_score, default=None)
 
     @property
     def twin(self) -> Candidate | None:
-        """Another one that is about as much like the sheet, and about as far away; None if there is none."""
+        """Another one that may be the sheet and is about as far away; None if there is none."""
         best = self.best
         if best is None:
             return None
-        twins = (each for each in self._alike if not _contradict(each, best) and _apart(each, best) > 0.5)
+        twins = (each for each in self._likely if not _contradict(each, best) and _apart(each, best) > 0.5)
         return max(twins, key=_score, default=None)
 
     @property
-    def _alike(self) -> list[Candidate]:
-        best = self.best
-        if best is None:
-            return []
-        least = min(best.evidence, SURE_EVIDENCE) - RIVAL_EVIDENCE
-        return [each for each in self.kept if each.evidence >= least and each is not best]
+    def _likely(self) -> list[Candidate]:
+        most = max((each.evidence for each in self.kept), default=0.0)
+        return [each for each in self.kept if each.evidence >= min(most - RIVAL_EVIDENCE, SURE_EVIDENCE)]
 
     @property
     def doubt(self) -> str | None:
@@ -148,8 +152,8 @@ class Findings:
         for which in np.argsort(-ranks, kind="stable")[:REFUSED_OF_A_KIND].tolist():
             number = int(numbers[which])
             x_px, y_px = corners[number].mean(axis=0).tolist()
-            rank = stage + float(ranks[which])
-            self.refused.append(Refused(rank, stage, (x_px, y_px), float(sizes[which]), partial(why, number)))
+            rank, size_px = stage + float(ranks[which]), float(sizes[which])
+            self.refused.append(Refused(rank, stage, (x_px, y_px), size_px, corners[number], partial(why, number)))
 
     def most_like_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""
@@ -165,7 +169,7 @@ class Findings:
         places = [] if taken is None else [taken.centre_px]
         for each in sorted(every, key=lambda item: (-item.rank, -item.size_px)):
             if all(math.dist(each.centre_px, place) > 0.1 * each.size_px + 2 for place in places):
-                kept.append(RejectedCandidate(centre_px=each.centre_px, size_px=each.size_px, reason=each.why()))
+                kept.append(each.rejected())
                 places.append(each.centre_px)
             if len(kept) == MOST_REFUSED:
                 break
@@ -192,7 +196,8 @@ def _refused(candidate: Candidate) -> Refused:
     if candidate.evidence < LEAST_EVIDENCE:
         reason = f"too little speaks for it: evidence {candidate.evidence:.1f}, limit {LEAST_EVIDENCE:.1f}"
     rank = KEPT_STAGE + candidate.evidence
-    return Refused(rank, KEPT_STAGE, candidate.centre_px, candidate.longest_px, lambda: reason)
+    size_px, corners_px = candidate.longest_px, candidate.corners_px
+    return Refused(rank, KEPT_STAGE, candidate.centre_px, size_px, corners_px, lambda: reason)
 
 
 Values = NDArray[np.float64]

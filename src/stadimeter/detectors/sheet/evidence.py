@@ -11,6 +11,7 @@ Its parts are independent, so they add up:
 - **Contrast.** It is brighter than what is behind it on all four sides, or darker on all of them, and by more than most
   things are. What is of many colours, such as a carpet, has no outline of which this is so.
 - **Sides.** They are seen whole, and straight.
+- **Whole.** They end at its corners, and it is there between them, see `stadimeter.detectors.sheet.whole`.
 - **Rivals.** The more outlines of about such a contrast there are, the more probably one of them does all this by
   chance. What stands out less, such as the specks of a carpet, is no rival.
 
@@ -32,6 +33,7 @@ from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.sheet.candidates import SheetFit
 from stadimeter.detectors.sheet.edges import QuadEdges
 from stadimeter.detectors.sheet.lines import Values
+from stadimeter.detectors.sheet.whole import ends_evidence, filling_evidence, steps_across
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import COORDINATES
 
@@ -75,20 +77,19 @@ LEAST_CONTRAST = 4.0
 """Contrast, in levels, that sheets have as often as other outlines, with more in proportion; and the least that
 counts."""
 
-RIVAL_SHARE = 0.45
-MOST_RIVALS = 6
+RIVAL_SHARE = 0.35
+MOST_RIVALS = 8
 RIVAL_POWER = 1.5
 """What differs from its surroundings by this share of a candidate's contrast, on the mean of its sides, is its rival.
 A picture that shows many of them is of a place that holds many more, hence a power of their number above 1; but more
 than this are parts of one thing, such as the panels of a door, and count no further."""
 
 ALONG = np.array((0.25, 0.5, 0.75))
-BESIDE_PX = 1.5
-"""Where colours beside a side are read: at these shares of its length, so far in and out in the reduced picture."""
+"""Where colours beside a side are read: at these shares of its length."""
 
 FACING_RAD = 0.06
 FACING_LOG_RATIO = 0.05
-FACING_OF_ANY = 0.4
+FACING_OF_ANY = 0.8
 """A sheet of which one side is known must face the camera: standard deviations of its angles from right ones, and of
 the logarithm of the ratio of opposite sides. This share of all outlines face it just as well."""
 
@@ -162,13 +163,17 @@ class Looks:
     """What a part of a picture looks like, to tell how probable the looks of a sheet are there.
 
     Args:
+        image: The whole picture.
         picture: That part, reduced.
         scale: Its scale.
         left_top_px: Where it begins in the whole picture.
         colour: The colours of the sheet, if they are named.
     """
 
-    def __init__(self, picture: Image, scale: float, left_top_px: Points, colour: HsvRange | None) -> None:
+    def __init__(
+        self, image: Image, picture: Image, scale: float, left_top_px: Points, colour: HsvRange | None
+    ) -> None:
+        self._image = image
         self._picture, self._scale, self._left_top_px = picture, scale, left_top_px
         self._colour = colour
         self._others = np.empty(0)
@@ -199,24 +204,21 @@ class Looks:
         contrast = np.maximum(_least_contrast(steps, free), LEAST_CONTRAST) / USUAL_CONTRAST
         usual = np.median(inside, axis=1)
         looks = self._brightness(usual) if self._colour is None else self._of_colour(usual, self._colour)
-        return np.asarray(looks + np.log(contrast) - RIVAL_POWER * np.log(np.clip(rivals, 1, MOST_RIVALS)))
+        evidence = np.asarray(looks + np.log(contrast) - RIVAL_POWER * np.log(np.clip(rivals, 1, MOST_RIVALS)))
+        if free is not None:
+            return evidence
+        evidence += ends_evidence(self._picture, self._reduced(corners_px), steps)
+        return evidence + filling_evidence(self._image, corners_px, inside, steps)
 
     def _steps(self, corners_px: Points) -> Values:
         """Return by how many levels the inside of each side is brighter, in each channel, shape ``(c, 4, 3)``."""
-        corners = (corners_px - self._left_top_px + 0.5) * self._scale - 0.5
+        corners = self._reduced(corners_px)
         vector = corners[:, [1, 2, 3, 0]] - corners
-        outward = np.stack((vector[..., 1], -vector[..., 0]), axis=-1)
-        outward *= BESIDE_PX / np.maximum(np.hypot(outward[..., 0], outward[..., 1]), 1e-9)[..., None]
         on_side = corners[:, :, None] + ALONG[:, None] * vector[:, :, None]
-        inside, outside = self._at(on_side - outward[:, :, None]), self._at(on_side + outward[:, :, None])
-        return np.asarray((inside - outside).mean(axis=2))
+        return np.asarray(steps_across(self._picture, on_side, vector).mean(axis=2))
 
-    def _at(self, places: Points) -> Values:
-        """Return the colours of the picture at the nearest pixels."""
-        height, width = self._picture.shape[:2]
-        x, y = np.moveaxis(np.rint(np.nan_to_num(places, nan=0.0)), -1, 0)
-        x, y = (np.clip(each, 0, last - 1).astype(np.intp) for each, last in ((x, width), (y, height)))
-        return np.asarray(self._picture[y, x], np.float64)
+    def _reduced(self, corners_px: Points) -> Points:
+        return np.asarray((corners_px - self._left_top_px + 0.5) * self._scale - 0.5)
 
     def _brightness(self, usual: Values) -> Values:
         in_darkest, in_brightest = self._below

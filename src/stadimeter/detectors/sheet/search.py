@@ -154,7 +154,7 @@ class SheetSearch:
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX
         small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
-        looks = Looks(small, scale, region.left_top_px, self._colour)
+        looks = Looks(self._image, small, scale, region.left_top_px, self._colour)
         findings = Findings()
         outlines = np.empty((0, 4, 2))
         seen: set[tuple[float, ...]] = set()

@@ -23,6 +23,7 @@ from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import TONE_CURVES, CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
+from stadimeter.core.drawing import Drawing, black_cells
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import touches_border
@@ -331,9 +332,16 @@ def _exercise() -> Exercise:
     )
 
 
+def _draw(options: TagOptions) -> Drawing:
+    """Return the tag upright with a white rim of one cell."""
+    family = tag_family(options.family)
+    black = np.pad(np.pad(family.cells_of(options.id or 0), 1, constant_values=True), 1)
+    return black_cells(black.tolist(), options.side / family.cells)
+
+
 def _lacks(options: TagOptions) -> tuple[str, ...]:
     trouble = missing("tags") if options.finder == "pyapriltags" else ""
     return (f"{trouble}, or write finder = 'opencv'",) if trouble else ()
 
 
-PLUGIN = Plugin(TagOptions, _build, exercise=_exercise, lacks=_lacks)
+PLUGIN = Plugin(TagOptions, _build, exercise=_exercise, lacks=_lacks, draw=_draw)

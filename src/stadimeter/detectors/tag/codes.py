@@ -168,6 +168,10 @@ class TagFamily:
     rows: dict[bytes, int]  # where in `codes` a code is, by its cells as bytes, 1 for white and 0 for black
     most_errors: int  # how many wrong cells are accepted
 
+    def cells_of(self, number: int) -> NDArray[np.bool_]:
+        """Return which cells inside the border of a member are black, upright, shape ``(cells - 2, cells - 2)``."""
+        return np.asarray(self.codes[number] < 0).reshape(self.cells - 2, self.cells - 2)
+
 
 @cache
 def tag_family(name: str) -> TagFamily:

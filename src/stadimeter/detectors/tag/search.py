@@ -88,7 +88,9 @@ def _clockwise(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 def candidate(corners_px: Points, reason: str) -> RejectedCandidate:
     """Return an outline of four corners, shape ``(4, 2)``, as a candidate that was rejected."""
     x, y = corners_px.mean(axis=0).tolist()
-    return RejectedCandidate(centre_px=(x, y), size_px=max(side_lengths(corners_px)), reason=reason)
+    corners = tuple((float(x_px), float(y_px)) for x_px, y_px in corners_px)
+    size_px = max(side_lengths(corners_px))
+    return RejectedCandidate(centre_px=(x, y), size_px=size_px, reason=reason, corners_px=corners)
 
 
 class SmallTagFinder(Protocol):

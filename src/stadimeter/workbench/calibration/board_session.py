@@ -105,8 +105,7 @@ class CharucoBoard:
 
     def _found(self, grey: NDArray[Any], *, legacy: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return corners on the board and in the picture; boards of OpenCV before 4.6 begin with a white square."""
-        size = (self.columns, self.rows)
-        board = cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self._dictionary())
+        board = self.of_opencv()
         board.setLegacyPattern(legacy)
         corners: Any
         ids: Any
@@ -115,6 +114,11 @@ class CharucoBoard:
             return np.empty((0, 2)), np.empty((0, 2))
         on_board = np.asarray(board.getChessboardCorners(), dtype=np.float64)[np.asarray(ids).ravel(), :2]
         return on_board, np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+
+    def of_opencv(self) -> cv2.aruco.CharucoBoard:
+        """Return the board as OpenCV has it."""
+        size = (self.columns, self.rows)
+        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self._dictionary())
 
     def _dictionary(self) -> cv2.aruco.Dictionary:
         wanted = self.dictionary.upper().removeprefix("DICT_")

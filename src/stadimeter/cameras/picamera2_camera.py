@@ -1,0 +1,333 @@
+"""A Raspberry Pi's own camera, on the ribbon cable, read through libcamera by the package picamera2."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import numpy as np
+
+from stadimeter.cameras.capture_time import KernelTime
+from stadimeter.cameras.picamera2_package import Package, attached_cameras, lack, load_package, why
+from stadimeter.cameras.picamera2_settings import (
+    Metadata,
+    Picamera2Options,
+    controls_of,
+    differences,
+    not_there,
+    number_of,
+)
+from stadimeter.config.plugins import DriverContext, Plugin
+from stadimeter.core.clock import Clock
+from stadimeter.core.frame import Frame, Image
+from stadimeter.errors import (
+    CaptureTimeoutError,
+    DeviceClosedError,
+    DeviceOpenError,
+    DriverError,
+    LinkLostError,
+)
+
+PICTURE_FORMAT = "RGB888"
+"""libcamera names a format by its bytes in a little-endian word: in memory blue comes first, as OpenCV has it."""
+
+BUFFERS = 4
+"""Buffers that libcamera fills in turn. One is held while a frame is copied, two are needed for full rate."""
+
+LATE_FRAMES = 2.0
+LATE_S = 0.05
+"""A frame that arrives later than this many frame durations, and this, after its read-out began has waited: reading out
+takes up to one frame, the image processor up to another, and a busy computer a little."""
+
+FIRST_FRAME_S = 3.0
+"""Time limit for the first frames, beside the time that they last."""
+
+SETTLING_FRAMES = 10
+"""Frames in which a control must show its effect: sensors apply one two frames later, lenses move for some frames."""
+
+CLOSE_WAIT_S = 1.5
+"""Time that `Picamera2Camera.close` waits for a read to end, and then for libcamera to let the camera go."""
+
+
+class Picamera2Camera:
+    """A camera of a Raspberry Pi.
+
+    A frame's capture time is when the exposure of its first row began: libcamera's ``SensorTimestamp``, at which that
+    row was read out, less the exposure time. That stamp is the kernel's and on ``CLOCK_MONOTONIC``, though libcamera's
+    documentation says ``CLOCK_BOOTTIME``; the two differ only after a suspend, which a Pi does not have, and a stamp of
+    the future is not believed. Frames without a stamp that is believed, and those that have waited, are passed over.
+
+    Every setting is given before the camera starts, each time that it is opened. What the frames then show to be
+    otherwise is no error; it is in `remarks`.
+
+    Picamera2 hangs where its camera does: a request that does not come keeps every later one waiting, and closing then
+    never ends. So requests that are late are cancelled, and the camera is closed in a thread of its own. While that
+    thread hangs, the camera cannot be opened again.
+
+    Args:
+        load: Imports the vendor's packages; another one is for tests.
+        monotonic: The clock of the stamps; another one is for tests.
+    """
+
+    def __init__(
+        self,
+        options: Picamera2Options,
+        clock: Clock,
+        load: Callable[[], Package] = load_package,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._options = options
+        self._clock = clock
+        self._load = load
+        self._package: Package | None = None
+        self._lock = threading.Lock()
+        self._is_closing = True
+        self._device: Any = None
+        self._closer: threading.Thread | None = None
+        self._kernel_time = KernelTime(monotonic)
+        self._last_captured_s = -math.inf
+        self._delivered = 0
+        self._remarks: tuple[str, ...] = ()
+
+    @property
+    def is_live(self) -> bool:
+        """True: old frames are worthless."""
+        return True
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Settings that were not taken when the camera was last opened, a sentence each."""
+        return self._remarks
+
+    @property
+    def not_for_motion(self) -> str:
+        """An empty string: the camera knows when it captured each frame."""
+        return ""
+
+    def open(self) -> None:
+        """Open the camera with its settings and wait for the first frames.
+
+        Raises:
+            DeviceOpenError: It is absent, busy, or gives no picture.
+            DriverUnavailableError: The package picamera2 is missing.
+        """
+        self.close()
+        with self._alone(DeviceOpenError):
+            if self._closer is not None and self._closer.is_alive():
+                raise DeviceOpenError(
+                    f"the camera {self._options.name} is still being closed: libcamera hangs; check its cable, with the"
+                    " Pi switched off"
+                )
+            self._package = self._package or self._load()
+            self._is_closing = False
+            try:
+                self._acquire(self._package)
+            except BaseException:
+                self._is_closing = True
+                self._release()
+                raise
+
+    def read(self) -> Frame:
+        """Wait for the next frame and return it.
+
+        Raises:
+            CaptureTimeoutError: No frame came within the read time-out.
+            DeviceClosedError: The camera is not open, or was closed meanwhile.
+            LinkLostError: libcamera failed.
+        """
+        with self._alone(CaptureTimeoutError):
+            if self._device is None or self._package is None or self._is_closing:
+                raise DeviceClosedError(f"the camera {self._options.name} is not open; open it before reading from it")
+            image, captured_at_s = self._next_picture(self._package)
+        self._delivered += 1
+        return Frame(image, captured_at_s, self._delivered - 1)
+
+    def close(self) -> None:
+        """Let the camera go; break off a read in another thread. Each is waited for `CLOSE_WAIT_S` at most."""
+        self._is_closing = True
+        if (device := self._device) is not None:
+            device.cancel_all_and_flush()
+        if self._lock.acquire(timeout=CLOSE_WAIT_S):
+            try:
+                self._release()
+            finally:
+                self._lock.release()
+
+    @contextmanager
+    def _alone(self, busy: type[DriverError]) -> Iterator[None]:
+        if not self._lock.acquire(timeout=CLOSE_WAIT_S):
+            raise busy(f"the camera {self._options.name} is still busy with a read that does not end")
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    def _release(self) -> None:
+        device, self._device = self._device, None
+        if device is None:
+            return
+        self._closer = threading.Thread(target=_close, args=(device,), name="closing the camera", daemon=True)
+        self._closer.start()
+        self._closer.join(CLOSE_WAIT_S)
+
+    def _acquire(self, package: Package) -> None:
+        options = self._options
+        number = number_of(options.camera, package.Picamera2.global_camera_info())
+        try:
+            device = self._device = package.Picamera2(number)
+            available = device.camera_controls
+            set_to = controls_of(options, available, package.controls)
+            self._configure(package, device, set_to)
+            device.start()
+        except DriverError:
+            raise
+        except Exception as error:
+            raise DeviceOpenError(f"the camera {options.name} cannot be opened: {why(error)}") from error
+        found = self._settled(set_to)
+        self._remarks = (
+            *not_there(options, available),
+            *self._changed(device.camera_configuration()),
+            *differences(options, set_to, found),
+        )
+
+    def _configure(self, package: Package, device: Any, set_to: dict[str, Any]) -> None:
+        options = self._options
+        device.configure(
+            device.create_video_configuration(
+                main={"size": (options.width_px, options.height_px), "format": PICTURE_FORMAT},
+                raw=None,
+                sensor={"output_size": options.sensor_size_px} if options.sensor_size_px else {},
+                transform=package.Transform(hflip=options.upside_down, vflip=options.upside_down),
+                buffer_count=BUFFERS,
+                queue=False,  # else the frame from before the call is given, however old
+                display=None,
+                encode=None,
+                controls=set_to,
+            )
+        )
+        found = device.camera_configuration()["main"]["format"]
+        if found != PICTURE_FORMAT:
+            raise DeviceOpenError(
+                f"the camera {options.name} gives {found} instead of colour pictures; for a USB camera use the driver"
+                " 'opencv'"
+            )
+        if options.crop_px is not None:
+            # A Pi 5 has a crop for each of its streams, which Picamera2 sets itself and which overrides the other.
+            crops = {"ScalerCrops": [options.crop_px], "ScalerCrop": options.crop_px}
+            name = next((name for name in crops if name in device.camera_controls), None)
+            if name is not None:
+                device.set_controls({name: crops[name]})
+
+    def _changed(self, taken: dict[str, Any]) -> Iterator[str]:
+        """Yield a sentence on each part of the configuration that libcamera took otherwise."""
+        options, size_px = self._options, tuple(taken["main"]["size"])
+        if size_px != (options.width_px, options.height_px):
+            asked = f"{options.width_px} × {options.height_px}"
+            yield f"asked for pictures of {asked} pixels, the camera gives {size_px[0]} × {size_px[1]}"
+        mode_px = tuple((taken.get("sensor") or {}).get("output_size") or ())
+        if options.sensor_size_px and mode_px and mode_px != options.sensor_size_px:
+            asked, nearest = ("{} × {}".format(*size_px) for size_px in (options.sensor_size_px, mode_px))
+            yield f"asked for the sensor's mode of {asked} pixels, the nearest that it has is {nearest}"
+        turned = taken["transform"]
+        if bool(turned.hflip) != options.upside_down or bool(turned.vflip) != options.upside_down:
+            yield "asked for pictures turned by half a turn, the camera does not turn them so"
+
+    def _settled(self, set_to: dict[str, Any]) -> Metadata:
+        """Wait until the settings have taken effect; return what the last frame shows."""
+        name = self._options.name
+        until_s = self._clock.now_s() + FIRST_FRAME_S + SETTLING_FRAMES * self._options.frame_duration_s
+        found: Metadata = {}
+        try:
+            for _ in range(SETTLING_FRAMES):
+                with self._request(until_s - self._clock.now_s()) as request:
+                    found = request.get_metadata()
+                if not differences(self._options, set_to, found):
+                    break
+        except (CaptureTimeoutError, LinkLostError) as error:
+            if not found:
+                words = "opens but gives no picture; check both ends of its cable, with the Pi switched off"
+                raise DeviceOpenError(f"the camera {name} {words}") from error
+        if self._captured_at_s(found) is None:
+            words = "does not say when it took its pictures; for a USB camera use the driver 'opencv'"
+            raise DeviceOpenError(f"the camera {name} {words}")
+        return found
+
+    def _next_picture(self, package: Package) -> tuple[Image, float]:
+        """Wait for a frame that did not wait itself; return its picture and its capture time.
+
+        A late one is passed over if there is time for another, and no oftener than there are buffers: after as many, a
+        frame cannot be from before the call.
+        """
+        until_s, passed_over = self._clock.now_s() + self._options.read_timeout, 0
+        while (left_s := until_s - self._clock.now_s()) > 0:
+            with self._request(left_s) as request:
+                metadata = request.get_metadata()
+                captured_at_s = self._captured_at_s(metadata)
+                may_pass_over = passed_over < BUFFERS and self._clock.now_s() < until_s
+                if captured_at_s is not None and not (may_pass_over and self._is_late(metadata)):
+                    self._last_captured_s = captured_at_s
+                    with package.MappedArray(request, "main") as mapped:
+                        return np.array(mapped.array, np.uint8, order="C"), captured_at_s
+            passed_over += 1
+        raise CaptureTimeoutError(
+            f"the camera {self._options.name} gave no new frame for {self._options.read_timeout:g} s"
+            + (f" ({passed_over} that were late or of unknown age)" if passed_over else "")
+        )
+
+    @contextmanager
+    def _request(self, limit_s: float) -> Iterator[Any]:
+        """Wait for the next request that libcamera completes; give it back afterwards."""
+        name, device = self._options.name, self._device
+        try:
+            request = device.wait(device.capture_request(wait=False), timeout=max(0.0, limit_s))
+        except TimeoutError as error:
+            device.cancel_all_and_flush()  # else every later request waits behind this one
+            raise CaptureTimeoutError(
+                f"the camera {name} gave no frame for {limit_s:.1f} s; is its cable loose?"
+            ) from error
+        except CancelledError as error:
+            raise DeviceClosedError(f"the camera {name} was closed while a frame was awaited") from error
+        except Exception as error:
+            raise LinkLostError(f"the camera {name} has failed: {why(error)}") from error
+        try:
+            if self._is_closing:
+                raise DeviceClosedError(f"the camera {name} was closed while a frame was awaited")
+            yield request
+        finally:
+            with suppress(Exception):  # it was closed meanwhile
+                request.release()
+
+    def _captured_at_s(self, metadata: Metadata) -> float | None:
+        """Return when the exposure of a frame began, on the run's clock, not before the last one; None if unknown."""
+        began_at_s = self._read_out_at_s(metadata) - metadata.get("ExposureTime", 0) / 1e6
+        return max(self._last_captured_s, began_at_s) if began_at_s <= self._clock.now_s() else None
+
+    def _is_late(self, metadata: Metadata) -> bool:
+        duration_s: float = metadata.get("FrameDuration", 1e6 * self._options.frame_duration_s) / 1e6
+        return self._clock.now_s() > self._read_out_at_s(metadata) + LATE_FRAMES * duration_s + LATE_S
+
+    def _read_out_at_s(self, metadata: Metadata) -> float:
+        """Return when the read-out of a frame began, on the run's clock; infinite if that is not known."""
+        stamp_s: float = metadata.get("SensorTimestamp", 0) / 1e9
+        return self._kernel_time.on_run_clock(stamp_s, self._clock.now_s()) if stamp_s > 0 else math.inf
+
+
+def _close(device: Any) -> None:
+    with suppress(Exception):  # a camera that was lost cannot be stopped, and there is nothing to be done about it
+        device.close()
+
+
+def _build(options: Picamera2Options, context: DriverContext) -> Picamera2Camera:
+    return Picamera2Camera(options, context.clock)
+
+
+def _lacks(_options: Picamera2Options) -> tuple[str, ...]:
+    return tuple(filter(None, (lack(),)))
+
+
+PLUGIN = Plugin(Picamera2Options, _build, lacks=_lacks, attached=attached_cameras)

@@ -1,0 +1,101 @@
+"""The packages picamera2 and libcamera, which only a Raspberry Pi has: loading them, their cameras, their errors."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.errors import DriverUnavailableError, StadimeterError
+
+SYSTEM_PACKAGES = Path("/usr/lib/python3/dist-packages")
+INSTALL = "`sudo apt install python3-picamera2`"
+SEE_SYSTEM = (
+    "make the environment anew with `python3 -m venv --system-site-packages`, so that it sees the system's packages"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Package:
+    """What is used of the packages picamera2 and libcamera.
+
+    Attributes:
+        Picamera2: The class of cameras.
+        MappedArray: Shows the buffer of a request as an array, without a copy.
+        Transform: How pictures are turned.
+        controls: The enumerations of control values.
+    """
+
+    Picamera2: Any
+    MappedArray: Any
+    Transform: Any
+    controls: Any
+
+
+def load_package() -> Package:
+    """Import picamera2, which takes a second and is only there on a Raspberry Pi.
+
+    Raises:
+        DriverUnavailableError: It is not there, or does not fit this environment.
+    """
+    # libcamera writes a page to the terminal each time that a camera is opened, unless this says otherwise.
+    os.environ.setdefault("LIBCAMERA_LOG_LEVELS", "*:ERROR")
+    try:
+        import libcamera  # noqa: PLC0415 - only a Raspberry Pi has it
+        import picamera2  # noqa: PLC0415
+    except ImportError as error:
+        raise DriverUnavailableError(lack() or f"picamera2 cannot be loaded: {error}") from error
+    except Exception as error:  # a package that was built for another numpy fails with a ValueError
+        raise DriverUnavailableError(
+            f"picamera2 does not fit this environment: {error}; use the system's numpy (`pip uninstall numpy"
+            " opencv-python-headless`, `sudo apt install python3-opencv`)"
+        ) from error
+    if not hasattr(picamera2.Picamera2, "cancel_all_and_flush"):
+        raise DriverUnavailableError(
+            "this picamera2 is too old: it cannot give up waiting for a camera; `sudo apt update && sudo apt upgrade`"
+        )
+    return Package(
+        Picamera2=picamera2.Picamera2,
+        MappedArray=picamera2.MappedArray,
+        Transform=libcamera.Transform,
+        controls=libcamera.controls,
+    )
+
+
+def lack() -> str:
+    """Return why picamera2 cannot be loaded here, in a sentence, or an empty string; loads nothing."""
+    if find_spec("picamera2") is not None:
+        return ""
+    if (SYSTEM_PACKAGES / "picamera2").is_dir():
+        return f"picamera2 is installed, but not seen from this Python environment: {SEE_SYSTEM}"
+    return f"the library picamera2 is not installed: {INSTALL}, and {SEE_SYSTEM}"
+
+
+def why(error: BaseException) -> str:
+    """Return what happened, in one line. Picamera2 hides the cause behind one sentence for everything."""
+    root: BaseException = error
+    while (before := root.__cause__ or root.__context__) and not isinstance(before, StadimeterError):
+        root = before
+    words = " ".join(str(root).split()) or type(root).__name__
+    if "busy" in words.lower() or "acquire" in words.lower():
+        return f"another program is using it; close that one (libcamera says: {words})"
+    return words
+
+
+def attached_cameras() -> tuple[AttachedCamera, ...]:
+    """Return the cameras on ribbon cables; none without the packages. USB cameras are left to the driver ``opencv``."""
+    try:
+        package = load_package()
+    except DriverUnavailableError:
+        return ()
+    found = enumerate(package.Picamera2.global_camera_info())
+    return tuple(_as_attached(number, each) for number, each in found if "usb" not in each.get("Id", "").lower())
+
+
+def _as_attached(number: int, found: dict[str, Any]) -> AttachedCamera:
+    path = str(found.get("Id", number))
+    name = str(found.get("Model", "unknown"))
+    return AttachedCamera(driver="picamera2", options={"camera": path}, path=path, name=name, node=f"camera {number}")

@@ -1,0 +1,318 @@
+"""The command ``init``: a camera file and a configuration from questions and answers."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from stadimeter.app.detectors import build_detectors
+from stadimeter.cli.check import check
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
+from stadimeter.cli.formatting import METRE, format_distance
+from stadimeter.cli.test_rules import run_tests
+from stadimeter.cli.wiring import wiring
+from stadimeter.config.loader import load_configuration
+from stadimeter.errors import ConfigError, StadimeterError
+from stadimeter.workbench.measuring import Measuring
+from stadimeter.workbench.setup.answers import ANSWERS, load_answers
+from stadimeter.workbench.setup.files import rule_names, written_files
+from stadimeter.workbench.setup.interview import Interview, all_answered, check_keys
+from stadimeter.workbench.setup.known import CONFIGURATION, PICTURES, Known
+from stadimeter.workbench.setup.question import Accepted, Question
+from stadimeter.workbench.setup.target import chosen_target
+from stadimeter.workbench.setup.writing import copy_name, write_files
+from stadimeter.workbench.setup.writing import example as load_example
+from stadimeter.workbench.wiring.outputs import wired_outputs
+
+BACK = "back"
+WIRING = f"{PICTURES}/wiring.svg"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the command line."""
+    app.command("init")(init)
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where the files will be; here unless given.")] = (
+        Path()
+    ),
+    answers: Annotated[
+        Path | None,
+        typer.Option("--answers", metavar="FILE", help="Take the answers from this TOML file, and ask nothing."),
+    ] = None,
+    example: Annotated[
+        str,
+        typer.Option(
+            "--example", metavar="NAME", help="Write an example: distance-alert, follow-ball, appliance or demo."
+        ),
+    ] = "",
+) -> None:
+    """Write a first configuration: asks for camera, target and what shall happen, one thing at a time.
+
+    Shows what it found, and has an answer ready, in brackets, which Enter takes. `back` goes back to the question
+    before. Ctrl-C leaves; each answer is saved as it is given, and `stadimeter init` in the same folder goes on from
+    there.
+
+    Writes a camera file, a configuration with two tests for each thing that shall happen, and pictures of what was
+    found, in the folder init. Then it checks the configuration, runs its tests, and names the next three commands. A
+    file that is there already is kept as a copy, such as stadimeter.toml.1.bak.
+
+    With --example it asks nothing either, and writes a configuration that shows one of the three uses, for you to edit.
+
+    With --answers it asks nothing: each question takes its answer from the file, or else the one that is ready.
+    docs/getting-started.md lists the keys. The file that a session has left, init-answers.toml, is such a file.
+
+    **Examples**
+
+    - `stadimeter init`
+
+    - `stadimeter init garage`
+
+    - `stadimeter init garage --answers answers.toml`
+
+    - `stadimeter init --example follow-ball`
+
+    **Exit code**: 0 the configuration can be used and its tests pass; 1 you left before the end, the target is not
+    in the last picture, or a test failed; 2 an answer or a file is wrong, or there is no terminal.
+    """
+    console = Console(highlight=False)
+    with plain_errors():
+        if answers and example:
+            raise ConfigError("--answers and --example exclude each other")
+        if example:
+            _write_example(folder, example)
+            return
+        if answers is None and not (sys.stdin.isatty() and sys.stdout.isatty()):
+            raise ConfigError(
+                "init asks questions, and there is no terminal here; give the answers with --answers FILE, such as "
+                'camera = "ball.jpg" (docs/getting-started.md lists the keys)'
+            )
+        known = _scripted(console, folder, answers) if answers else _asked(console, folder)
+        _write(console, known)
+    raise typer.Exit(_shown(console, known))
+
+
+def _write_example(folder: Path, name: str) -> None:
+    text = load_example(name)
+    for words in write_files(folder, {f"{name}.toml": text}):
+        typer.echo(words)
+
+
+def _scripted(console: Console, folder: Path, file: Path) -> Known:
+    given = load_answers(file)
+    check_keys(given, str(file))
+    interview = Interview(folder)
+    with _busy(console):
+        for key, accepted in all_answered(interview, given, str(file)):
+            _tell_accepted(console, key, accepted)
+    for key in given:
+        if key not in interview.known.answers:
+            typer.echo(f"note: {key} was not asked, since other answers leave no need for it", err=True)
+    return interview.known
+
+
+def _asked(console: Console, folder: Path) -> Known:
+    try:
+        _may_replace(console, folder / CONFIGURATION)
+        return _interviewed(console, folder)
+    except (KeyboardInterrupt, EOFError):
+        again = "stadimeter init" if folder == Path() else f"stadimeter init {folder}"
+        console.print(f"\nLeft. Every answer is saved; run `{again}` again to go on.", markup=False)
+        raise typer.Exit(NOT_FOUND) from None
+
+
+def _may_replace(console: Console, file: Path) -> None:
+    if not file.exists():
+        return
+    console.print(f"{file} is there already. At the end it is kept as {copy_name(file).name}.", markup=False)
+    if _typed(console, "Make a new one? (yes or no)", "yes").lower() not in {"y", "yes"}:
+        console.print("Nothing was changed.")
+        raise typer.Exit(NOT_FOUND)
+
+
+def _interviewed(console: Console, folder: Path) -> Known:
+    saved = load_answers(folder / ANSWERS) if (folder / ANSWERS).exists() else {}
+    interview = Interview(folder, earlier=saved if (folder / CONFIGURATION).exists() else {})
+    if saved and not (folder / CONFIGURATION).exists():
+        console.print(f"Going on with the answers in {folder / ANSWERS}:", markup=False)
+        for key, accepted in interview.resume(saved):
+            _tell_accepted(console, key, accepted)
+    else:
+        console.print(
+            "Enter takes the answer in [brackets], back goes back, Ctrl-C leaves and keeps the answers.",
+            style="dim",
+            markup=False,
+        )
+    while interview.next_key:
+        _ask(console, interview)
+    return interview.known
+
+
+def _ask(console: Console, interview: Interview) -> None:
+    """Ask the next question until it is answered, or the person goes back."""
+    question = _question(console, interview)
+    if question is None:
+        return
+    _tell_question(console, question, len(interview.known.answers) + 1)
+    while True:
+        text = _typed(console, "", question.ready)
+        if text == BACK:
+            interview.back()
+            return
+        accepted = _accepted(console, interview, _option(question, text))
+        if accepted is not None and not accepted.doubt:
+            return
+        if accepted is not None:  # the answer is the ready one now
+            question = interview.question() or question
+
+
+def _question(console: Console, interview: Interview) -> Question | None:
+    """Return the next question; None if an earlier answer is of no use any more, which is asked again then."""
+    try:
+        with _busy(console):
+            return interview.question()
+    except StadimeterError as error:
+        _tell_error(console, error)
+        if not interview.back():
+            raise
+        return None
+
+
+def _option(question: Question, text: str) -> str:
+    """Return the answer that a number stands for."""
+    is_number = text.isdecimal() and 1 <= int(text) <= len(question.options)
+    return question.options[int(text) - 1].answer if is_number else text
+
+
+def _accepted(console: Console, interview: Interview, text: str) -> Accepted | None:
+    try:
+        with _busy(console):
+            accepted = interview.answer(text)
+    except StadimeterError as error:
+        _tell_error(console, error)
+        return None
+    _tell_notes(console, accepted)
+    return accepted
+
+
+def _tell_question(console: Console, question: Question, number: int) -> None:
+    console.print()
+    console.print(Text(f"{number}. {question.text}", "bold"))
+    for found in question.found:
+        _indented(console, found, "green")
+    form = f"{question.form[0].upper()}{question.form[1:]}." if question.form else ""
+    if question.options:
+        table = Table.grid(padding=(0, 2))
+        table.add_column(justify="right")
+        table.add_column(overflow="fold")
+        table.add_column(overflow="fold")
+        for count, option in enumerate(question.options, start=1):
+            table.add_row(str(count), Text(option.answer, "cyan"), Text(option.meaning))
+        console.print(Padding(table, (0, 0, 0, 3)))
+        form = f"Or {question.form}." if question.form else ""
+    if form:
+        _indented(console, form, "dim")
+
+
+def _tell_notes(console: Console, accepted: Accepted) -> None:
+    for note in accepted.notes:
+        _indented(console, note, "yellow" if accepted.doubt else "green")
+    if accepted.doubt:
+        _indented(console, "Enter if that is right all the same; or another answer.", "dim")
+
+
+def _typed(console: Console, text: str, ready: str) -> str:
+    """Return what the person types, or the ready answer; asks again for an empty line where there is none."""
+    prompt = Text.assemble(f"{text} " if text else "", (f"[{ready}]" if ready else "", "cyan"), "> ")
+    while True:
+        typed = console.input(prompt, markup=False).strip()
+        if typed or ready:
+            return typed or ready
+        console.print("There is no answer ready here; type one.", style="yellow")
+
+
+def _tell_accepted(console: Console, key: str, accepted: Accepted) -> None:
+    console.print(Text.assemble((f"{key}", "bold"), " = ", (accepted.answer, "cyan")))
+    for note in accepted.notes:
+        _indented(console, note, "green")
+
+
+def _tell_error(console: Console, error: StadimeterError) -> None:
+    for line in str(error).splitlines():
+        _indented(console, line, "red")
+
+
+def _indented(console: Console, words: str, style: str) -> None:
+    console.print(Padding(Text(words, style), (0, 0, 0, 3)))
+
+
+@contextmanager
+def _busy(console: Console) -> Iterator[None]:
+    """Show that something is going on; a colour takes seconds to be found."""
+    with console.status("looking …", spinner="line"):
+        yield
+
+
+def _write(console: Console, known: Known) -> None:
+    if known.camera_model is None:
+        raise ConfigError("there is no camera model; answer the question for the calibration")
+    console.print()
+    for words in write_files(known.folder, written_files(known.answers, known.camera_model, known.model_file)):
+        console.print(words, markup=False, soft_wrap=True)
+
+
+def _shown(console: Console, known: Known) -> int:
+    """Check what was written, measure, run its tests, name the next commands, and return the exit code."""
+    console.print()
+    check(known.file)
+    if wired_outputs(load_configuration(known.file).actuators):
+        console.print()
+        wiring(known.file, output=None)
+        wiring(known.file, output=known.path(WIRING))
+    console.print()
+    is_measured = _is_measured(console, known)
+    console.print()
+    try:
+        run_tests(known.file, name="", as_json=False, verbose=False)
+    finally:
+        _next_commands(console, known)
+    return DONE if is_measured else NOT_FOUND
+
+
+def _is_measured(console: Console, known: Known) -> bool:
+    """Measure the target in the last picture, and return whether it is there."""
+    if known.camera_model is None:
+        return False
+    targets = build_detectors([chosen_target(known)], known.camera_model)
+    (result,) = Measuring(targets, known.camera_model).measure(known.frame, "").targets
+    seen = result.measurement
+    if seen.distance_m is None:
+        words = f"In the last picture, there is no {seen.target} to measure: {seen.reason}"
+        console.print(Text(words, "yellow"))
+        return False
+    away = format_distance(seen.distance_m, seen.sigma_m, METRE)
+    console.print(f"In the last picture, the {seen.target} is {away} away.", markup=False)
+    return True
+
+
+def _next_commands(console: Console, known: Known) -> None:
+    pictures = known.frame.source or known.answers["camera"]
+    what = f"--live {known.file}" if known.is_live else shlex.quote(pictures)
+    console.print("\nNext:", style="bold")
+    for line in (
+        f"stadimeter measure {what} --config {known.file}",
+        f"stadimeter run {known.file} --watch",
+        f"stadimeter explain {rule_names(known.answers)[0]}",
+    ):
+        console.print(f"  {line}", markup=False, soft_wrap=True)

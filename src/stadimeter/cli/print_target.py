@@ -1,0 +1,227 @@
+"""The commands ``print``: tags, boards, discs and sheets at true scale."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from stadimeter.cli.calibrate_board import wanted_board
+from stadimeter.cli.exits import plain_errors
+from stadimeter.cli.target_options import wanted_targets
+from stadimeter.core.drawing import Drawing
+from stadimeter.errors import ConfigError
+from stadimeter.workbench.drawing.files import write_drawings
+from stadimeter.workbench.printing.boards import board_drawing
+from stadimeter.workbench.printing.pages import PAPERS, Item, print_pages
+
+CHECK = "Print at 100 % (actual size), then measure the ruler: 10 cm and 4 in."
+MOST_TAGS = 200
+
+_print_app = typer.Typer(name="print", no_args_is_help=True)
+
+OutputOption = Annotated[
+    Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write, .pdf, or .svg for a single page.")
+]
+PaperOption = Annotated[str, typer.Option("--paper", metavar="NAME", help=f"The paper: {', '.join(PAPERS)}.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    app.add_typer(_print_app)
+
+
+@_print_app.callback()
+def _print() -> None:
+    """Make tags, boards, discs and sheets to print, at true scale.
+
+    Print at 100 %, "actual size", never "fit to page", and measure the ruler at the foot of the page. Glue the print
+    onto something flat and stiff.
+    """
+
+
+@_print_app.command()
+def tag(
+    *,
+    size: Annotated[str, typer.Argument(metavar="SIDE", help="Side of the black square.")] = "8cm",
+    output: OutputOption,
+    family: Annotated[
+        str, typer.Option("--family", metavar="FAMILY", help="An AprilTag family, such as 36h11, or ArUco's 4x4-50.")
+    ] = "36h11",
+    numbers: Annotated[
+        list[str] | None,
+        typer.Option("--id", metavar="N|N-M", help="Which tag of the family, or which; 0 if not given."),
+    ] = None,
+    paper: PaperOption = "A4",
+) -> None:
+    """Make tags to print: AprilTags or ArUco markers, as many on a page as fit.
+
+    **Examples**
+
+    - `stadimeter print tag -o tag.pdf`
+
+    - `stadimeter print tag 12cm --family 4x4-50 --id 0-3 --id 7 --paper letter -o tags.pdf`
+
+    **Exit code**: 0 the file was written; 2 an option is wrong, the tag is larger than the paper, or the file cannot be
+    written.
+    """
+    with plain_errors():
+        wanted = _numbers(numbers or ["0"])
+        drawn = [(number, _drawn({"--tag": size, "--family": family, "--id": number})) for number in wanted]
+        full, side_m = (drawn[0][1][1][key] for key in ("family", "side"))
+        items = [Item(drawing, "the side", side_m, f"{full}  id {number}") for number, (drawing, _) in drawn]
+        words = f"{full}, id {_in_words(wanted)}: the side of the black square is {size}."
+        table = {"detector": "tag", "side": size, "family": full, **({"id": wanted[0]} if len(wanted) == 1 else {})}
+        option = f"--tag {size} --family {family}"
+        _write(output, items, paper, (words, CHECK, f"stadimeter measure … {option}"))
+        _tell_target("tag", table)
+
+
+@_print_app.command()
+def disc(
+    *,
+    size: Annotated[str, typer.Argument(metavar="DIAMETER", help="Diameter of the disc.")] = "12cm",
+    output: OutputOption,
+    paper: PaperOption = "A4",
+) -> None:
+    """Make a black disc to print.
+
+    **Examples**
+
+    - `stadimeter print disc 15cm -o disc.pdf`
+
+    **Exit code**: 0 the file was written; 2 an option is wrong, the disc is larger than the paper, or the file cannot
+    be written.
+    """
+    with plain_errors():
+        drawing, options = _drawn({"--disc": size})
+        item = Item(drawing, "the diameter", options["diameter"])
+        words = f"A disc of {size} across. Leave the white around it."
+        _write(output, [item], paper, (words, CHECK, f"stadimeter measure … --disc {size}"))
+        _tell_target("disc", {"detector": "disc", "diameter": size, "shade": "dark"})
+
+
+@_print_app.command()
+def sheet(
+    *,
+    size: Annotated[
+        str, typer.Argument(metavar="WIDTH,HEIGHT|NAME", help="Its sides, such as 15cm,10cm or A5.")
+    ] = "A5",
+    output: OutputOption,
+    paper: PaperOption = "A4",
+) -> None:
+    """Make the outline of a sheet to print and to cut out. A whole page needs no print: measure it as `--sheet A4`.
+
+    **Examples**
+
+    - `stadimeter print sheet 15cm,10cm -o sheet.pdf`
+
+    **Exit code**: 0 the file was written; 2 an option is wrong, the sheet is larger than the paper, or the file cannot
+    be written.
+    """
+    with plain_errors():
+        drawing, _ = _drawn({"--sheet": size})
+        sides = f"{1000 * drawing.width_m:.1f} × {1000 * drawing.height_m:.1f} mm"
+        words = f"A sheet of {sides}: cut along the outer edge of the line."
+        _write(
+            output,
+            [Item(drawing, "the width", drawing.width_m)],
+            paper,
+            (words, CHECK, f"stadimeter measure … --sheet {size}"),
+        )
+        _tell_target("sheet", {"detector": "sheet", **_sides(size)})
+
+
+def _sides(size: str) -> dict[str, str]:
+    width, comma, height = size.partition(",")
+    return {"width": width.strip(), "height": height.strip()} if comma else {"size": size}
+
+
+@_print_app.command()
+def board(
+    *,
+    output: OutputOption,
+    square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square.")] = "25mm",
+    chessboard: Annotated[
+        str | None, typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard, by its inner corners; 9x6.")
+    ] = None,
+    charuco: Annotated[
+        str | None,
+        typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board, by its squares, such as 5x7."),
+    ] = None,
+    marker: Annotated[
+        str | None, typer.Option("--marker", metavar="LENGTH", help="Side of a marker of the ChArUco board.")
+    ] = None,
+    dictionary: Annotated[
+        str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
+    ] = None,
+    paper: PaperOption = "A4",
+) -> None:
+    """Make a board to print, for `stadimeter calibrate board`: a chessboard or a ChArUco board, with the same options.
+
+    **Examples**
+
+    - `stadimeter print board -o board.pdf`
+
+    - `stadimeter print board --charuco 5x7 --square 35mm --marker 26mm --dictionary 4X4_50 -o board.pdf`
+
+    **Exit code**: 0 the file was written; 2 an option is wrong, the board is larger than the paper, or the file cannot
+    be written.
+    """
+    with plain_errors():
+        chessboard = chessboard or ("9x6" if charuco is None else None)
+        wanted = wanted_board(chessboard, charuco, square, marker, dictionary)
+        which = f"--board {chessboard}" if chessboard else f"--charuco {charuco}"
+        of_charuco = f" --marker {marker} --dictionary {dictionary}" if charuco else ""
+        options = f"{which} --square {square}{of_charuco}"
+        item = Item(board_drawing(wanted), "the squares", wanted.square_m)
+        _write(output, [item], paper, (f"Squares of {square}. {CHECK}", f"calibrate board … {options}"))
+        typer.echo(f"then: stadimeter calibrate board --live opencv,device=0 {options} -o camera.toml")
+
+
+def _drawn(given: Mapping[str, Any]) -> tuple[Drawing, dict[str, Any]]:
+    """Return the drawing of a target that the options of `measure` describe, and its options."""
+    choice = wanted_targets(given).choices[0]
+    if choice.plugin.draw is None:
+        raise ConfigError(f"the detector {choice.driver!r} draws no target to print")
+    return choice.plugin.draw(choice.options), choice.options.model_dump()
+
+
+_RANGE = re.compile(r"\s*(\d{1,5})\s*(?:-\s*(\d{1,5})\s*)?")
+
+
+def _numbers(texts: Sequence[str]) -> list[int]:
+    """Return the numbers of ``0-3`` and ``7``, in their order, each once."""
+    numbers: dict[int, None] = {}
+    for text in ",".join(texts).split(","):
+        match = _RANGE.fullmatch(text)
+        if not match:
+            raise ConfigError(f"--id: {text!r} is no number of a tag; write it such as 3, or 0-3 for several")
+        first, last = int(match[1]), int(match[2] or match[1])
+        numbers |= dict.fromkeys(range(first, last + 1))
+    if not 0 < len(numbers) <= MOST_TAGS:
+        raise ConfigError(f"--id: that is {len(numbers)} tags, and {MOST_TAGS} at most are made at a time")
+    return list(numbers)
+
+
+def _in_words(numbers: Sequence[int]) -> str:
+    if len(numbers) > 2 and numbers[-1] - numbers[0] == len(numbers) - 1:
+        return f"{numbers[0]} to {numbers[-1]}"
+    return ", ".join(map(str, numbers))
+
+
+def _write(output: Path, items: Sequence[Item], paper: str, words: Sequence[str]) -> None:
+    pages = print_pages(items, paper, words)
+    write_drawings(output, pages)
+    count = f"{len(pages)} pages" if len(pages) > 1 else "1 page"
+    typer.echo(f"wrote {output}: {count} of {paper}")
+    typer.echo(CHECK)
+
+
+def _tell_target(name: str, table: Mapping[str, Any]) -> None:
+    typer.echo(f"in a configuration:\n\n[targets.{name}]")
+    for key, value in table.items():
+        typer.echo(f"{key} = {value}" if isinstance(value, int) else f'{key} = "{value}"')

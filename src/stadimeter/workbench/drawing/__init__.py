@@ -1,0 +1,1 @@
+"""Drawings as files at true scale: PDF and SVG."""

@@ -1,0 +1,117 @@
+"""Where labels go in a picture: near what they name, and on nothing else as long as there is room.
+
+The picture is divided into cells. What must stay visible makes its cells dear, and a summed-area table gives what a
+label would cover at every place at once (F. Crow, Summed-area tables for texture mapping, SIGGRAPH 1984): the cheapest
+place is the best one, not the first that does.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stadimeter.core.detection import Points
+
+MOST_CELLS = 320
+"""Along the longer side of a picture."""
+
+TAKEN, USEFUL = 1.0, 3e-5
+"""What a covered cell costs: of a target or another label, and of something that may be covered if it must."""
+
+A_CELL_AWAY, A_CELL_ASIDE, ABOVE = 2e-3, 4e-4, 4e-3
+"""What a place costs for each cell between label and target, for each by which its middle is not below the target's,
+and above the target instead of below."""
+
+_BITS = 4
+
+
+class Box(NamedTuple):
+    """A rectangle in pixels; right and bottom are beyond it."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+
+class Place(NamedTuple):
+    """Where a label goes, and whether nothing that matters is under it."""
+
+    box: Box
+    is_free: bool
+
+
+class LabelRoom:
+    """A picture with what is in it already."""
+
+    def __init__(self, width_px: int, height_px: int) -> None:
+        self._width_px, self._height_px = width_px, height_px
+        self._cell_px = max(1, math.ceil(max(width_px, height_px) / MOST_CELLS))
+        self._cost = np.zeros((math.ceil(height_px / self._cell_px), math.ceil(width_px / self._cell_px)), np.float32)
+
+    def copy(self) -> LabelRoom:
+        """Return the same room, to try something in."""
+        other = LabelRoom(self._width_px, self._height_px)
+        other._cost = self._cost.copy()
+        return other
+
+    def take_outline(self, points: Points, margin_px: float, cost: float = TAKEN) -> None:
+        """Keep the inside of an outline free, and a margin around it."""
+        if not len(points) or not np.isfinite(points).all():
+            return
+        cells = np.clip((points + 0.5) / self._cell_px - 0.5, -4 * MOST_CELLS, 4 * MOST_CELLS)
+        hull = np.round(cv2.convexHull(cells.astype(np.float32)) * 2**_BITS).astype(np.int32)
+        mask = np.zeros(self._cost.shape, np.uint8)
+        cv2.fillConvexPoly(mask, hull, 1, cv2.LINE_8, _BITS)
+        reach = math.ceil(margin_px / self._cell_px) + 1
+        mask = np.asarray(cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)), np.uint8)
+        self._cost = np.maximum(self._cost, cost * mask)
+
+    def take_box(self, box: Box, margin_px: float = 0.0, cost: float = TAKEN) -> None:
+        """Keep a rectangle free, and a margin around it."""
+        left, top = (max(0, math.floor((each - margin_px) / self._cell_px)) for each in (box.left, box.top))
+        right, bottom = (math.ceil((each + margin_px) / self._cell_px) for each in (box.right, box.bottom))
+        part = self._cost[top:bottom, left:right]
+        np.maximum(part, cost, out=part)
+
+    def place(self, width_px: int, height_px: int, near: Box, gap_px: float) -> Place:
+        """Return the best place for a label of this size; a label that is larger than the picture goes to its corner.
+
+        Args:
+            near: What it belongs to.
+            gap_px: How far from that it is best.
+        """
+        rows, columns = self._cost.shape
+        high, wide = (min(math.ceil(size / self._cell_px) + 1, most) for size, most in zip(
+            (height_px, width_px), (rows, columns), strict=True
+        ))  # fmt: skip
+        total = np.asarray(cv2.integral(self._cost), np.float64)
+        covered = total[high:, wide:] - total[:-high, wide:] - total[high:, :-wide] + total[:-high, :-wide]
+        cost = covered + self._unhandy(covered.shape, (wide, high), near, gap_px)
+        row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
+        left = max(0, min(int(column) * self._cell_px, self._width_px - width_px))
+        top = max(0, min(int(row) * self._cell_px, self._height_px - height_px))
+        box = Box(left, top, left + width_px, top + height_px)
+        return Place(box, bool(covered[row, column] < TAKEN / 2))
+
+    def is_free(self, box: Box) -> bool:
+        """Return whether nothing that matters is under a rectangle."""
+        rows = slice(max(0, box.top // self._cell_px), math.ceil(box.bottom / self._cell_px))
+        columns = slice(max(0, box.left // self._cell_px), math.ceil(box.right / self._cell_px))
+        return not (self._cost[rows, columns] >= TAKEN).any()
+
+    def _unhandy(self, shape: tuple[int, ...], size: tuple[int, int], near: Box, gap_px: float) -> NDArray[np.float64]:
+        """Return what each place costs for where it is, by row and column of the label's corner."""
+        tops, lefts = np.arange(shape[0])[:, np.newaxis], np.arange(shape[1])[np.newaxis, :]
+        left, top, right, bottom = (each / self._cell_px for each in near)
+        gap = gap_px / self._cell_px
+        across = np.maximum(np.maximum(left - (lefts + size[0]), lefts - right), 0)
+        down = np.maximum(np.maximum(top - (tops + size[1]), tops - bottom), 0)
+        aside = np.abs(lefts + size[0] / 2 - (left + right) / 2)
+        is_above = tops + size[1] / 2 < (top + bottom) / 2
+        away = np.abs(np.hypot(across, down) - gap)
+        return np.asarray(A_CELL_AWAY * away + A_CELL_ASIDE * aside + ABOVE * is_above, np.float64)

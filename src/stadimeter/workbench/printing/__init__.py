@@ -1,0 +1,1 @@
+"""Targets and boards to print at true scale."""

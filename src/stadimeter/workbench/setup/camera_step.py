@@ -1,0 +1,158 @@
+"""The first question: which camera, and a look through it."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.config.driver_tables import CAMERA
+from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.toml_source import key_and_value
+from stadimeter.core.frame import Frame
+from stadimeter.errors import ConfigError, PictureError, StadimeterError
+from stadimeter.workbench.annotation import write_picture
+from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras
+from stadimeter.workbench.frame_source import Source, open_source, settled_frame
+from stadimeter.workbench.picture_quality import picture_remarks
+from stadimeter.workbench.setup.known import PICTURES, Known
+from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
+
+SHOWN = f"{PICTURES}/camera.png"
+"""The picture in which places are meant that answers name."""
+
+PICTURES_RATE = "10 Hz"
+"""So fast are picture files shown, as a camera would."""
+
+MOST_FRAMES = 4
+"""So many pictures of a recording are kept, from all over it."""
+
+LONGEST_RECORDING = 2000
+"""Frames behind these are not looked at."""
+
+VIDEO_SUFFIXES = frozenset(
+    ".avi .flv .h264 .m4v .mjpeg .mjpg .mkv .mov .mp4 .mpeg .mpg .ts .webm .wmv".split()  # noqa: SIM905
+)
+
+_DRIVER = re.compile(r"[a-z][\w-]*(,\s*\w+\s*=.*)+")
+
+
+class CameraStep(Step):
+    """Which camera: one that is there, a stream, or a recording of one."""
+
+    key = "camera"
+
+    def question(self, known: Known) -> Question:
+        """List the cameras that are there, each with a picture of it."""
+        cameras = attached_cameras()
+        listed = [(each, _try(known, each, number)) for number, each in enumerate(cameras, start=1)]
+        pictures = _pictures_in(known.folder)
+        options = [Option(each.choice, f"{each.name}: {words}") for each, words in listed]
+        options += [Option(pictures, "the pictures in this folder")] if pictures else []
+        return Question(
+            key=self.key,
+            text="Which camera?",
+            found=() if cameras else (f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}.",),
+            options=tuple(options),
+            ready=options[0].answer if options else "",
+            form="a device such as /dev/video0, the address of a stream, a video file, or picture files",
+        )
+
+    def accept(self, known: Known, text: str) -> Accepted:
+        """Take pictures with the camera."""
+        choice = known.chosen(CAMERA, ("camera",), camera_table(text))
+        known.frames, known.is_live = _frames(choice)
+        known.camera = choice
+        known.camera_model = None
+        write_picture(known.path(SHOWN), known.frame.image)
+        size = f"{known.frame.width_px} × {known.frame.height_px} pixels"
+        seen = f"It sees {size}; the picture is {SHOWN}."
+        remarks = tuple(f"{each[0].upper()}{each[1:]}." for each in picture_remarks(known.frame.image))
+        return Accepted(answer=text, notes=(seen, *remarks), doubt=bool(remarks))
+
+
+def camera_table(text: str) -> dict[str, Any]:
+    """Return the table ``[camera]`` for an answer.
+
+    Raises:
+        ConfigError: A quotation mark is missing.
+    """
+    if text.isdecimal():
+        return {"driver": "opencv", "device": int(text)}
+    if text.startswith("/dev/") or "://" in text:
+        return {"driver": "opencv", "device": text}
+    if _DRIVER.fullmatch(text):
+        driver, *options = text.split(",")
+        return {"driver": driver, **dict(map(key_and_value, options))}
+    files = words_of(text)
+    if len(files) == 1 and Path(files[0]).suffix.lower() in VIDEO_SUFFIXES:
+        return {"driver": "video", "path": files[0]}
+    return {"driver": "images", "paths": files, "rate": PICTURES_RATE}
+
+
+def words_of(text: str) -> list[str]:
+    """Return the words of an answer; what has a space stands in quotation marks.
+
+    Raises:
+        ConfigError: A quotation mark is missing.
+    """
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise ConfigError(f"{text!r} lacks a quotation mark") from error
+
+
+def _frames(choice: DriverChoice) -> tuple[tuple[Frame, ...], bool]:
+    """Return pictures of a camera, and whether it is live."""
+    source = open_source(choice)
+    if source.is_live:
+        return (settled_frame(choice),), True
+    source.capture.open()
+    try:
+        frames = _spread(_recorded(source))
+    finally:
+        source.capture.close()
+    if not frames:
+        raise PictureError(f"the camera {choice.driver} gives no picture")
+    return frames, False
+
+
+def _recorded(source: Source) -> Iterator[Frame]:
+    for frame, _ in zip(source.frames(lambda _: None), range(LONGEST_RECORDING), strict=False):
+        yield frame
+
+
+def _spread(frames: Iterator[Frame]) -> tuple[Frame, ...]:
+    """Return some of many frames at even distances, and hold no more than twice as many at any time."""
+    kept: list[Frame] = []
+    step = 1
+    for number, frame in enumerate(frames):
+        if number % step == 0:
+            kept.append(frame)
+        if len(kept) == 2 * MOST_FRAMES:
+            kept, step = kept[::2], 2 * step
+    return tuple(kept)
+
+
+def _try(known: Known, camera: AttachedCamera, number: int) -> str:
+    """Take a picture with a camera that is there, and say where it is, or what is wrong."""
+    if camera.trouble:
+        return camera.trouble
+    name = f"{PICTURES}/camera-{number}.png"
+    try:
+        frame = settled_frame(known.chosen(CAMERA, ("camera",), camera_table(camera.choice)))
+    except StadimeterError as error:
+        return str(error)
+    write_picture(known.path(name), frame.image)
+    return f"its picture is {name}"
+
+
+def _pictures_in(folder: Path) -> str:
+    """Return a pattern for the pictures of a folder; empty if it has none."""
+    for suffix in ("jpg", "png"):
+        if next(folder.glob(f"*.{suffix}"), None):
+            return f"*.{suffix}"
+    return ""

@@ -1,0 +1,1 @@
+"""Wiring drawings: what hangs on which pin of the header, from a configuration."""

@@ -1,0 +1,57 @@
+"""What an encoding lacks is written in characters that it has, by one table."""
+
+import codecs
+import subprocess
+import sys
+
+import pytest
+
+from stadimeter.cli.glyphs import PLAIN, PLAIN_ERRORS, plain
+
+
+@pytest.mark.parametrize(
+    ("words", "written"),
+    [
+        ("2.43 m ± 0.04 at 3°, σ ≤ 1 …", "2.43 m +- 0.04 at 3 deg, sigma <= 1 ..."),
+        ("−3 µs → “x” ┏─┓│", '-3 us -> "x" +-+|'),
+        ("日本", "\\u65e5\\u672c"),
+        ("café.png caf\udce9.png", "caf\\xe9.png caf\\udce9.png"),
+    ],
+)
+def test_what_ascii_lacks_is_written_plainly(words: str, written: str) -> None:
+    assert words.encode("ascii", PLAIN_ERRORS).decode("ascii") == written
+
+
+def test_what_an_encoding_has_stays_as_it_is() -> None:
+    assert "± → é".encode("latin-1", PLAIN_ERRORS) == "± -> é".encode("latin-1")
+
+
+def test_every_stand_in_is_ascii() -> None:
+    assert all(word.isascii() for word in PLAIN.values())
+    assert plain("a") == "a"
+
+
+def test_what_cannot_be_read_stays_an_error() -> None:
+    with pytest.raises(UnicodeDecodeError):
+        codecs.decode(b"\xff", "ascii", PLAIN_ERRORS)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["--help"], ["measure", "--help"], ["check", "config/demo.toml"], ["demo", "--plain", "--seconds=1", "--speed=0"]],
+)
+def test_commands_print_no_more_than_ascii_where_there_is_no_more(
+    command: list[str], pytestconfig: pytest.Config
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "stadimeter", *command],
+        capture_output=True,
+        env={"PYTHONIOENCODING": "ascii", "LANG": "C"},
+        check=True,
+        cwd=pytestconfig.rootpath,
+    )
+    words = done.stdout.decode("ascii")
+    assert words
+    assert "\\u" not in words
+    assert "\\x" not in words
+    assert done.stderr == b""

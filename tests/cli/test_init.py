@@ -1,0 +1,263 @@
+"""`init`: from an installed program to a measured target of one's own with a rule that acts, with one command."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import cv2
+import pytest
+from typer.testing import CliRunner, Result
+
+from stadimeter.cli.main import app
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.workbench.setup.interview import answer_keys
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
+from support.scenes.render import render
+from support.scenes.scene import Scene
+
+pytestmark = pytest.mark.vision
+
+GUIDE = Path(__file__).parents[2] / "docs" / "getting-started.md"
+LENS = CameraModel.with_focal_length(600.0, 640, 480)
+TARGETS: dict[str, Callable[[float], object]] = {
+    "ball": lambda at_m: BallTarget(position_m=(0.0, 0.0, at_m), diameter_m=0.2),
+    "sheet": lambda at_m: SheetTarget(pose=_facing(at_m), width_m=0.297, height_m=0.21),
+    "tag": lambda at_m: TagTarget(pose=_facing(at_m), side_m=0.2, family="apriltag-36h11", number=7),
+    "disc": lambda at_m: DiscTarget(pose=_facing(at_m), diameter_m=0.2),
+}
+SIZES = {"ball": "20 cm", "sheet": "A4", "tag": "20 cm", "disc": "20 cm"}
+
+
+def _facing(at_m: float) -> Pose:
+    return Pose(position_m=(0.0, 0.0, at_m), tilt_rad=0.0)
+
+
+def _picture(path: Path, kind: str, at_m: float) -> None:
+    scene = Scene(camera=LENS, target=TARGETS[kind](at_m), seed=1, backdrop=PlainBackdrop())
+    cv2.imwrite(str(path), render(scene).image)
+
+
+def _init(folder: Path, **answers: str) -> Result:
+    file = folder / "given.toml"
+    file.write_text("".join(f"{key} = '''{answer}'''\n" for key, answer in answers.items()), encoding="utf-8")
+    return _run("init", folder, "--answers", file)
+
+
+def _run(*arguments: object) -> Result:
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def _distances(output: str) -> list[float]:
+    return [float(each) for each in re.findall(r"([\d.]+) m ±", output)]
+
+
+@pytest.mark.parametrize("kind", TARGETS)
+def test_one_command_leads_to_a_measured_target_and_a_rule_that_acts(tmp_path: Path, kind: str) -> None:
+    for at_m in (0.8, 2.0):
+        _picture(tmp_path / f"{at_m:g}m.png", kind, at_m)
+    camera = "0.8m.png 0.8m.png 0.8m.png 0.8m.png 2m.png"
+    told = _init(tmp_path, camera=camera, target=kind, size=SIZES[kind], near_near="1 m")
+    assert told.exit_code == 0, told.output
+    assert "2 tests: 2 passed" in told.stdout
+    assert len(tomllib.loads((tmp_path / "init-answers.toml").read_text())) <= 12
+    measured = _run("measure", tmp_path / "2m.png", "--config", tmp_path / "stadimeter.toml")
+    assert _distances(measured.stdout)[0] == pytest.approx(2.0, rel=0.01)
+    ran = _run("run", tmp_path / "stadimeter.toml")
+    assert "near raised" in ran.stdout, "the first pictures show it at 0.8 m"
+
+
+def test_a_real_tennis_ball_is_measured_with_the_colour_that_was_found(tmp_path: Path, real_pictures: Path) -> None:
+    folder = real_pictures / "tennis_ball" / "images"
+    told = _init(
+        tmp_path,
+        camera=f"{folder}/44.5_0.jpg {folder}/116_0.jpg",
+        size="6.4 cm",
+        calibration=f"{folder}/44.5_0.jpg@41.3cm {folder}/116_0.jpg@112.8cm",
+    )
+    assert told.exit_code == 0, told.output
+    measured = _run("measure", folder / "89_0.jpg", "--config", tmp_path / "stadimeter.toml")
+    assert _distances(measured.stdout)[0] == pytest.approx(0.858, rel=0.02)
+
+
+def test_a_real_sheet_is_named_when_it_is_another_paper(tmp_path: Path, real_pictures: Path) -> None:
+    camera = f"{real_pictures}/seed_sheet/*.png"
+    wrong = _init(tmp_path, camera=camera, target="sheet", size="A4")
+    assert wrong.exit_code == 2
+    assert "is it letter instead of A4?" in wrong.stderr
+    right = _init(tmp_path, camera=camera, target="sheet", size="letter")
+    assert right.exit_code == 0, right.output
+
+
+def test_a_real_tag_is_read_and_its_family_found(tmp_path: Path, real_pictures: Path) -> None:
+    told = _init(
+        tmp_path, camera=f"{real_pictures}/tags/visp/AprilTag.png", target="tag", size="53 mm", calibration="55 deg"
+    )
+    assert told.exit_code == 0, told.output
+    assert re.search(r"tag = 36h11 \d+", told.stdout)
+
+
+@pytest.mark.long
+def test_a_ball_in_a_real_video_is_found_though_the_first_frames_are_empty(tmp_path: Path, real_pictures: Path) -> None:
+    told = _init(tmp_path, camera=str(real_pictures / "ball_video" / "green_ball.mp4"), wish="near gone")
+    assert told.exit_code == 0, told.output
+    assert [rule.rule.name for rule in load_configuration(tmp_path / "stadimeter.toml").rules] == ["near", "gone"]
+
+
+def test_what_was_there_is_kept_as_a_copy(tmp_path: Path) -> None:
+    _picture(tmp_path / "1m.png", "disc", 1.0)
+    (tmp_path / "stadimeter.toml").write_text("# mine\n")
+    for number, near in enumerate(("40 cm", "60 cm"), start=1):
+        assert _init(tmp_path, target="disc", size="20 cm", near_near=near).exit_code == 0
+        assert (tmp_path / f"stadimeter.toml.{number}.bak").exists()
+    assert (tmp_path / "stadimeter.toml.1.bak").read_text() == "# mine\n"
+
+
+@pytest.mark.parametrize(
+    ("answers", "words"),
+    [
+        ({"targt": "ball"}, "there is no such question (did you mean 'target'?)"),
+        ({"target": "cube"}, "'cube' is none of ball, sheet, tag, disc"),
+        ({"target": "disc", "size": "20"}, "'20' has no unit"),
+        ({"target": "disc", "size": "20 m"}, "did you mean millimetres or inches?"),
+        ({"target": "disc", "size": "20 cm", "near_near": "2 s"}, "unknown unit 's'"),
+        ({"target": "disc", "size": "20 cm", "near_output": "buzzer 99"}, "not a pin"),
+        ({"target": "disc", "size": "20 cm", "wish": "coffee"}, "'coffee' is none of near, far"),
+        ({"camera": "no-such.png"}, "no-such.png"),
+        ({"target": "ball", "size": "20 cm", "colour": "3,3"}, "it is background"),
+        ({"target": "ball", "size": "20 cm", "colour": "3000,3"}, "is not in init/camera.png"),
+    ],
+)
+def test_a_wrong_answer_is_named_with_its_question(tmp_path: Path, answers: dict[str, str], words: str) -> None:
+    _picture(tmp_path / "1m.png", "disc", 1.0)
+    told = _init(tmp_path, **answers)
+    assert told.exit_code == 2
+    assert words in told.stderr
+    assert f"given.toml: {list(answers)[-1]}: " in told.stderr
+    assert not (tmp_path / "stadimeter.toml").exists()
+
+
+def test_without_a_terminal_and_answers_it_says_how_to_give_them(tmp_path: Path) -> None:
+    told = _run("init", tmp_path / "new")
+    assert told.exit_code == 2
+    assert "--answers FILE" in told.stderr
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("name", ["distance-alert", "follow-ball", "appliance", "demo"])
+def test_an_example_is_written_without_a_checkout(tmp_path: Path, name: str) -> None:
+    assert _run("init", tmp_path, "--example", name).exit_code == 0
+    assert load_configuration(tmp_path / f"{name}.toml").plan.rules
+
+
+def test_an_example_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    told = _run("init", tmp_path, "--example", "folow-ball")
+    assert told.exit_code == 2
+    assert "only appliance, demo, distance-alert, follow-ball" in told.stderr
+
+
+def test_the_answers_that_the_guide_shows_lead_to_a_configuration(tmp_path: Path) -> None:
+    for name, at_m in (("50cm", 0.6), ("2m", 2.1)):
+        _picture(tmp_path / f"{name}.png", "ball", at_m)
+    (shown,) = re.findall(r"<!-- answers -->\n```toml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    (tmp_path / "answers.toml").write_text(shown)
+    told = _run("init", tmp_path, "--answers", tmp_path / "answers.toml")
+    assert told.exit_code == 0, told.output
+    assert (tmp_path / "init" / "wiring.svg").exists()
+
+
+def test_the_guide_names_every_key_of_an_answer() -> None:
+    text = GUIDE.read_text()
+    assert [key for key in answer_keys() if f"`{key}`" not in text and not key.endswith("_output")] == []
+
+
+def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    (tmp_path / "answers.toml").write_text('camera = "ball.png"\n')
+    told = _run("init", tmp_path / "taken", "--answers", tmp_path / "answers.toml")
+    assert told.exit_code == 2
+    assert told.stderr.count("\n") == 1
+    assert "the folder cannot be made" in told.stderr
+
+
+class Terminal:
+    """A session of `init` in a pseudo-terminal."""
+
+    def __init__(self, folder: Path, columns: int = 80) -> None:
+        self._ours, theirs = pty.openpty()
+        environment = {**os.environ, "COLUMNS": str(columns), "LINES": "24", "TERM": "xterm"}
+        command = [sys.executable, "-m", "stadimeter", "init"]
+        self._process = subprocess.Popen(  # Ctrl-C reaches the program whose terminal it is
+            command,
+            cwd=folder,
+            env=environment,
+            preexec_fn=partial(os.login_tty, theirs),  # noqa: PLW1509
+        )
+        os.close(theirs)
+        self._unread = ""
+        self.said = ""
+
+    def until(self, words: str) -> str:
+        """Return what was said up to some words; what is behind them is for the next call."""
+        deadline_s = time.monotonic() + 50
+        while words not in self._unread:
+            assert select.select([self._ours], [], [], max(0.0, deadline_s - time.monotonic()))[0], self._unread
+            self._take(os.read(self._ours, 65536))
+        said, self._unread = self._unread.split(words, 1)
+        return said + words
+
+    def _take(self, data: bytes) -> None:
+        text = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", data.decode())
+        self.said += text
+        self._unread += text
+
+    def types(self, answer: str) -> None:
+        os.write(self._ours, answer.encode())
+
+    def ends(self) -> int:
+        try:
+            while data := os.read(self._ours, 65536):
+                self._take(data)
+        except OSError:  # the other side is closed
+            pass
+        os.close(self._ours)
+        return self._process.wait(30)
+
+
+def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path: Path) -> None:
+    _picture(tmp_path / "1m.png", "disc", 1.0)
+    first = Terminal(tmp_path, columns=40)
+    for asked, answer in (("camera?", "\n"), ("measured?", "4\n"), ("How large", "20\n"), ("no unit", "20 cm\n")):
+        first.until(asked)
+        first.until("> ")
+        first.types(answer)
+    first.until("How far away")
+    first.until("> ")
+    first.types("\x03")
+    assert first.ends() == 1
+    assert "Every answer is saved" in " ".join(first.said.split())
+
+    second = Terminal(tmp_path)
+    assert "Going on with the answers" in second.until("How far away")
+    for asked in ("> ", "happen?", "Nearer than", "drive?"):
+        second.until(asked)
+        if asked != "> ":
+            second.until("> ")
+        second.types("\n")
+    assert second.ends() == 0
+    assert load_configuration(tmp_path / "stadimeter.toml").plan.rules

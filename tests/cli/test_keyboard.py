@@ -1,0 +1,223 @@
+"""Keys, pressed on a pseudo-terminal as a person presses them."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fcntl import ioctl
+from typing import Any
+
+import pytest
+
+from stadimeter.app.bootstrap import build, demo_configuration
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.cli.demonstration import fault_keys
+from stadimeter.cli.keyboard import Keyboard, RunKeys
+
+PATIENCE_S = 40.0
+
+IN_ITS_TERMINAL = """
+import sys, fcntl, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+from stadimeter.__main__ import main
+main()
+"""
+
+
+class Terminal:
+    """A pseudo-terminal with a program in it, whose controlling terminal it is."""
+
+    def __init__(self, *command: str, columns: int = 80, rows: int = 24, **env: str) -> None:
+        self.board, self.there = pty.openpty()
+        ioctl(self.there, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+        self.before = termios.tcgetattr(self.there)
+        self.shown = ""
+        self.program = subprocess.Popen(
+            [sys.executable, "-c", IN_ITS_TERMINAL, *command],
+            stdin=self.there,
+            stdout=self.there,
+            stderr=self.there,
+            start_new_session=True,
+            env={**os.environ, "TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8", **env},
+        )
+
+    def wait_for(self, words: str) -> str:
+        """Return what was shown until these words came, from the last redraw on."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while words not in self.shown:
+            assert time.monotonic() < deadline_s, f"{words!r} never came; the last was: {self.shown[-3000:]}"
+            if select.select([self.board], [], [], 0.1)[0]:
+                self.shown += os.read(self.board, 65536).decode("utf-8", "replace")
+        before, _, self.shown = self.shown.partition(words)
+        return before + words
+
+    def press(self, keys: str) -> None:
+        os.write(self.board, keys.encode())
+
+    def ended(self) -> int:
+        """Let the program end, and return its exit code."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while self.program.poll() is None and time.monotonic() < deadline_s:
+            if select.select([self.board], [], [], 0.1)[0]:
+                self.shown += os.read(self.board, 65536).decode("utf-8", "replace")
+        while select.select([self.board], [], [], 0)[0]:
+            self.shown += os.read(self.board, 65536).decode("utf-8", "replace")
+        return self.program.wait(1)
+
+    def is_as_before(self) -> bool:
+        return termios.tcgetattr(self.there) == self.before
+
+
+@contextmanager
+def terminal(*command: str, **how: Any) -> Iterator[Terminal]:
+    it = Terminal(*command, **how)
+    try:
+        yield it
+    finally:
+        it.program.kill()
+        it.program.wait()
+        os.close(it.board)
+        os.close(it.there)
+
+
+def test_keys_pause_and_explain_the_demonstration_make_things_go_wrong_and_end_it() -> None:
+    with terminal("demo") as it:
+        it.wait_for(" unplug robot ")
+        it.press("h")
+        it.wait_for("The ball is hidden on purpose")
+        it.wait_for(" show ball ")
+        it.press("h")
+        it.wait_for("The ball is back in sight")
+        it.press(" ")
+        it.wait_for(" PAUSED ")
+        it.press("?")
+        it.wait_for("what was sent to other programs")
+        it.press("p")
+        it.wait_for(" ACTIVE ")
+        it.press("q")
+        assert it.ended() == 0
+        assert "Ended: the key q was pressed." in it.shown
+        assert "stadimeter init" in it.shown
+        assert it.is_as_before()
+
+
+@pytest.mark.parametrize(("number", "keys"), [(signal.SIGINT, ""), (signal.SIGTERM, " ")])
+def test_a_signal_gives_the_terminal_back_also_while_the_demonstration_is_paused(
+    number: signal.Signals, keys: str
+) -> None:
+    with terminal("demo") as it:
+        it.wait_for(" quit ")
+        it.press(keys)
+        it.wait_for(" go on " if keys else " ACTIVE ")
+        assert not it.is_as_before()
+        it.program.send_signal(number)
+        assert it.ended() == 0
+        assert it.is_as_before()
+        assert "\x1b[?1049l" in it.shown
+
+
+def test_a_run_that_is_watched_has_keys_too_and_no_others() -> None:
+    with terminal("run", "config/demo.toml", "--watch", "--no-state") as it:
+        shown = it.wait_for(" help ")
+        assert "pause" not in shown
+        it.press("q")
+        assert it.ended() == 0
+        assert it.is_as_before()
+
+
+def test_in_40_columns_no_line_is_longer_and_the_keys_that_fit_are_named() -> None:
+    with terminal("demo", columns=40) as it:
+        screen = it.wait_for(" pause ").rpartition("\x1b[H")[2]
+        assert "unplug" not in screen
+
+
+def test_without_a_terminal_no_key_is_ever_pressed() -> None:
+    read, write = os.pipe()
+    with Keyboard(read) as keyboard:
+        os.write(write, b"q")
+        assert not keyboard.is_there
+        assert keyboard.pressed() == ""
+    os.close(read)
+    os.close(write)
+
+
+def test_a_terminal_of_another_program_is_left_alone() -> None:
+    board, there = pty.openpty()
+    before = termios.tcgetattr(there)
+    with Keyboard(there) as keyboard:
+        assert not keyboard.is_there
+        assert termios.tcgetattr(there) == before
+    os.close(board)
+    os.close(there)
+
+
+class Pressed(Keyboard):
+    """A keyboard whose keys are given in advance, one at each look."""
+
+    def __init__(self, *keys: str) -> None:
+        super().__init__(-1)
+        self.left = list(keys)
+
+    @property
+    def is_there(self) -> bool:
+        return True
+
+    def pressed(self, wait_s: float = 0.0) -> str:
+        return self.left.pop(0) if self.left else ""
+
+
+def test_each_key_again_undoes_what_it_did() -> None:
+    loop = Loop(build(demo_configuration(), speed=None))
+    world = loop.parts.world
+    assert world is not None
+    for key, fault in (("h", "hide-target"), ("f", "freeze-camera"), ("u", "unplug-base")):
+        for is_wrong in (True, False):
+            RunKeys(loop, fault_keys(loop), keyboard=Pressed(key)).attend(lambda: None)
+            assert world.goes_wrong(fault) is is_wrong
+
+
+def test_the_robot_that_is_unplugged_by_a_key_stops_and_is_in_order_after_a_rest() -> None:
+    loop = Loop(build(demo_configuration(), speed=None))
+    keys = RunKeys(loop, fault_keys(loop), keyboard=Pressed(*[""] * 60, "u", *[""] * 60, "u"))
+    wheels: list[tuple[float, float]] = []
+    world: Any = loop.parts.world
+    loop.listeners += [
+        lambda *_: keys.attend(lambda: None),
+        lambda *_: wheels.append((world.now_s, abs(world.robot.wheels_mps[0]))),
+    ]
+    loop.run(Limits(seconds=9.0))
+    assert max(speed for at_s, speed in wheels if at_s < 2.0) > 0.2, "it drove"
+    assert max(speed for at_s, speed in wheels if 5.0 < at_s < 8.5) < 1e-3, "it stood"
+    assert [output.fault for output in loop.parts.outputs] == ["", "", ""], "it may drive again"
+
+
+def test_while_the_run_is_paused_its_clock_stands_still() -> None:
+    loop = Loop(build(demo_configuration(), speed=None))
+    keys = RunKeys(loop, can_pause=True, keyboard=Pressed(" ", "", "", "p"))
+    drawn: list[tuple[float, bool]] = []
+    keys.attend(lambda: drawn.append((loop.parts.clock.now_s(), keys.is_paused)))
+    assert [paused for _, paused in drawn] == [True, True, True, False]
+    assert len({now_s for now_s, _ in drawn}) == 1
+
+
+def test_a_pause_ends_with_the_run() -> None:
+    loop = Loop(build(demo_configuration(), speed=None))
+    keys = RunKeys(loop, can_pause=True, keyboard=Pressed("p", "", "q", "", ""))
+    keys.attend(lambda: None)
+    assert loop.ending == "the key q was pressed"
+
+
+def test_the_keys_say_what_they_would_do_now() -> None:
+    loop = Loop(build(demo_configuration(), speed=None))
+    keys = RunKeys(loop, fault_keys(loop), can_pause=True, keyboard=Pressed("f"))
+    keys.attend(lambda: None)
+    assert [key.words for key in keys.keys] == ["quit", "help", "pause", "hide ball", "thaw camera", "unplug robot"]

@@ -1,0 +1,72 @@
+"""What the world says is what happens in it."""
+
+from __future__ import annotations
+
+import pytest
+
+from stadimeter.app.bootstrap import build, demo_configuration
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.simulation.narration import AFTER, AFTER_S, DURING, Narrator, StoryLine
+from stadimeter.simulation.world import FaultKind
+
+STORY = [StoryLine.model_validate({"at": at, "say": say}) for at, say in (("10 s", "it comes"), ("2 s", "it rolls"))]
+
+
+def test_the_story_goes_by_the_time_and_begins_again_with_the_path() -> None:
+    narrator = Narrator(STORY, period_s=20.0)
+    assert [narrator.words((), at_s) for at_s in (0.0, 2.0, 9.9, 10.0, 19.9, 21.0, 22.0)] == [
+        "", "it rolls", "it rolls", "it comes", "it comes", "", "it rolls",
+    ]  # fmt: skip
+
+
+def test_a_path_that_ends_has_a_story_that_ends() -> None:
+    assert Narrator(STORY, period_s=None).words((), 1000.0) == "it comes"
+
+
+def test_what_goes_wrong_is_said_while_it_lasts_and_shortly_after() -> None:
+    narrator = Narrator(STORY, period_s=None)
+    assert narrator.words(["hide-target"], 3.0) == DURING["hide-target"]
+    assert narrator.words([], 4.0) == AFTER["hide-target"]
+    assert narrator.words([], 4.0 + AFTER_S) == "it rolls"
+
+
+def test_two_things_that_go_wrong_are_both_said() -> None:
+    assert Narrator((), None).words(["hide-target", "unplug-base"], 0.0).count("on purpose") == 2
+
+
+def test_every_fault_has_its_words() -> None:
+    assert set(DURING) == set(AFTER) == set(FaultKind)
+
+
+@pytest.mark.parametrize("kind", list(FaultKind))
+def test_a_fault_is_turned_on_and_off_by_its_name(make_run, kind: FaultKind) -> None:
+    world = make_run().world
+    world.toggle(kind.value)
+    assert world.goes_wrong(kind.value)
+    assert world.narration() == DURING[kind]
+    world.toggle(kind.value)
+    assert not world.goes_wrong(kind.value)
+    assert world.narration() == AFTER[kind]
+
+
+def test_in_the_demonstration_the_outputs_do_what_is_said_when_it_is_said() -> None:
+    loop = Loop(build(demo_configuration(), speed=None))
+    done: dict[str, list[dict[str, float]]] = {}
+
+    def watch(record: object, _frame: object) -> None:
+        applied = {
+            command.output: getattr(command, "level", getattr(command, "linear_mps", 0.0)) for command in record.applied
+        }  # type: ignore[attr-defined]
+        done.setdefault(loop.parts.world.narration(), []).append(applied)  # type: ignore[union-attr]
+
+    loop.listeners.append(watch)
+    loop.run(Limits(seconds=50.0))
+    (vibrates,) = [turns for words, turns in done.items() if "motor vibrates" in words]
+    (buzzes,) = [turns for words, turns in done.items() if "buzzer sounds" in words]
+    assert max(turn["motor"] for turn in vibrates) > 0.3
+    assert max(turn["buzzer"] for turn in buzzes) == 1.0
+    elsewhere = [turn for turns in done.values() if turns not in (vibrates, buzzes) for turn in turns]
+    assert not any(turn.get("motor") or turn.get("buzzer") for turn in elsewhere)
+    for fault in ("hide-target", "freeze-camera"):
+        assert done[DURING[fault]][-1]["base"] == 0.0
+        assert done[AFTER[fault]][-1]["base"] > 0.0

@@ -1,0 +1,160 @@
+"""The interview before a live camera, a double of a device that shows rendered balls."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Image
+from stadimeter.errors import CalibrationError, ConfigError, DeviceOpenError
+from stadimeter.workbench.setup.answers import load_answers, save_answers
+from stadimeter.workbench.setup.files import written_files
+from stadimeter.workbench.setup.interview import Interview
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.render import render
+from support.scenes.scene import Scene
+from support.v4l2_double import V4l2Double
+
+pytestmark = pytest.mark.vision
+
+LENS = CameraModel.with_focal_length(600.0, 640, 480)
+BALL_M = 0.2
+COLOUR = "20,60,40:50,255,255"
+
+
+@cache
+def ball_at(near_side_m: float) -> Image:
+    """Return a picture of a ball whose nearest point is that far from the lens."""
+    ball = BallTarget(position_m=(0.0, 0.0, near_side_m + BALL_M / 2), diameter_m=BALL_M)
+    return render(Scene(camera=LENS, target=ball, seed=1, backdrop=PlainBackdrop())).image
+
+
+@pytest.fixture
+def device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> V4l2Double:
+    return V4l2Double.plugged_in(tmp_path / "video0", ball_at(1.0), monkeypatch)
+
+
+def _camera(device: V4l2Double) -> str:
+    return f"opencv,device={device.node}"
+
+
+@pytest.fixture
+def interview(tmp_path: Path, device: V4l2Double) -> Interview:
+    """Return an interview up to the calibration."""
+    begun = Interview(tmp_path)
+    for answer in (_camera(device), "ball", "20 cm", COLOUR):
+        begun.answer(answer)
+    return begun
+
+
+def test_a_ball_before_a_camera_takes_nine_answers(interview: Interview, device: V4l2Double) -> None:
+    interview.answer("1 m")
+    device.show(ball_at(3.0))
+    question = interview.question()
+    assert question is not None
+    assert (question.key, question.ready) == ("proof", "3 m")
+    assert "The two distances agree." in interview.answer("3 m").notes
+    while (question := interview.question()) is not None:
+        interview.answer(question.ready)
+    known = interview.known
+    assert len(known.answers) == 9
+    assert known.camera_model is not None
+    assert known.camera_model.fx_px == pytest.approx(600.0, rel=0.01)
+    for name, text in written_files(known.answers, known.camera_model).items():
+        (known.folder / name).write_text(text, encoding="utf-8")
+    assert load_configuration(known.file).camera.options.device == str(device.node)
+
+
+def test_a_second_distance_that_contradicts_the_first_is_refused(interview: Interview, device: V4l2Double) -> None:
+    interview.answer("1 m")
+    device.show(ball_at(2.0))
+    with pytest.raises(CalibrationError, match="contradict each other"):
+        interview.answer("3 m")
+    assert interview.next_key == "proof"
+    interview.answer("2 m")
+    assert interview.next_key == "wish"
+
+
+def test_a_distance_in_the_wrong_unit_shows_by_what_the_camera_would_see(interview: Interview) -> None:
+    accepted = interview.answer("10 m")
+    assert accepted.doubt
+    assert "check the size and the distance, and their units" in accepted.notes[-1]
+    assert interview.next_key == "calibration"
+
+
+def test_another_interview_goes_on_where_one_was_left(interview: Interview, tmp_path: Path) -> None:
+    interview.answer("1 m")
+    again = Interview(tmp_path)
+    resumed = [key for key, _ in again.resume(load_answers(interview.path))]
+    assert resumed == ["camera", "target", "size", "colour", "calibration"]
+    assert again.next_key == "proof"
+    assert again.known.camera_model == interview.known.camera_model
+
+
+def test_a_saved_camera_that_is_in_use_now_is_asked_again(
+    interview: Interview, tmp_path: Path, device: V4l2Double
+) -> None:
+    device.is_busy = True
+    again = Interview(tmp_path)
+    assert list(again.resume(load_answers(interview.path))) == []
+    assert again.next_key == "camera"
+    with pytest.raises(DeviceOpenError):
+        again.answer(_camera(device))
+
+
+def test_going_back_keeps_the_answer_ready(interview: Interview) -> None:
+    assert interview.back()
+    interview.back()
+    question = interview.question()
+    assert question is not None
+    assert (question.key, question.ready) == ("size", "20 cm")
+
+
+def test_a_black_picture_is_taken_when_it_is_given_twice(tmp_path: Path, device: V4l2Double) -> None:
+    device.show(np.zeros((480, 640, 3), np.uint8))
+    interview = Interview(tmp_path)
+    accepted = interview.answer(_camera(device))
+    assert accepted.doubt
+    assert any("black" in note for note in accepted.notes)
+    assert not interview.answer(_camera(device)).doubt
+    assert interview.next_key == "target"
+
+
+def test_two_things_of_one_colour_are_both_named(interview: Interview, device: V4l2Double) -> None:
+    image = ball_at(1.0).copy()
+    x_px, y_px = 320, 240
+    colour = tuple(map(int, image[y_px, x_px]))
+    cv2.circle(image, (100, 100), 30, colour, cv2.FILLED, cv2.LINE_AA)
+    device.show(image)
+    for _ in range(4):
+        interview.back()
+    for answer in (_camera(device), "ball", "20 cm"):
+        interview.answer(answer)
+    accepted = interview.answer(f"{x_px},{y_px}")
+    assert accepted.doubt
+    assert any("Something else has that colour, at 100,100" in note for note in accepted.notes), accepted.notes
+    question = interview.question()
+    assert question is not None
+    assert question.ready == accepted.answer
+
+
+def test_answers_may_be_numbers_and_lists_but_no_tables(tmp_path: Path) -> None:
+    file = tmp_path / "answers.toml"
+    file.write_text('camera = 0\ncalibration = ["a b.jpg@1m", "c.jpg@2m"]\n')
+    assert load_answers(file) == {"camera": "0", "calibration": "'a b.jpg@1m' c.jpg@2m"}
+    file.write_text("wish = { near = true }\n")
+    with pytest.raises(ConfigError, match="an answer is text"):
+        load_answers(file)
+
+
+@pytest.mark.parametrize("answer", ['"', "\\", "a = b # c", "°", "\x7f"])
+def test_answers_are_read_as_they_were_saved(tmp_path: Path, answer: str) -> None:
+    save_answers(tmp_path / "answers.toml", {"size": answer})
+    assert load_answers(tmp_path / "answers.toml") == {"size": answer}

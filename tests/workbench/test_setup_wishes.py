@@ -1,0 +1,67 @@
+"""What `init` writes: every wish gives a configuration without a warning whose tests pass."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Frame
+from stadimeter.workbench.rule_tests.running import RuleTests
+from stadimeter.workbench.setup.files import written_files
+from stadimeter.workbench.setup.known import Known
+from stadimeter.workbench.setup.wish_steps import seen_up_to_m
+from stadimeter.workbench.setup.wishes import WISHES, Wish, ready_answers
+
+LENS = CameraModel.with_focal_length(600.0, 640, 480)
+FRAME = Frame(image=np.zeros((480, 640, 3), np.uint8), captured_at_s=0.0, sequence=0)
+TARGETS = {
+    "ball": {"target": "ball", "size": "tennis ball", "colour": "29,86,6:64,255,255"},
+    "sheet": {"target": "sheet", "size": "letter"},
+    "tag": {"target": "tag", "size": "10 cm", "tag": "36h11 3"},
+    "disc": {"target": "disc", "size": "12 cm"},
+}
+CAMERA = {"camera": "/dev/video0", "calibration": "1 m"}
+
+
+def answers(kind: str, *wishes: Wish, output: str = "") -> dict[str, str]:
+    given = {**CAMERA, **TARGETS[kind], "wish": " ".join(wish.key for wish in wishes)}
+    seen_m = seen_up_to_m(Known(folder=Path(), answers=given, frames=(FRAME,), camera_model=LENS))
+    for wish in wishes:
+        given |= {f"{wish.key}_{key}": ready for key, ready in ready_answers(wish, seen_m).items()}
+        given |= {"base": {"base": "screen"}, "mqtt": {"broker": "127.0.0.1"}}.get(
+            wish.output, {f"{wish.key}_output": output or wish.output}
+        )
+        given |= {"apart_second": "7" if kind == "tag" else "100,86,60:130,255,255"} if wish.key == "apart" else {}
+    return given
+
+
+def loaded(folder: Path, given: dict[str, str]) -> Configuration:
+    for name, text in written_files(given, LENS).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return load_configuration(folder / "stadimeter.toml")
+
+
+@pytest.mark.parametrize("kind", TARGETS)
+@pytest.mark.parametrize("wish", WISHES, ids=lambda wish: wish.key)
+def test_every_wish_is_a_configuration_with_two_tests_that_pass(tmp_path: Path, wish: Wish, kind: str) -> None:
+    if wish.targets and kind not in wish.targets:
+        pytest.skip(f"this wish is not for a {kind}")
+    configuration = loaded(tmp_path, answers(kind, wish))
+    warnings = [*configuration.warnings, *feasibility_warnings(configuration)]
+    assert warnings == []
+    assert len(configuration.tests) == 2
+    results = [RuleTests(configuration).run(test) for test in configuration.tests]
+    assert [(each.test.name, each.failures, each.trouble) for each in results if not each.passed] == []
+
+
+def test_several_wishes_share_an_output_on_one_pin(tmp_path: Path) -> None:
+    near, parking = (wish for wish in WISHES if wish.key in {"near", "parking"})
+    configuration = loaded(tmp_path, answers("disc", near, parking))
+    assert [each.name for each in configuration.actuators] == ["buzzer"]
+    results = [RuleTests(configuration).run(test) for test in configuration.tests]
+    assert [each.test.name for each in results if not each.passed] == []

@@ -1,0 +1,152 @@
+"""Wiring drawings: what hangs on which pin, in text and as pictures."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from gpiozero.pins.mock import MockFactory
+
+from stadimeter.config.gpio_header import GROUND, HEADER, POWER_3V3, POWER_5V, header_pin
+from stadimeter.config.loader import load_configuration
+from stadimeter.config.plugins import ACTUATORS, DriverChoice, Options, Plugin, load_plugin
+from stadimeter.config.units import Pin
+from stadimeter.workbench.drawing.svg import svg_of
+from stadimeter.workbench.wiring.outputs import wired_outputs
+from stadimeter.workbench.wiring.picture import wiring_picture
+from stadimeter.workbench.wiring.text import wiring_text
+
+CONFIGURATIONS = Path(__file__).parents[2] / "config"
+
+Choose = Callable[..., DriverChoice]
+
+
+def actuator(name: str, driver: str, **table: object) -> DriverChoice:
+    plugin = load_plugin(ACTUATORS, driver)
+    return DriverChoice(name=name, driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
+
+
+EVERY_KIND = (
+    actuator("motor", "vibration-motor", pin=18),
+    actuator("buzzer", "buzzer", pin=23),
+    actuator("warning-light-over-the-door", "led", pin=5),
+    actuator("lamp", "led", pin=6, active_high=False),
+    actuator("pump", "relay", pin=17),
+    actuator("fan", "relay", pin=27, active_high=True),
+)
+
+
+def drawn(*actuators: DriverChoice, width: int = 80) -> str:
+    return wiring_text(actuators, width=width)
+
+
+def test_the_header_is_that_of_gpiozero() -> None:
+    header = MockFactory().board_info.headers["J8"].pins
+    for number, what in enumerate(HEADER, start=1):
+        known = header[number].name
+        assert known == {POWER_3V3: "3V3", POWER_5V: "5V", GROUND: "GND"}.get(str(what), f"GPIO{what}")
+
+
+def test_each_output_begins_at_its_pin_of_the_header() -> None:
+    text = drawn(*EVERY_KIND)
+    for choice in EVERY_KIND:
+        gpio = choice.options.pin  # type: ignore[attr-defined]
+        assert f"pin {header_pin(gpio):>2}  GPIO {gpio}" in text
+
+
+def test_the_wires_of_several_outputs_get_pins_of_their_own_while_there_are_any() -> None:
+    grounds = [output.supplies[GROUND] for output in wired_outputs(EVERY_KIND) if GROUND in output.supplies]
+    assert {HEADER[pin - 1] for pin in grounds} == {GROUND}
+    assert len(set(grounds)) == len(grounds)
+    many = [actuator(f"led{gpio}", "led", pin=gpio) for gpio in range(4, 28)]
+    assert all(HEADER[output.supplies[GROUND] - 1] == GROUND for output in wired_outputs(many))
+
+
+def test_a_motor_has_a_diode_a_resistor_that_keeps_it_off_and_a_supply_of_its_own() -> None:
+    text = drawn(actuator("motor", "vibration-motor", pin=18))
+    for part in ("[diode]", "[10 kohm]", "[MOSFET]", "[switch]", "plus of its own supply", "minus of that supply"):
+        assert part in text
+    assert POWER_5V not in "\n".join(line for line in text.splitlines() if "─" in line)
+
+
+@pytest.mark.parametrize(("active_high", "plus", "minus"), [(True, "GPIO 5", GROUND), (False, POWER_3V3, "GPIO 5")])
+def test_an_led_hangs_between_its_pin_and_what_is_opposite_when_it_is_on(
+    active_high: bool, plus: str, minus: str
+) -> None:
+    lines = drawn(actuator("led", "led", pin=5, active_high=active_high)).splitlines()
+    resistor = next(line for line in lines if "[330 ohm]" in line)
+    end = next(line for line in lines if line.endswith("┘"))
+    assert plus in resistor
+    assert minus in end
+
+
+@pytest.mark.parametrize(("active_high", "rest"), [(True, GROUND), (False, POWER_3V3)])
+def test_the_input_of_a_relay_is_pulled_to_where_it_is_off(active_high: bool, rest: str) -> None:
+    lines = drawn(actuator("pump", "relay", pin=5, active_high=active_high)).splitlines()
+    ends = [line for line in lines if "┬" in line or "┴" in line]
+    assert len(ends) == 2
+    assert any(rest in line for line in ends)
+    assert any("GPIO 5" in line for line in ends)
+
+
+@pytest.mark.parametrize(("gpio", "active_high", "is_on"), [(5, True, 1), (18, True, 0), (18, False, 1), (5, False, 0)])
+def test_a_pin_that_is_pulled_towards_on_while_the_pi_boots_is_told(gpio: int, active_high: bool, is_on: int) -> None:
+    text = drawn(actuator("led", "led", pin=gpio, active_high=active_high))
+    assert len(re.findall(r"while the Pi boots, towards\s+on", text)) == is_on
+
+
+def test_a_transistor_that_would_be_on_the_wrong_way_round_is_told() -> None:
+    text = drawn(actuator("motor", "vibration-motor", pin=18, active_high=False))
+    assert "write active_high = true" in text
+
+
+@pytest.mark.parametrize("width", [40, 48, 63, 80, 120])
+def test_no_line_is_wider_than_the_terminal(width: int) -> None:
+    assert max(map(len, drawn(*EVERY_KIND, width=width).splitlines())) <= width
+
+
+def test_where_the_circuit_has_no_room_its_connections_are_listed() -> None:
+    text = " ".join(drawn(actuator("motor", "vibration-motor", pin=18), width=40).split())
+    assert "┬" not in text
+    assert "- pin 12 GPIO 18 by 220 ohm to gate" in text
+    assert "- 10 kohm from gate to source" in text
+
+
+def test_an_ascii_terminal_gets_ascii() -> None:
+    text = wiring_text(EVERY_KIND, ascii_only=True)
+    assert text.isascii()
+    assert "[220 ohm]--+--" in text
+
+
+def test_an_output_of_another_package_is_a_signal_and_its_driver_need_not_say_more() -> None:
+    class Stepper(Options):
+        step: Pin
+        direction: Pin
+
+    plugin = Plugin(Stepper, lambda _options, _context: None)
+    choice = DriverChoice(name="lift", driver="stepper", plugin=plugin, options=Stepper(step=20, direction=21))
+    text = drawn(choice)
+    assert "lift step: a signal of 3.3 V" in text
+    assert "pin 40  GPIO 21 ── its input" in text
+
+
+def test_outputs_that_are_on_no_pin_are_left_out() -> None:
+    assert drawn(actuator("motor", "simulated")) == "no output is on a pin of the header"
+
+
+@pytest.mark.parametrize("name", ["distance-alert", "appliance"])
+def test_the_picture_says_what_the_text_says(name: str) -> None:
+    actuators = load_configuration(CONFIGURATIONS / f"{name}.toml").actuators
+    picture = wiring_picture(actuators)
+    words = " ".join(each.text or "" for each in ET.fromstring(svg_of(picture)).iter() if each.tag.endswith("text"))  # noqa: S314
+    of_text = re.sub(r"[─│┌┐└┘├┤┬┴┼●○\[\]]", " ", drawn(*actuators))
+    assert sorted(set(re.findall(r"[A-Za-z0-9.]+", words))) == sorted(set(re.findall(r"[A-Za-z0-9.]+", of_text)))
+    for shape in picture.shapes:
+        for key, value in shape._asdict().items():
+            if key.startswith("x"):
+                assert 0 <= value <= picture.width_m
+            if key.startswith("y"):
+                assert 0 <= value <= picture.height_m
