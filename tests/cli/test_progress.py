@@ -52,3 +52,13 @@ def test_in_a_terminal_a_moving_line_says_so(monkeypatch: pytest.MonkeyPatch, en
 def test_what_is_done_at_once_is_not_announced(capsys: pytest.CaptureFixture[str]) -> None:
     assert list(progress.counted("abc", "counting", 3)) == ["a", "b", "c"]
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.usefixtures("at_once")
+def test_who_wants_to_see_no_progress_sees_none(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STADIMETER_PROGRESS", "off")
+    with progress.working("counting sheep"):
+        pass
+    assert capsys.readouterr().err == ""

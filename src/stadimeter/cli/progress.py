@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
@@ -13,6 +14,9 @@ import typer
 
 FIRST_AFTER_S = 0.5
 """What is done sooner is not announced."""
+
+SWITCH = "STADIMETER_PROGRESS"
+"""This variable of the environment, set to ``off``, keeps it quiet: for logs, and for pages that show output."""
 
 EVERY_S = 15.0
 """Lines for whoever reads a log come this seldom."""
@@ -54,7 +58,7 @@ def counted(items: Iterable[_T], doing: str, total: int) -> Iterator[_T]:
 
 def _show(now: list[str], is_over: threading.Event) -> None:
     began_s = time.monotonic()
-    if is_over.wait(FIRST_AFTER_S):
+    if os.environ.get(SWITCH) == "off" or is_over.wait(FIRST_AFTER_S):
         return
     with suppress(OSError):  # whoever looked on is gone, and the work goes on
         if sys.stderr.isatty():
