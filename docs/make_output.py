@@ -58,6 +58,7 @@ def printed(command: str, folder: Path) -> str:
     """Run a command, and return what it prints on both its outputs."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     around = {**os.environ, "PATH": path, "NO_COLOR": "1", "COLUMNS": "130", "TZ": "UTC", "LC_ALL": "C.UTF-8"}
+    around["STADIMETER_PROGRESS"] = "off"  # whether it is shown depends on how busy this computer is
     around["XDG_RUNTIME_DIR"] = str(folder)  # a running instance is found by itself, and only the guide's own
     done = subprocess.run(  # noqa: S603 - a guide of our own is run
         ["bash", "-c", command],  # noqa: S607 - whichever shell people have
