@@ -13,3 +13,4 @@ __version__ = "0.1.0"
 # picture that it decodes, from a file, a stream or a recording. What it would print, our errors say in one line.
 os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = "25000000"
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")

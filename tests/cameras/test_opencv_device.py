@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import os
 import socket
+import subprocess
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -64,10 +66,33 @@ def test_a_number_means_the_node_of_that_number(device: FakeDevice, clock: Manua
 
 def test_a_real_file_that_is_no_camera_is_refused(node: Path, clock: ManualClock) -> None:
     camera = OpenCvCamera(OpenCvOptions(device=str(node)), clock)
-    with pytest.raises(DeviceOpenError, match="cannot be opened as a camera; another program"):
+    with pytest.raises(DeviceOpenError, match="cannot be opened: it is a file; the driver 'video' plays"):
         camera.open()
     with pytest.raises(DeviceClosedError):
         camera.read()
+
+
+def test_a_device_that_is_not_ours_says_which_group_opens_it(
+    node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(DeviceOpenError, match="not ours to open; add this user to the group 'video'"):
+        OpenCvCamera(OpenCvOptions(device=str(node)), clock).open()
+
+
+@pytest.mark.parametrize(
+    ("in_use", "words"),
+    [
+        (True, r"another program is using it; close that one \(`fuser -v /dev/null`"),
+        (False, "does not answer as a camera"),
+    ],
+)
+def test_a_device_that_does_not_open_says_why(
+    clock: ManualClock, monkeypatch: pytest.MonkeyPatch, in_use: bool, words: str
+) -> None:
+    monkeypatch.setattr("stadimeter.cameras.opencv_device.is_in_use", lambda _node: in_use)
+    with pytest.raises(DeviceOpenError, match=words):
+        OpenCvCamera(OpenCvOptions(device="/dev/null"), clock).open()
 
 
 def test_a_stream_that_nobody_sends_is_refused_without_showing_the_password() -> None:
@@ -332,3 +357,12 @@ def test_the_driver_is_built_from_its_options_without_touching_the_device() -> N
     assert camera.is_live
     with pytest.raises(DeviceOpenError, match="there is no camera /dev/nowhere"):
         camera.open()
+
+
+def test_of_a_stream_that_cannot_be_opened_nothing_but_our_own_error_is_printed() -> None:
+    opens = "from stadimeter.cli.main import app; app(['snapshot', '--live', 'opencv,device=rtsp://127.0.0.1:1/cam'])"
+    environment = {name: text for name, text in os.environ.items() if not name.startswith("OPENCV")}
+    ran = subprocess.run([sys.executable, "-c", opens], env=environment, capture_output=True, text=True, check=False)
+    assert ran.returncode == 2
+    (line,) = ran.stderr.splitlines()
+    assert line.startswith("error: the stream rtsp://127.0.0.1:1/cam cannot be opened")

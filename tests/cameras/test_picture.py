@@ -164,11 +164,18 @@ def test_a_pipe_is_refused_without_waiting_for_it(tmp_path: Path) -> None:
     assert "not a regular file" in refusal(path)
 
 
-@pytest.mark.parametrize("data", [b"hello world\n" * 50, b"\0" * 1000, b"RIFF\x10\0\0\0AVI LIST"])
+@pytest.mark.parametrize("data", [b"hello world\n" * 50, b"\0" * 1000, b"RIFF\x10\0\0\0WAVEfmt", b"\0\0\0 ftypheic"])
 def test_a_file_of_another_kind_is_said_not_to_be_a_picture(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "letter.jpg"
     path.write_bytes(data)
     assert "not a picture" in refusal(path)
+
+
+@pytest.mark.parametrize("data", [b"RIFF\x10\0\0\0AVI LIST", b"\0\0\0 ftypisom\0\0", b"\x1aE\xdf\xa3" + b"\0" * 20])
+def test_a_video_is_said_to_be_one(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "drive"
+    path.write_bytes(data)
+    assert refusal(path).startswith(f"this is a video: {path}; ")
 
 
 @pytest.mark.vision

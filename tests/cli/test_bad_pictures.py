@@ -197,3 +197,39 @@ def test_a_picture_of_another_aspect_is_one_line(tmp_path: Path, camera, shape: 
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
     assert line.startswith(f"error: {tmp_path / 'other.png'}: the camera was calibrated at 640x480")
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    path = tmp_path / "drive.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (640, 480))
+    for _ in range(2):
+        writer.write(_scene())
+    writer.release()
+    return path
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("colour", "{}"),
+        ("calibrate", "distance", "{}@1m", "--sheet", "A4", "-o", "camera.toml"),
+        ("calibrate", "board", "{}", "--board", "9x6", "--square", "2cm", "-o", "camera.toml"),
+    ],
+)
+def test_a_command_for_pictures_says_that_it_was_given_a_video(video: Path, command: tuple[str, ...]) -> None:
+    result = CliRunner().invoke(app, [word.format(video) for word in command])
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"error: this is a video: {video}; `stadimeter measure` takes videos")
+
+
+def test_pictures_are_taken_out_of_a_video_as_that_error_says(video: Path, tmp_path: Path) -> None:
+    arguments = ["snapshot", "--live", f"video,path={video}", "--count", "2", "--every", "100ms"]
+    assert CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "frame.png")]).exit_code == 0
+    assert (tmp_path / "frame-2.png").exists()
+
+
+def test_a_video_is_measured_whatever_its_name_ends_with(video: Path, camera) -> None:
+    unnamed = video.rename(video.with_name("drive"))
+    assert len(_run(unnamed, *camera, "--json").stdout.splitlines()) == 2

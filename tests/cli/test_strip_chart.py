@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from stadimeter.cli.formatting import FOOT
 from stadimeter.cli.glyphs import ASCII, UNICODE
-from stadimeter.cli.snapshot import Sample
+from stadimeter.cli.run_history import Sample
 from stadimeter.cli.strip_chart import LIMIT, LINE, StripChart, chart_scale
 
 

@@ -6,7 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -17,6 +17,7 @@ os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 import cv2
 import numpy as np
 
+from stadimeter.cameras.attached_devices import IN_USE, NOT_OURS, attached_devices
 from stadimeter.cameras.capture_time import FrameStamp, KernelTime, Pace, StreamTime
 from stadimeter.cameras.opencv_settings import (
     CaptureLike,
@@ -26,6 +27,7 @@ from stadimeter.cameras.opencv_settings import (
     size_differs,
     subsampling_of,
 )
+from stadimeter.cameras.v4l2 import ask_node, is_in_use
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame, Image
@@ -189,15 +191,14 @@ class OpenCvCamera:
 
     def _opened_device(self) -> CaptureLike:
         if not Path(self._source).exists():
-            raise DeviceOpenError(f"there is no camera {self._name}; is it plugged in? See /dev/v4l/by-id for names")
+            raise DeviceOpenError(
+                f"there is no camera {self._name}; is it plugged in? `stadimeter cameras` lists those that are there"
+            )
         if not os.access(self._source, os.R_OK | os.W_OK):
-            raise DeviceOpenError(f"the camera {self._name} is not ours to open; add this user to the group 'video'")
+            raise DeviceOpenError(f"the camera {self._name} cannot be opened: {NOT_OURS}")
         capture = self._open_capture(self._source, cv2.CAP_V4L2, ())
         if not capture.isOpened():
-            raise DeviceOpenError(
-                f"{self._name} cannot be opened as a camera; another program may be using it,"
-                " or it is not the node that gives pictures (take the name that ends in -index0)"
-            )
+            raise DeviceOpenError(f"the camera {self._name} cannot be opened: {_why_not(Path(self._source))}")
         return capture
 
     def _opened_stream(self) -> CaptureLike:
@@ -273,6 +274,17 @@ class OpenCvCamera:
         return f"the camera {self._name} has stopped answering"
 
 
+def _why_not(node: Path) -> str:
+    if node.is_file():
+        return "it is a file; the driver 'video' plays video files, 'images' shows pictures"
+    if is_in_use(node):
+        return IN_USE.format(node=node)
+    with suppress(OSError):
+        if not ask_node(node).gives_pictures:
+            return "it is not the node that gives pictures; `stadimeter cameras` lists those that do"
+    return "it does not answer as a camera does; unplug it and plug it in again"
+
+
 def _decoded(capture: CaptureLike) -> Image | None:
     """Return the grabbed frame as a colour picture, or None if it is damaged: USB cameras send such ones at times."""
     try:
@@ -285,7 +297,7 @@ def _decoded(capture: CaptureLike) -> Image | None:
 
 
 def _build(options: OpenCvOptions, context: DriverContext) -> OpenCvCamera:
-    return OpenCvCamera(options, context.clock)
+    return OpenCvCamera(options, context.clock, cv2.VideoCapture)
 
 
 def _lacks(options: OpenCvOptions) -> tuple[str, ...]:
@@ -299,4 +311,5 @@ PLUGIN = Plugin(
     lacks=_lacks,
     not_for_motion=not_for_motion,
     latency=lambda options: options.latency or 0.0,
+    attached=attached_devices,
 )

@@ -17,6 +17,7 @@ from stadimeter.config.untrusted_file import (
     PICTURE_MAX_PIXELS,
     checked_picture,
     is_picture,
+    is_video,
     open_untrusted,
     read_untrusted,
 )
@@ -113,7 +114,13 @@ def check_file(path: Path, kind: str) -> bytes:
 
 def _bytes_of(path: Path) -> bytes:
     # The beginning is looked at before the file is loaded: a video may be named by mistake.
-    if not is_picture(check_file(path, "picture")):
+    head = check_file(path, "picture")
+    if is_video(head):
+        raise PictureError(
+            f"this is a video: {path}; `stadimeter measure` takes videos, and `stadimeter snapshot --live"
+            f" video,path={path} --count 10 -o FILE.png` takes pictures out of one"
+        )
+    if not is_picture(head):
         raise PictureError(f"{path} is not a picture of a kind that is read: {KINDS}")
     try:
         return read_untrusted(path, PICTURE_MAX_BYTES)

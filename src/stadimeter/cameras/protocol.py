@@ -2,9 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from stadimeter.core.frame import Frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraMode:
+    """One way in which a camera can send pictures.
+
+    Attributes:
+        fourcc: The pixel format, such as ``MJPG``.
+        rates_hz: The frame rates, the highest first; empty where the camera does not say.
+    """
+
+    fourcc: str
+    width_px: int
+    height_px: int
+    rates_hz: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttachedCamera:
+    """A camera that a driver finds on this computer.
+
+    Attributes:
+        driver: The name of the driver's entry point, such as ``opencv``.
+        options: The options that mean this camera and none other, such as its ``device``; None for those that would
+            mean another one beside it.
+        path: The path that stays right when cameras change places or the computer starts anew.
+        name: The name that it gives itself.
+        node: The present name of its device, such as ``/dev/video0``.
+        modes: How it can send pictures; empty where it does not say.
+        trouble: Why it cannot be opened, in a sentence; empty where nothing is known to be wrong.
+    """
+
+    driver: str
+    options: Mapping[str, str | None] = field(hash=False)
+    path: str
+    name: str
+    node: str
+    modes: tuple[CameraMode, ...] = ()
+    trouble: str = ""
+
+    @property
+    def choice(self) -> str:
+        """The camera as ``--live`` takes it, such as ``opencv,device=/dev/v4l/by-id/…``."""
+        return ",".join((self.driver, *(f"{key}={value}" for key, value in self.options.items() if value is not None)))
 
 
 class Camera(Protocol):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -22,9 +21,6 @@ from stadimeter.errors import EndOfFramesError, PictureError
 
 SANE_RATES_HZ = (0.01, 1000.0)
 """A frame rate outside this range in a video's header is a mistake of the program that wrote it."""
-
-FFMPEG_LOG = ("OPENCV_FFMPEG_LOGLEVEL", "-8")
-"""Read by OpenCV as it opens its first video. FFmpeg then prints nothing beside the errors that are raised here."""
 
 ENOUGH_OF_THE_FRAMES = 0.9
 """A video that ends before this part of the frames it announces is damaged. Headers may be a few frames out."""
@@ -55,11 +51,10 @@ class VideoFileCamera(RecordedCamera):
     def _begin(self) -> float:
         if is_picture(check_file(self._path, "video")):
             raise PictureError(f"{self._path} is a picture, not a video; the camera for it is 'images'")
-        os.environ.setdefault(*FFMPEG_LOG)
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
             capture.release()
-            raise PictureError(f"{self._path} is not a video that OpenCV can read, or it is damaged")
+            raise PictureError(f"{self._path} is not a video that OpenCV can read, or it is damaged or cut short")
         if capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT) > PICTURE_MAX_PIXELS:
             capture.release()
             raise PictureError(f"the video {self._path} has more than {PICTURE_MAX_PIXELS / 1e6:.0f} megapixels")

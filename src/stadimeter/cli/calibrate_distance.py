@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
 
+from stadimeter.cli.calibrate_live import AtOption, LiveSettings, calibrated_live
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
     DistanceErrorOption,
-    KnownPictures,
-    PicturesAtDistances,
+    MaybePicturesAtDistances,
     ToneCurveOption,
     look_at,
     today,
 )
+from stadimeter.cli.live_camera import LiveOption
 from stadimeter.cli.target_options import GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import save_camera_model
-from stadimeter.core.camera_model import CameraModel, ToneCurve
-from stadimeter.core.detection import DetectionStatus
-from stadimeter.ranging.calibration import Calibration, FocalLength, KnownDistance, calibrate, with_readings
-from stadimeter.workbench.calibration.calibrating import is_elsewhere, looked_at_again, with_bias_undone
+from stadimeter.core.camera_model import ToneCurve
+from stadimeter.errors import ConfigError, Problem
+from stadimeter.ranging.calibration import Calibration, FocalLength
+from stadimeter.workbench.calibration.distance_fit import fit_distances
+from stadimeter.workbench.measuring import open_picture
 
 FAR_OFF_AXIS_RAD = math.radians(10)
 """Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %."""
@@ -41,7 +43,9 @@ def register(app: typer.Typer) -> None:
 def distance(
     *,
     target: GivenTarget,
-    pictures: PicturesAtDistances,
+    pictures: MaybePicturesAtDistances = None,
+    live: LiveOption = None,
+    at: AtOption = None,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
     distance_error: DistanceErrorOption = 1.0,
     tone_curve: ToneCurveOption = "srgb",
@@ -57,6 +61,10 @@ def distance(
     Pictures of a raw or scientific camera, whose values are in proportion to light, need --tone-curve linear, which the
     camera file then holds. Through the wrong curve each edge is off by some tenths of a pixel.
 
+    With --live the program takes the pictures itself: it asks for the target at one distance, takes several frames,
+    then asks for it at another one, which proves the first. Here a distance is measured from the lens to the target's
+    nearest point. If the distances contradict each other by more than --distance-error allows, nothing is written.
+
     Then `stadimeter measure` and `stadimeter run` need the camera file, and pictures from the same camera at any
     resolution of the same aspect, with the same zoom. An existing file is replaced.
 
@@ -66,16 +74,25 @@ def distance(
 
     - `stadimeter calibrate distance a.jpg@50cm b.jpg@1m --ball 6.4cm --hsv "29,86,6:64,255,255" -o camera.toml`
 
+    - `stadimeter calibrate distance --live opencv,device=0 --ball 6.4cm --hsv "29,86,6:64,255,255" -o camera.toml`
+
     **Exit code**: 0 the camera file was written from all pictures; 1 the target was not found in some, which
     were left out, or in all, and then nothing was written, or the finished camera file does not find it; 2 an
-    option, a file or a picture is wrong, and nothing was written.
+    option, a file or a picture is wrong, or distances contradict each other, and nothing was written.
     """
     with plain_errors():
+        if bool(pictures) == bool(live):
+            raise ConfigError("give pictures at known distances, or --live for a camera, one of the two")
+        if at and not live:
+            raise ConfigError("--at says where to put the target before a camera; give --live with it")
         wanted = wanted_targets(target)
-        known = look_at(pictures, wanted, None)
-        if not known.usable:
-            _nothing_written()
-        made, all_found = _calibrated(known, wanted, distance_error / 100, tone_curve)
+        if live:
+            if not output.parent.is_dir():  # known before the person walks to and fro, not after it
+                raise ConfigError([Problem(f"there is no folder {output.parent} for {output.name}", key="-o")])
+            settings = LiveSettings(distance_relative_sigma=distance_error / 100, tone_curve=tone_curve)
+            made, all_found = calibrated_live(live, at or [], wanted, settings), True
+        else:
+            made, all_found = _from_pictures(pictures or [], wanted, distance_error / 100, tone_curve)
         replaced = output.exists()
         save_camera_model(output, made.camera_model)
         _tell(made, wanted.unit)
@@ -83,47 +100,35 @@ def distance(
     raise typer.Exit(DONE if all_found else NOT_FOUND)
 
 
-def _calibrated(
-    known: KnownPictures, wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
+def _from_pictures(
+    pictures: Sequence[str], wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
 ) -> tuple[Calibration, bool]:
-    """Calibrate; return the calibration, and whether the finished camera file finds the target in all pictures.
-
-    The first look has no camera model yet, so it takes the tone curve for that of sRGB and knows less of shapes. What
-    counts is a second one through the model that it gives, which is that of `measure`; what the finished file reads
-    is found by a third.
-    """
-    made = calibrate(known.usable, date=today(), distance_relative_sigma=distance_relative_sigma)
-    rough = replace(made.camera_model, edge_bias_px=0.0, tone_curve=tone_curve)
-    usable = _second_look(known.usable, wanted, rough)
-    if len(usable) > 1:  # one picture cannot tell the edge bias
-        usable = with_bias_undone(usable, wanted.choices, rough)
-    made = calibrate(usable, date=today(), distance_relative_sigma=distance_relative_sigma)
-    made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve))
-    made = with_readings(made, looked_at_again(usable, wanted.choices, made.camera_model))
-    all_found = all(each.residual_share is not None for each in made.pictures)
-    return made, known.all_usable and len(usable) == len(known.usable) and all_found
-
-
-def _second_look(
-    known: tuple[KnownDistance, ...], wanted: WantedTargets, rough: CameraModel
-) -> tuple[KnownDistance, ...]:
-    usable = []
-    for before, again in zip(known, looked_at_again(known, wanted.choices, rough), strict=True):
-        if again.detection.status is not DetectionStatus.FOUND:
-            reason = f"through the camera file it is not found: {again.detection.reason}"
-            typer.echo(f"left out: {again.picture}: {reason}", err=True)
-            continue
-        if is_elsewhere(before, again):
-            there = f"{again.detection.centre_px[0]:.0f}, {again.detection.centre_px[1]:.0f} px"
-            typer.echo(
-                f"note: {again.picture}: the target is taken to be at {there}; check it with `stadimeter "
-                "measure --annotate`",
-                err=True,
-            )
-        usable.append(again)
-    if not usable:
+    """Calibrate; return the calibration, and whether the finished camera file finds the target in all pictures."""
+    known = look_at(pictures, wanted, None)
+    if not known.usable:
         _nothing_written()
-    return tuple(usable)
+    fit = fit_distances(
+        known.usable,
+        lambda name: open_picture(Path(name)),
+        wanted.choices,
+        date=today(),
+        distance_relative_sigma=distance_relative_sigma,
+        tone_curve=tone_curve,
+    )
+    for each in fit.left_out:
+        reason = f"through the camera file it is not found: {each.detection.reason}"
+        typer.echo(f"left out: {each.picture}: {reason}", err=True)
+    for each in fit.elsewhere:
+        there = f"{each.detection.centre_px[0]:.0f}, {each.detection.centre_px[1]:.0f} px"
+        typer.echo(
+            f"note: {each.picture}: the target is taken to be at {there}; check it with `stadimeter "
+            "measure --annotate`",
+            err=True,
+        )
+    if fit.calibration is None:
+        _nothing_written()
+    all_found = all(each.residual_share is not None for each in fit.calibration.pictures)
+    return fit.calibration, known.all_usable and not fit.left_out and all_found
 
 
 def _nothing_written() -> NoReturn:

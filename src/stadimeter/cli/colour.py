@@ -22,6 +22,7 @@ from stadimeter.workbench.colour_picture import colour_picture
 from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.frame_source import settled_frame
 from stadimeter.workbench.measuring import open_picture
+from stadimeter.workbench.picture_quality import picture_remarks
 
 Place = tuple[float, float]
 
@@ -94,6 +95,8 @@ def _given(pictures: Sequence[str], at: Sequence[str], live: str | None) -> tupl
         raise ConfigError("--at is a place in one picture; for several write such as noon.jpg@312,240 dusk.jpg@290,255")
     if live:
         frame = settled_frame(camera_choice(live))
+        for words in picture_remarks(frame.image):
+            typer.echo(f"note: {words}", err=True)
         return [Path("live.png")], [_sample(frame, "the camera's picture", at)]
     split = [_split(each) for each in pictures]
     names = [Path(name) for name, _ in split]

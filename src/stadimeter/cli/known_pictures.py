@@ -16,13 +16,16 @@ from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.calibration import KnownDistance
-from stadimeter.workbench.calibration.calibrating import check_lens_settings, known_distance
+from stadimeter.workbench.calibration.calibrating import check_lens_settings
+from stadimeter.workbench.calibration.distance_fit import known_distance
 from stadimeter.workbench.colour_profile import profile_notes
+from stadimeter.workbench.measuring import open_picture
 
-PicturesAtDistances = Annotated[
-    list[str],
-    typer.Argument(metavar="PATH@DISTANCE", help="Pictures of the target at known distances: 2ft.png@24in."),
-]
+_PATH_AT_DISTANCE = typer.Argument(
+    metavar="PATH@DISTANCE", help="Pictures of the target at known distances: 2ft.png@24in."
+)
+PicturesAtDistances = Annotated[list[str], _PATH_AT_DISTANCE]
+MaybePicturesAtDistances = Annotated[list[str] | None, _PATH_AT_DISTANCE]
 DistanceErrorOption = Annotated[
     float,
     typer.Option(
@@ -62,7 +65,7 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     for note in (*check_lens_settings(paths), *profile_notes(paths)):
         typer.echo(f"note: {note}", err=True)
     (target,) = build_detectors(wanted.choices, camera_model)
-    known = [known_distance(path, depth_m, target, camera_model) for path, depth_m in taken]
+    known = [known_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
     usable = tuple(each for each in known if each.detection.status is DetectionStatus.FOUND)
     for each in known:
         if each.detection.status is not DetectionStatus.FOUND:

@@ -19,6 +19,7 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs, heading
 from stadimeter.cli.keyboard import RunKeys
+from stadimeter.cli.run_history import LookedAt, RunHistory, Snapshot
 from stadimeter.cli.run_panels import (
     Block,
     event_block,
@@ -30,7 +31,6 @@ from stadimeter.cli.run_panels import (
     output_blocks,
     rule_blocks,
 )
-from stadimeter.cli.snapshot import LookedAt, RunHistory, Snapshot
 from stadimeter.cli.target_panel import figure_rows, target_lines
 from stadimeter.core.message import Message
 

@@ -29,6 +29,14 @@ class Commands(LazyGroup):
         "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped.", RUN),
         "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts.", RUN),
         "help": LazyCommand("stadimeter.cli.help", "Print the help of a command, or the list of commands.", RUN),
+        "cameras": LazyCommand(
+            "stadimeter.cli.cameras",
+            "List the cameras on this computer, each by the path that stays right.",
+            MEASURE,
+        ),
+        "snapshot": LazyCommand(
+            "stadimeter.cli.snapshot", "Take a picture with exactly the settings that `run` uses.", MEASURE
+        ),
         "measure": LazyCommand(
             "stadimeter.cli.measure",
             "Measure how far away a target is in pictures, in videos, or before a camera.",

@@ -20,6 +20,7 @@ from stadimeter.cli.measure_output import Printer, printer_of
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
+from stadimeter.config.untrusted_file import holds_video
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
@@ -131,15 +132,16 @@ def measure(
         wanted = _wanted(target, config, names)
         camera_model = _camera_model(camera, wanted)
         targets = build_detectors(wanted.choices, camera_model)
+        name = (live or "").partition(",")[0]  # the configuration or the driver: its options would fill each line
         work = _Work(
             measuring=Measuring(targets, camera_model),
             wanted=wanted,
             targets=targets,
             camera_model=camera_model,
-            printer=printer_of([live or "", *map(str, images or ())], wanted, as_json=as_json, explain=explain),
+            printer=printer_of([name, *map(str, images or ())], wanted, as_json=as_json, explain=explain),
             between=names,
         )
-        code = work.frames(camera_choice(live), live) if live else work.files(images or [], copies, explain=explain)
+        code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies, explain=explain)
     raise typer.Exit(code)
 
 
@@ -165,7 +167,7 @@ VIDEO_SUFFIXES = frozenset(
 
 
 def _is_video(path: Path) -> bool:
-    return path.suffix.lower() in VIDEO_SUFFIXES
+    return path.suffix.lower() in VIDEO_SUFFIXES or holds_video(path)
 
 
 def _video(path: Path) -> DriverChoice:

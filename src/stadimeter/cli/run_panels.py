@@ -20,7 +20,7 @@ from stadimeter.cli.formatting import (
 )
 from stadimeter.cli.glyphs import Glyphs
 from stadimeter.cli.keyboard import Key
-from stadimeter.cli.snapshot import Snapshot
+from stadimeter.cli.run_history import Snapshot
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from stadimeter.cli.formatting import METRE, LengthUnit
 from stadimeter.cli.glyphs import UNICODE, Glyphs
-from stadimeter.cli.snapshot import WINDOW_S, Sample
+from stadimeter.cli.run_history import WINDOW_S, Sample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

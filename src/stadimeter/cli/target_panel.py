@@ -21,7 +21,7 @@ from stadimeter.cli.formatting import (
     format_time,
 )
 from stadimeter.cli.glyphs import Glyphs, heading
-from stadimeter.cli.snapshot import Snapshot
+from stadimeter.cli.run_history import Snapshot
 from stadimeter.cli.strip_chart import StripChart
 from stadimeter.core.track import Track, TrackStatus
 

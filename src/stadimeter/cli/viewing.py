@@ -28,7 +28,7 @@ from stadimeter.cli.formatting import (
     length_unit,
 )
 from stadimeter.cli.glyphs import ASCII, UNICODE
-from stadimeter.cli.snapshot import LookedAt
+from stadimeter.cli.run_history import LookedAt
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import Event, RuleStatus, RuleTrace, SafetyMode

@@ -132,6 +132,8 @@ class Plugin(Generic[OptionsT]):
         not_for_motion: Of a camera, why nothing may move on its frames: for each option that would have to be written,
             a sentence that `check` warns of. See `stadimeter.cameras.protocol.Camera.not_for_motion`.
         latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
+        attached: Of a camera, lists those that are on this computer, without taking pictures: a tuple of
+            `stadimeter.cameras.protocol.AttachedCamera`.
         verb: Of an actuator, what it does when it acts, for descriptions: such as ``buzzes``.
         is_worn_by_switching: Of an actuator, whether each change of its level wears it out: `check` warns of patterns
             that never end.
@@ -148,6 +150,7 @@ class Plugin(Generic[OptionsT]):
     lacks: Callable[[OptionsT], tuple[str, ...]] = field(default=lambda _options: ())
     not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
     latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
+    attached: Callable[[], tuple[Any, ...]] = field(default=tuple, kw_only=True)
     verb: str = field(default="drives", kw_only=True)
     is_worn_by_switching: bool = field(default=False, kw_only=True)
     needs_world: bool = field(default=False, kw_only=True)

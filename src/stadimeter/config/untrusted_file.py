@@ -163,6 +163,26 @@ def is_picture(head: bytes) -> bool:
     return head.startswith(_STARTS) and (not head.startswith(b"RIFF") or head[8:12] == b"WEBP")
 
 
+_VIDEO_STARTS = (b"\x1aE\xdf\xa3", b"FLV", b"OggS", b"0&\xb2u", b"\0\0\x01\xba", b"\0\0\x01\xb3", b"\0\0\0\x01")
+"""Matroska and WebM, Flash, Ogg, Windows Media, MPEG, and H.264 without a container."""
+_PICTURE_BRANDS = (b"heic", b"heix", b"mif1", b"msf1", b"avif")
+
+
+def is_video(head: bytes) -> bool:
+    """Return whether a file begins as a video does. Some telephones store pictures in the container of MP4."""
+    is_mp4 = head[4:8] == b"ftyp" and head[8:12] not in _PICTURE_BRANDS
+    return is_mp4 or head.startswith(_VIDEO_STARTS) or (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
+
+
+def holds_video(path: Path) -> bool:
+    """Return whether there is a file that begins as a video does."""
+    try:
+        with open_untrusted(path) as file:
+            return is_video(file.read(HEAD_BYTES))
+    except OSError:
+        return False
+
+
 def checked_picture(data: bytes) -> bytes:
     """Return what is to be decoded: a whole picture, in which nothing asks for more than its pixels need.
 

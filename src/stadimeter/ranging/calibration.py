@@ -188,8 +188,7 @@ class Calibration:
     pictures: tuple[FocalLength, ...]  # the focal length that each picture gives, in the order of the pictures
     fit: FocalFit
     one_distance: bool  # whether all pictures are at one distance, where an edge bias looks like another focal length
-    # The nearest depth at which one more picture would determine the edge bias; None if it is known or if no
-    # further picture of the same quality would determine it.
+    # The nearest depth at which one more picture would determine the edge bias; None if it is known or none would.
     more_at_m: float | None
 
 
@@ -213,7 +212,7 @@ def calibrate(
     """
     found = _usable(known)
     plain = CameraModel.with_focal_length(float(found[0].width_px), found[0].width_px, found[0].height_px)
-    estimates = [_estimate(each, plain, distance_relative_sigma) for each in found]
+    estimates = [focal_estimate(each, plain, distance_relative_sigma) for each in found]
     fit = fit_focal_length(estimates)
     share = math.hypot(fit.focal_sigma_px / fit.focal_px, _lasting_share(found, plain))
     if share > FOCAL_SIGMA_MAX:
@@ -284,7 +283,8 @@ def _check(known: KnownDistance, first: KnownDistance) -> None:
         )
 
 
-def _estimate(known: KnownDistance, plain: CameraModel, distance_relative_sigma: float) -> FocalEstimate:
+def focal_estimate(known: KnownDistance, plain: CameraModel, distance_relative_sigma: float) -> FocalEstimate:
+    """Return the focal length that one picture gives; that of the plain model is a first guess."""
     focal_px = _focal_px(known, plain)
     with_it = _with_focal_length(plain, focal_px)
     noise_share, _ = depth_shares(known, with_it)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from stadimeter.app.capture import Capture, capture_for
@@ -67,8 +68,9 @@ def open_source(choice: DriverChoice) -> Source:
     return Source(capture=capture_for(camera, live_clock), is_live=True)
 
 
-def settled_frame(choice: DriverChoice) -> Frame:
-    """Return one frame of a camera, as its settings make it: of a live one not the first ones.
+@contextmanager
+def opened(choice: DriverChoice) -> Iterator[Source]:
+    """Give a camera that is open and has settled; close it afterwards.
 
     Raises:
         DriverError: It cannot be opened, or no frame comes.
@@ -78,6 +80,16 @@ def settled_frame(choice: DriverChoice) -> Frame:
         source.capture.open()
         for _ in range(SETTLING_FRAMES if source.is_live else 0):
             source.capture.latest(SETTLING_WAIT_S)
-        return source.capture.latest(SETTLING_WAIT_S)
+        yield source
     finally:
         source.capture.close()
+
+
+def settled_frame(choice: DriverChoice) -> Frame:
+    """Return one frame of a camera, as its settings make it: of a live one not the first ones.
+
+    Raises:
+        DriverError: It cannot be opened, or no frame comes.
+    """
+    with opened(choice) as source:
+        return source.capture.latest(SETTLING_WAIT_S)

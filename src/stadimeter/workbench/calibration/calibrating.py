@@ -1,20 +1,15 @@
-"""Reading the pictures of a calibration: targets at known distances, boards, and how the lens was set."""
+"""Reading the pictures of a calibration: boards, and how the lens was set."""
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from stadimeter.app.detectors import NamedDetector, build_detectors
-from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.untrusted_file import open_untrusted
-from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
-from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance
 from stadimeter.workbench.calibration.board_session import Board
 from stadimeter.workbench.measuring import open_picture
 
@@ -37,64 +32,6 @@ class BoardPictures:
     missed: tuple[tuple[str, str], ...]
     width_px: int
     height_px: int
-
-
-def known_distance(
-    path: Path, depth_m: float, target: NamedDetector, camera_model: CameraModel | None = None
-) -> KnownDistance:
-    """Look for the target in a picture of which the distance is known.
-
-    Args:
-        camera_model: The lens, at any resolution of the picture's aspect; None where it is not known yet.
-
-    Raises:
-        PictureError: The picture cannot be read.
-        CalibrationError: It has another aspect than the camera model.
-    """
-    frame = open_picture(path)
-    return KnownDistance(
-        picture=str(path),
-        width_px=frame.width_px,
-        height_px=frame.height_px,
-        detection=target.detector.detect(frame, lens=camera_model and camera_model.for_frame(frame)),
-        size=target.detector.target_shape,
-        depth_m=depth_m,
-    )
-
-
-def looked_at_again(
-    known: Sequence[KnownDistance], choices: Sequence[DriverChoice], model: CameraModel
-) -> tuple[KnownDistance, ...]:
-    """Look again through a camera model, as `measure` will: with it a detector knows shapes and edges better.
-
-    Raises:
-        StadimeterError: A picture can no longer be read.
-    """
-    (target,) = build_detectors(choices, model)
-    return tuple(known_distance(Path(each.picture), each.depth_m, target, model) for each in known)
-
-
-def with_bias_undone(
-    known: Sequence[KnownDistance], choices: Sequence[DriverChoice], rough: CameraModel
-) -> tuple[KnownDistance, ...]:
-    """Look again with a camera model that has an edge bias, to see what an edge bias changes.
-
-    Args:
-        known: Pictures in which the target was found whole through the rough model.
-        rough: A camera model that was made from them, without an edge bias.
-
-    Raises:
-        StadimeterError: A picture can no longer be read.
-    """
-    biased = looked_at_again(known, choices, replace(rough, edge_bias_px=BIAS_STEP_PX))
-    return tuple(replace(each, less_bias=less.detection) for each, less in zip(known, biased, strict=True))
-
-
-def is_elsewhere(known: KnownDistance, again: KnownDistance) -> bool:
-    """Return whether another thing was taken for the target: its centre is off by more than half its size."""
-    (x_px, y_px), (to_x_px, to_y_px) = known.detection.centre_px, again.detection.centre_px
-    size_px = max(known.detection.width_px, known.detection.height_px)
-    return math.hypot(to_x_px - x_px, to_y_px - y_px) > size_px / 2
 
 
 def find_boards(paths: Sequence[Path], board: Board) -> BoardPictures:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stadimeter.cli.snapshot import EVENTS_MAX, WINDOW_S, RunHistory
+from stadimeter.cli.run_history import EVENTS_MAX, WINDOW_S, RunHistory
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.observation import FrameStamp
 from stadimeter.core.track import TrackStatus

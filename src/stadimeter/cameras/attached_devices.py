@@ -1,0 +1,83 @@
+"""The Video4Linux cameras on this computer, each by the path that stays right."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.cameras.v4l2 import Ioctl, ask_node, is_in_use
+
+NOT_OURS = (
+    "it is not ours to open; add this user to the group 'video' (`sudo usermod -aG video $USER`), then log in anew"
+)
+IN_USE = "another program is using it; close that one (`fuser -v {node}` names it)"
+_NOT_THERE = "the kernel knows it, but {node} is missing; a container has to be given it (--device {node})"
+
+
+def attached_devices(root: Path = Path("/"), ioctl: Ioctl = fcntl.ioctl) -> tuple[AttachedCamera, ...]:
+    """Return every camera that OpenCV can read, by the number of its node.
+
+    Most cameras have further nodes, such as for metadata; those are left out.
+
+    Args:
+        root: Where ``/sys`` and ``/dev`` are found; another one is for tests.
+        ioctl: Asks the kernel; another one is for tests.
+    """
+    by_id, by_path = _links(root / "dev/v4l/by-id"), _links(root / "dev/v4l/by-path")
+    nodes = sorted((root / "sys/class/video4linux").glob("video*"), key=_number)
+    found = [camera for node in nodes if (camera := _camera(node, root / "dev" / node.name, ioctl))]
+    # Cameras of one make without serial numbers share one name below by-id. It means the one that was found last, so
+    # it stays right for none of them; the socket that each is plugged into does.
+    nameless = {camera.name for camera in found if Path(camera.node).name not in by_id}
+    return tuple(_named(camera, by_path if camera.name in nameless else by_id) for camera in found)
+
+
+def _number(node: Path) -> int:
+    return int(re.sub(r"\D", "", node.name) or 0)
+
+
+def _links(folder: Path) -> Mapping[str, str]:
+    """Return the first link to each node, by the node's name: the path that udev gives a device by what it is."""
+    links = sorted(folder.glob("*"), reverse=True)
+    return {link.resolve().name: str(link) for link in links}
+
+
+def _camera(system: Path, node: Path, ioctl: Ioctl) -> AttachedCamera | None:
+    name = _read(system / "name") or node.name
+    plain = AttachedCamera(driver="opencv", options={}, path=str(node), name=name, node=str(node))
+    try:
+        answer = ask_node(node, ioctl)
+    except OSError as error:
+        # Only the first node of a camera gives pictures; there is no asking this one.
+        return replace(plain, trouble=_trouble(error, node)) if _read(system / "index") in {"0", ""} else None
+    if not answer.gives_pictures:
+        return None
+    trouble = IN_USE.format(node=node) if is_in_use(node, ioctl) else ""
+    return replace(plain, name=answer.name or name, modes=answer.modes, trouble=trouble)
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text("utf-8", "replace").strip()
+    except OSError:
+        return ""
+
+
+def _trouble(error: OSError, node: Path) -> str:
+    if error.errno in {errno.EACCES, errno.EPERM}:
+        return NOT_OURS
+    if error.errno in {errno.ENOENT, errno.ENXIO, errno.ENODEV}:
+        return _NOT_THERE.format(node=node)
+    if error.errno == errno.EBUSY:
+        return IN_USE.format(node=node)
+    return f"it does not answer: {error.strerror}"
+
+
+def _named(camera: AttachedCamera, links: Mapping[str, str]) -> AttachedCamera:
+    path = links.get(Path(camera.node).name, camera.node)
+    return replace(camera, path=path, options={"device": path, "device_file": None})

@@ -1,0 +1,172 @@
+"""What a Video4Linux node says of itself: its name, whether it gives pictures, its formats, and whether it is in use.
+
+OpenCV sets a device up but cannot list what it has. The kernel answers by ioctl; the requests and structures below are
+those of ``linux/videodev2.h``, which are the same on every Linux of 32 or 64 bits and never change.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from stadimeter.cameras.protocol import CameraMode
+
+QUERYCAP = 0x80685600
+ENUM_FMT = 0xC0405602
+ENUM_FRAMESIZES = 0xC02C564A
+ENUM_FRAMEINTERVALS = 0xC034564B
+REQBUFS = 0xC0145608
+
+CAPABILITY = struct.Struct("=16s32s32s6I")
+"""``v4l2_capability``: driver, card, bus, version, capabilities of the device and of this node, reserved."""
+FORMAT = struct.Struct("=3I32s5I")
+"""``v4l2_fmtdesc``: index, type, flags, description, pixel format, bus code, reserved."""
+FRAME_SIZE = struct.Struct("=3I6I2I")
+"""``v4l2_frmsizeenum``: index, pixel format, type, then width and height or their ranges, reserved."""
+FRAME_INTERVAL = struct.Struct("=5I6I2I")
+"""``v4l2_frmivalenum``: index, pixel format, width, height, type, then a fraction of a second or a range, reserved."""
+BUFFERS = struct.Struct("=5I")
+"""``v4l2_requestbuffers``: count, type, memory, capabilities, flags."""
+
+CAPTURES = 0x00000001
+THIS_NODE = 0x80000000
+"""The capabilities of this node are stated beside those of the whole device."""
+NEEDS_MEDIA_CONTROLLER = 0x20000000
+"""The node is a part of a pipeline that another program has to set up, as a Pi's ribbon camera is by libcamera."""
+VIDEO_CAPTURE, MMAP, DISCRETE = 1, 1, 1
+
+NO_CAMERAS = frozenset({"bcm2835-isp"})
+"""Drivers whose nodes convert pictures of others, though they look like cameras."""
+
+READABLE = frozenset(
+    {"MJPG", "JPEG", "YUYV", "UYVY", "YU12", "YV12", "NV12", "NV21", "411P", "BGR3", "RGB3", "XR24", "AR24"}
+    | {"GREY", "Y16", "Y10", "Y12", "BA81", "GBRG", "GRBG", "RGGB"}
+)
+"""Pixel formats that OpenCV turns into pictures (its cap_v4l.cpp)."""
+
+USUAL_SIZES = ((640, 480), (1280, 720), (1920, 1080))
+"""Which sizes to name of a device that scales to any."""
+
+MOST_ANSWERS = 256
+"""Nothing is asked for more often, lest a broken driver never ends its list."""
+
+
+class Ioctl(Protocol):
+    """Asks the kernel: ``fcntl.ioctl``."""
+
+    def __call__(self, node: int, request: int, answer: bytearray, /) -> int:
+        """Fill in the answer; raise `OSError` where there is none."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeAnswer:
+    """What a node says of itself.
+
+    Attributes:
+        gives_pictures: Whether it is a camera that OpenCV can read, not one of its other nodes, such as for metadata.
+    """
+
+    name: str
+    gives_pictures: bool
+    modes: tuple[CameraMode, ...] = ()
+
+
+def ask_node(path: Path, ioctl: Ioctl = fcntl.ioctl) -> NodeAnswer:
+    """Return what a node says of itself. It may be in use meanwhile.
+
+    Raises:
+        OSError: It is not there, not ours to open, or no Video4Linux node.
+    """
+    with _opened(path) as node:
+        driver, card, _, _, device, this_node, *_ = CAPABILITY.unpack(
+            _answer(ioctl, node, QUERYCAP, bytearray(CAPABILITY.size))
+        )
+        flags = this_node if device & THIS_NODE else device
+        captures = flags & CAPTURES and not flags & NEEDS_MEDIA_CONTROLLER and _text(driver) not in NO_CAMERAS
+        modes = tuple(_modes(ioctl, node)) if captures else ()
+        return NodeAnswer(name=_text(card), gives_pictures=bool(modes), modes=modes)
+
+
+def is_in_use(path: Path, ioctl: Ioctl = fcntl.ioctl) -> bool:
+    """Return whether another program takes pictures with a node, as far as that can be told.
+
+    To give back no buffers changes nothing, but the kernel allows it only to the program that took the device.
+    """
+    request = bytearray(BUFFERS.pack(0, VIDEO_CAPTURE, MMAP, 0, 0))
+    try:
+        with _opened(path) as node:
+            ioctl(node, REQBUFS, request)
+    except OSError as error:
+        return error.errno == errno.EBUSY
+    return False
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    node = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        yield node
+    finally:
+        os.close(node)
+
+
+def _answer(ioctl: Ioctl, node: int, request: int, asked: bytearray) -> bytes:
+    ioctl(node, request, asked)
+    return bytes(asked)
+
+
+def _text(field: bytes) -> str:
+    return field.split(b"\0")[0].decode("utf-8", "replace").strip()
+
+
+def _answers(ioctl: Ioctl, node: int, request: int, kind: struct.Struct, *given: int) -> Iterator[tuple[int, ...]]:
+    """Yield the entries of one of the kernel's lists: it is asked by index until it says that there are no more."""
+    for index in range(MOST_ANSWERS):
+        asked = bytearray(kind.size)
+        struct.pack_into(f"={1 + len(given)}I", asked, 0, index, *given)
+        try:
+            yield kind.unpack(_answer(ioctl, node, request, asked))
+        except OSError:
+            return
+
+
+def _modes(ioctl: Ioctl, node: int) -> Iterator[CameraMode]:
+    for entry in _answers(ioctl, node, ENUM_FMT, FORMAT, VIDEO_CAPTURE):
+        code = entry[4]
+        fourcc = code.to_bytes(4, "little").decode("latin-1")
+        if fourcc.strip() not in READABLE:
+            continue
+        for width_px, height_px in _sizes(ioctl, node, code):
+            rates_hz = tuple(sorted(set(_rates_hz(ioctl, node, code, width_px, height_px)), reverse=True))
+            yield CameraMode(fourcc=fourcc, width_px=width_px, height_px=height_px, rates_hz=rates_hz)
+
+
+def _sizes(ioctl: Ioctl, node: int, code: int) -> Iterator[tuple[int, int]]:
+    for _, _, kind, *numbers in _answers(ioctl, node, ENUM_FRAMESIZES, FRAME_SIZE, code):
+        if kind == DISCRETE:
+            yield numbers[0], numbers[1]
+            continue
+        least_w, most_w, _, least_h, most_h, _ = numbers[:6]  # any size in steps; it is the only entry
+        yield from (
+            (width, height)
+            for width, height in sorted({*USUAL_SIZES, (most_w, most_h)})
+            if least_w <= width <= most_w and least_h <= height <= most_h
+        )
+        return
+
+
+def _rates_hz(ioctl: Ioctl, node: int, code: int, width_px: int, height_px: int) -> Iterator[float]:
+    given = (code, width_px, height_px)
+    for *_, kind, above, below, _, _, _, _, _, _ in _answers(ioctl, node, ENUM_FRAMEINTERVALS, FRAME_INTERVAL, *given):
+        if above:
+            yield round(below / above, 3)  # the time between frames is above/below; of a range the shortest comes first
+        if kind != DISCRETE:
+            return

@@ -1,0 +1,116 @@
+"""The conversation of ``calibrate distance --live``: put it there, press Enter, now put it there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, NoReturn
+
+import typer
+
+from stadimeter.cli.exits import NOT_FOUND
+from stadimeter.cli.formatting import FOOT, INCH, LengthUnit, format_distance
+from stadimeter.cli.known_pictures import today
+from stadimeter.cli.live_camera import camera_choice
+from stadimeter.cli.target_options import WantedTargets, parse_known_length
+from stadimeter.core.camera_model import ToneCurve
+from stadimeter.errors import CalibrationError, ConfigError
+from stadimeter.ranging.calibration import Calibration
+from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance, Take
+
+AtOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--at",
+        metavar="DISTANCE",
+        help="With --live: where to put the target, such as --at 1m --at 3m, which is what is asked for otherwise.",
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveSettings:
+    """How well the distances are known, and how the camera's values follow from light."""
+
+    distance_relative_sigma: float
+    tone_curve: ToneCurve
+
+
+def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, settings: LiveSettings) -> Calibration:
+    """Ask for the target at each distance, and return the calibration from all of them.
+
+    Raises:
+        CalibrationError: The distances contradict each other.
+        StadimeterError: An option is wrong, or the camera gives no pictures.
+    """
+    distances = _distances(at, wanted.unit)
+    typer.echo("opening the camera …", err=True)
+    session = LiveDistance(
+        camera_choice(live),
+        wanted.choices[0],
+        date=today(),
+        distance_relative_sigma=settings.distance_relative_sigma,
+        tone_curve=settings.tone_curve,
+        note=lambda words: typer.echo(f"note: {words}", err=True),
+    )
+    try:
+        with session:
+            typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
+            typer.echo("Keep it in the middle of the picture, and the camera still.")
+            for number, text in enumerate(distances):
+                _say(_taken(session, text, is_first=number == 0), wanted.unit)
+            if session.to_centre_m:
+                more = format_distance(session.to_centre_m, None, wanted.unit)
+                typer.echo(f"From here on a distance is that of the centre, {more} more.")
+            return _proved(session)
+    except CalibrationError as error:
+        raise CalibrationError(f"{error}\nnothing was written") from error
+    except KeyboardInterrupt:
+        _stopped("stopped")
+
+
+def _distances(at: Sequence[str], unit: LengthUnit) -> Sequence[str]:
+    if len(at) == 1:
+        raise ConfigError("one distance is not proved by another; give two, such as --at 1m --at 3m")
+    for text in at:
+        parse_known_length(text, "--at")
+    return at or (("3 ft", "9 ft") if unit in {FOOT, INCH} else ("1 m", "3 m"))
+
+
+def _taken(session: LiveDistance, asked: str, *, is_first: bool) -> Take:
+    """Ask for the target at a distance until it is found there."""
+    while True:
+        typer.echo(f"{'Put' if is_first else 'Now put'} it at {asked}.")
+        try:
+            answer = input("Press Enter when it is there, or type the distance that it has: ").strip()
+        except EOFError:
+            _stopped("there is no answer")
+        try:
+            distance_m = parse_known_length(answer or asked, "the distance")
+            asked = answer or asked
+            return session.take(distance_m, name=f"at {asked}")
+        except (ConfigError, CalibrationError) as error:
+            typer.echo(f"error: {error}", err=True)
+
+
+def _proved(session: LiveDistance) -> Calibration:
+    if not session.is_proved:
+        raise CalibrationError(f"one distance does not prove the other: take one {APART_MIN:g} times as far at least")
+    typer.echo("calculating …", err=True)
+    return session.calibration()
+
+
+def _stopped(why: str) -> NoReturn:
+    typer.echo(f"\nerror: {why}, so nothing was written", err=True)
+    raise typer.Exit(NOT_FOUND)
+
+
+def _say(take: Take, unit: LengthUnit) -> None:
+    reads = ""
+    if take.reads_m is not None:
+        share = take.reads_m / take.distance_m - 1
+        reads = f"\n    from what came before: {format_distance(take.reads_m, None, unit)} ({share:+.1%})"
+    seen = f"{take.size_px:.1f} px, spread {take.spread_share:.2%}, found in {take.found} of {take.frames} frames"
+    typer.echo(f"{take.name}: {seen}{reads}")
+    if take.reason:
+        typer.echo(f"note: {take.reason}", err=True)

@@ -1,0 +1,258 @@
+"""Calibrating before the camera: the target is put at one distance, then at another one, which proves the first."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+from stadimeter.app.detectors import build_detectors
+from stadimeter.config.plugins import DriverChoice
+from stadimeter.core.camera_model import CameraModel, ToneCurve
+from stadimeter.core.detection import DetectionStatus
+from stadimeter.core.frame import Frame
+from stadimeter.errors import CalibrationError
+from stadimeter.ranging.agreement import Disagreement, disagreement
+from stadimeter.ranging.calibration import (
+    DISTANCE_RELATIVE_SIGMA,
+    Calibration,
+    KnownDistance,
+    calibrate,
+    measured_depth_m,
+)
+from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, opened
+from stadimeter.workbench.picture_quality import picture_remarks
+
+FRAMES = 9
+"""How many frames to take at each distance."""
+
+FRAMES_MAX_BYTES = 150_000_000
+"""The frames of one distance are kept until their median is known; of very large ones fewer are taken."""
+
+FOUND_SHARE_MIN = 0.5
+"""In fewer of the frames than this share, what is found may be anything."""
+
+SPREAD_SHARE_MAX = 0.01
+SPREAD_SIGMAS_MAX = 4.0
+"""If sizes spread more than by this share, and by this many times what the detector expects, something moved."""
+
+APART_MIN = 1.5
+"""A second distance proves the first only if it is this many times as far, or as near."""
+
+NO_MISTAKE_M = 0.2
+"""An offset of the distances beyond this is no mistake of the tape."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Take:
+    """What several frames at one distance have shown.
+
+    Attributes:
+        distance_m: As it was told: from the lens to the target's nearest point.
+        frames: How many frames were taken.
+        found: In how many of them the target was found whole.
+        size_px: The median of its apparent size.
+        spread_share: The standard deviation of its size from frame to frame, as a share of it.
+        reads_m: What the distances before this one make of it; None for the first.
+        reason: What else the detector has to say, such as that of several tags the largest was taken.
+    """
+
+    name: str
+    distance_m: float
+    frames: int
+    found: int
+    size_px: float
+    spread_share: float
+    reads_m: float | None
+    reason: str = ""
+
+
+class LiveDistance:
+    """A calibration before a camera. Use it as a context, which opens the camera and closes it.
+
+    Of several frames at one distance the one of median size counts: their common error, that of the tape, would not
+    get smaller by counting all of them.
+
+    Args:
+        target: The target to look for: one.
+        note: Takes a sentence for the person, such as on a setting that the camera did not take.
+    """
+
+    def __init__(
+        self,
+        camera: DriverChoice,
+        target: DriverChoice,
+        *,
+        date: str,
+        distance_relative_sigma: float = DISTANCE_RELATIVE_SIGMA,
+        tone_curve: ToneCurve = "srgb",
+        note: Callable[[str], None] = lambda _words: None,
+    ) -> None:
+        self._opening = opened(camera)
+        self._source: Source
+        self._choices = (target,)
+        (self._target,) = build_detectors(self._choices, None)
+        self._date = date
+        self._relative_sigma = distance_relative_sigma
+        self._tone_curve: ToneCurve = tone_curve
+        self._note = note
+        self._known: dict[str, KnownDistance] = {}
+        self._pictures: dict[str, Frame] = {}
+        self._takes: dict[str, Take] = {}
+
+    def __enter__(self) -> Self:
+        """Open the camera and let it settle; `DriverError` if it cannot be opened."""
+        self._source = self._opening.__enter__()
+        for remark in self._source.capture.remarks():
+            self._note(remark)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the camera."""
+        self._opening.__exit__(kind, error, trace)
+
+    @property
+    def measured_to(self) -> str:
+        """The point of the target to which distances are measured."""
+        return f"the nearest point of the {self._target.name}" if self.to_centre_m else f"the {self._target.name}"
+
+    @property
+    def to_centre_m(self) -> float:
+        """How far the target's centre, which is what is measured later, is behind that point."""
+        return self._target.detector.target_shape.limb_radius_m
+
+    @property
+    def takes(self) -> tuple[Take, ...]:
+        """What was seen at each distance, in the order in which they were taken."""
+        return tuple(self._takes.values())
+
+    @property
+    def pictures(self) -> dict[str, Frame]:
+        """The frame that counts of each distance, by the name of its take."""
+        return dict(self._pictures)
+
+    @property
+    def is_proved(self) -> bool:
+        """Whether there are two distances far enough apart for one to prove the other."""
+        distances_m = [take.distance_m for take in self.takes]
+        return len(distances_m) > 1 and max(distances_m) >= APART_MIN * min(distances_m)
+
+    def take(self, distance_m: float, frames: int = FRAMES, name: str = "") -> Take:
+        """Take frames of the target where it is now. A take of the same name, or else distance, is replaced.
+
+        Args:
+            distance_m: From the lens to the nearest point of the target: of a ball its near side.
+            name: What to call it in messages.
+
+        Raises:
+            CalibrationError: The target was not found in most of the frames, or something moved.
+            DriverError: The camera gives no frames.
+            EndOfFramesError: It is a recording, and at its end.
+        """
+        name = name or f"at {distance_m:g} m"
+        depth_m = distance_m + self.to_centre_m
+        seen = [(known_distance(name, frame, depth_m, self._target), frame) for frame in self._frames(frames)]
+        found = [pair for pair in seen if pair[0].detection.status is DetectionStatus.FOUND]
+        if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
+            missed = [pair for pair in seen if pair[0].detection.status is not DetectionStatus.FOUND]
+            raise CalibrationError(_why_not_found(name, missed, len(seen)))
+        found.sort(key=lambda pair: _size_px(pair[0]))
+        known, frame = found[len(found) // 2]
+        take = self._take(name, distance_m, known, [_size_px(each) for each, _ in found], len(seen))
+        self._known[name], self._pictures[name], self._takes[name] = known, frame, take
+        return take
+
+    def calibration(self) -> Calibration:
+        """Return the calibration from all distances.
+
+        Raises:
+            CalibrationError: The distances contradict each other, or the target is not found through the camera model.
+        """
+        fit = fit_distances(
+            tuple(self._known.values()),
+            self._pictures.__getitem__,
+            self._choices,
+            date=self._date,
+            distance_relative_sigma=self._relative_sigma,
+            tone_curve=self._tone_curve,
+        )
+        for each in (*fit.left_out, *fit.elsewhere):
+            why = each.detection.reason or "another thing is taken for it"
+            raise CalibrationError(f"{each.picture} the target is not found again through the camera model: {why}")
+        contradiction = disagreement(fit.usable, distance_relative_sigma=self._relative_sigma)
+        if contradiction is not None:
+            raise CalibrationError(_in_words(contradiction))
+        if fit.calibration is None:
+            raise CalibrationError("there is no distance yet; take one")
+        return fit.calibration
+
+    def camera_model(self) -> CameraModel:
+        """Return the camera model; raises as `calibration` does."""
+        return self.calibration().camera_model
+
+    def _frames(self, number: int) -> Sequence[Frame]:
+        """Return fresh frames: the one that waited may show the hand that put the target there."""
+        if self._source.is_live:
+            self._source.capture.latest(SETTLING_WAIT_S)
+        first = self._source.capture.latest(SETTLING_WAIT_S)
+        number = max(1, min(number, FRAMES_MAX_BYTES // first.image.nbytes))
+        return [first, *(self._source.capture.latest(SETTLING_WAIT_S) for _ in range(number - 1))]
+
+    def _take(self, name: str, distance_m: float, known: KnownDistance, sizes_px: Sequence[float], frames: int) -> Take:
+        size_px = statistics.median(sizes_px)
+        # 1.4826 times the median of the absolute deviations is the standard deviation, whatever single frames show.
+        spread_share = 1.4826 * statistics.median(abs(each - size_px) for each in sizes_px) / size_px
+        expected_share = known.detection.size_sigma_px / size_px
+        if spread_share > max(SPREAD_SHARE_MAX, SPREAD_SIGMAS_MAX * expected_share):
+            raise CalibrationError(
+                f"{name} the target's size changed by {spread_share:.1%} from frame to frame: keep the target and the"
+                " camera still, and lock focus and exposure if the camera lets you"
+            )
+        return Take(
+            name=name,
+            distance_m=distance_m,
+            frames=frames,
+            found=len(sizes_px),
+            size_px=size_px,
+            spread_share=spread_share,
+            reads_m=self._reads_m(known),
+            reason=known.detection.reason,
+        )
+
+    def _reads_m(self, known: KnownDistance) -> float | None:
+        others = [each for name, each in self._known.items() if name != known.picture]
+        if not others:
+            return None
+        model = calibrate(others, date=self._date, distance_relative_sigma=self._relative_sigma).camera_model
+        return measured_depth_m(known, model) - self.to_centre_m
+
+
+def _why_not_found(name: str, missed: Sequence[tuple[KnownDistance, Frame]], frames: int) -> str:
+    known, frame = missed[0]
+    reasons = "; ".join((known.detection.reason, *picture_remarks(frame.image)))
+    return f"{name} the target was found in {frames - len(missed)} of {frames} frames: {reasons}"
+
+
+def _size_px(known: KnownDistance) -> float:
+    return math.sqrt(known.detection.width_px * known.detection.height_px)
+
+
+def _in_words(found: Disagreement) -> str:
+    apart = (
+        f"{found.nearer.picture} and {found.farther.picture} contradict each other: their focal lengths are"
+        f" {abs(found.share):.1%} apart, and {found.allowed_share:.1%} is the most that tape and edges allow."
+    )
+    causes = (
+        " Usual causes: the focus moved (switch autofocus off); a distance was not measured from the lens to the"
+        " target's nearest point; the size is wrong; something else was found."
+    )
+    if abs(found.offset_m) > NO_MISTAKE_M:
+        return apart + causes
+    longer = "longer" if found.offset_m > 0 else "shorter"
+    return f"{apart}{causes} They would agree if both distances were {abs(found.offset_m) * 100:.1f} cm {longer}."

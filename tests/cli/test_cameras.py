@@ -1,0 +1,162 @@
+"""`cameras` and `snapshot`, with doubles of the kernel and of a Video4Linux device."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from stadimeter.cli.main import app
+from stadimeter.core.frame import Image
+from support.v4l2_double import V4l2Double
+from support.v4l2_kernel import Kernel, Node
+
+pytestmark = pytest.mark.vision
+
+
+def _run(*arguments: object) -> Result:
+    result = CliRunner().invoke(app, list(map(str, arguments)))
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def _room() -> Image:
+    """Return a sharp, evenly lit picture."""
+    image = np.full((480, 640, 3), 120, np.uint8)
+    cv2.rectangle(image, (200, 150), (440, 330), (60, 200, 220), -1)
+    return image
+
+
+@pytest.fixture
+def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Kernel:
+    kernel = Kernel(tmp_path)
+    kernel.answers(monkeypatch)
+    return kernel
+
+
+@pytest.fixture
+def device(kernel: Kernel, monkeypatch: pytest.MonkeyPatch) -> V4l2Double:
+    kernel.add("video0", Node(), by_id="usb-C615-video-index0")
+    return V4l2Double.plugged_in(kernel.root / "dev/v4l/by-id/usb-C615-video-index0", _room(), monkeypatch)
+
+
+def test_a_camera_is_listed_with_the_lines_to_paste_and_what_it_took(device: V4l2Double) -> None:
+    result = _run("cameras")
+    assert result.exit_code == 0
+    assert result.stdout.splitlines() == [
+        f"1  HD Webcam C615, now {device.node.resolve()}",
+        '   driver = "opencv"',
+        f'   device = "{device.node}"',
+        "   MJPG: 640 × 480 at 30 Hz, 1280 × 720 at 30 Hz",
+        "   YUYV: 640 × 480 at 30 Hz, 1280 × 720 at 30 Hz",
+        "   gives 640 × 480: it took every setting",
+    ]
+
+
+def test_cameras_are_opened_with_the_settings_of_a_configuration(device: V4l2Double, tmp_path: Path) -> None:
+    config = tmp_path / "room.toml"
+    config.write_text('[camera]\ndriver = "opencv"\ndevice = 7\nexposure = "10 ms"\nwidth_px = 1280\nheight_px = 720\n')
+    result = _run("cameras", config)
+    assert device.set_to[cv2.CAP_PROP_EXPOSURE] == 100
+    assert "asked for pictures of 1280 × 720 pixels, the camera gives 640 × 480" in result.stdout
+
+
+def test_a_picture_of_each_camera_is_written(device: V4l2Double, tmp_path: Path) -> None:
+    result = _run("cameras", "--snapshot", tmp_path / "seen")
+    assert result.exit_code == 0
+    written = cv2.imread(str(tmp_path / "seen" / "camera-1.png"))
+    assert np.abs(written.astype(int) - _room()).max() <= 2
+
+
+def test_cameras_are_listed_for_programs(device: V4l2Double) -> None:
+    (record,) = json.loads(_run("cameras", "--json").stdout)
+    assert record["live"] == f"opencv,device={device.node}"
+    assert (record["width_px"], record["trouble"], record["settings_not_taken"]) == (640, "", [])
+    assert record["modes"][0] == {"fourcc": "MJPG", "width_px": 640, "height_px": 480, "rates_hz": [30.0, 15.0, 7.5]}
+
+
+def test_a_camera_in_use_is_named_and_not_opened(kernel: Kernel) -> None:
+    kernel.add("video0", Node(in_use=True))
+    result = _run("cameras")
+    assert result.exit_code == 1
+    assert "cannot be used: another program is using it" in result.stdout
+
+
+def test_a_camera_that_does_not_open_is_said_and_the_next_one_is_looked_at(device: V4l2Double, kernel: Kernel) -> None:
+    kernel.add("video2", Node(card="Broken"), by_id="usb-Broken-video-index0")
+    result = _run("cameras")
+    assert result.exit_code == 1
+    assert "gives 640 × 480" in result.stdout
+    _, broken = result.stdout.split("2  Broken")
+    assert "cannot be used: the camera" in broken
+
+
+def test_without_trying_no_camera_is_opened(device: V4l2Double) -> None:
+    result = _run("cameras", "--no-try")
+    assert result.exit_code == 0
+    assert device.set_to == {}
+    assert "gives" not in result.stdout
+
+
+def test_where_no_camera_is_it_says_what_to_look_at(kernel: Kernel) -> None:
+    result = _run("cameras")
+    assert result.exit_code == 1
+    assert "Is its cable plugged in, and does `ls /dev/video*` list it?" in result.stderr
+
+
+def test_a_snapshot_has_the_settings_of_the_configuration(device: V4l2Double, tmp_path: Path) -> None:
+    config = tmp_path / "room.toml"
+    config.write_text(f'[camera]\ndriver = "opencv"\ndevice = "{device.node}"\nexposure = "10 ms"\n')
+    result = _run("snapshot", config, "-o", tmp_path / "room.png")
+    assert result.exit_code == 0
+    assert device.set_to[cv2.CAP_PROP_EXPOSURE] == 100
+    assert device.set_to[cv2.CAP_PROP_AUTOFOCUS] == 0
+    assert result.stdout == f"wrote {tmp_path / 'room.png'}: 640 × 480 pixels\n"
+    assert "a photograph by another program may have another focal length" in result.stderr
+    assert np.abs(cv2.imread(str(tmp_path / "room.png")).astype(int) - _room()).max() <= 2
+
+
+def test_several_snapshots_are_numbered(device: V4l2Double, tmp_path: Path) -> None:
+    live = ("--live", f"opencv,device={device.node}")
+    assert _run("snapshot", *live, "-o", tmp_path / "a.jpg", "--count", "3", "--every", "10ms").exit_code == 0
+    assert sorted(path.name for path in tmp_path.glob("*.jpg")) == ["a-1.jpg", "a-2.jpg", "a-3.jpg"]
+
+
+def test_a_setting_that_was_not_taken_and_a_bad_picture_are_said(device: V4l2Double, tmp_path: Path) -> None:
+    device.kept[cv2.CAP_PROP_AUTOFOCUS] = 1.0
+    device.show(np.full((480, 640, 3), 4, np.uint8))
+    result = _run("snapshot", "--live", f"opencv,device={device.node}", "-o", tmp_path / "a.png")
+    assert result.exit_code == 1
+    notes = result.stderr.splitlines()
+    assert notes[0] == "note: asked for a fixed focus, the camera keeps refocusing: distances will drift"
+    assert notes[1].startswith("note: the picture is black")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "give a configuration, or --live"),
+        (("nowhere.toml",), "nowhere.toml"),
+        (("--live", "opencv,device=947"), "there is no camera /dev/video947"),
+        (("--live", "opencv,device=947", "--every", "3 apples"), "--every: '3 apples'"),
+        (("--live", "webcam"), "no camera driver is called 'webcam'"),
+    ],
+)
+def test_a_snapshot_that_cannot_be_taken_is_one_line(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+    result = _run("snapshot", *arguments, "-o", tmp_path / "a.png")
+    assert result.exit_code == 2
+    (error,) = result.stderr.splitlines()
+    assert words in error
+
+
+def test_a_recording_that_ends_early_is_said(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "one.png"), _room())
+    (tmp_path / "room.toml").write_text(f'[camera]\ndriver = "images"\npaths = ["{tmp_path}/one.png"]\n')
+    result = _run("snapshot", tmp_path / "room.toml", "-o", tmp_path / "a.png", "--count", "2", "--every", "0s")
+    assert result.exit_code == 2
+    assert "the camera came to an end after 1 of 2 pictures" in result.stderr

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.config.plugins import CAMERAS, load_plugin
+from stadimeter.errors import DriverUnavailableError
+from stadimeter.workbench import attached_cameras as module
+from stadimeter.workbench.attached_cameras import attached_cameras
+
+
+def _camera(driver: str) -> AttachedCamera:
+    return AttachedCamera(driver=driver, options={"serial": "42"}, path="42", name="Cam", node="42")
+
+
+def test_every_driver_that_can_list_cameras_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {"opencv": "opencv", "video": "another"}
+
+    def load(group: str, name: str) -> Any:
+        plugin = load_plugin(group, name)
+        return replace(plugin, attached=lambda: (_camera(found[name]),)) if name in found else plugin
+
+    monkeypatch.setattr(module, "load_plugin", load)
+    assert [camera.choice for camera in attached_cameras()] == ["opencv,serial=42", "another,serial=42"]
+
+
+def test_a_driver_that_lacks_a_library_has_no_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    def load(group: str, name: str) -> Any:
+        if name == "opencv":
+            raise DriverUnavailableError("no library")
+        return load_plugin(group, name)
+
+    monkeypatch.setattr(module, "load_plugin", load)
+    assert attached_cameras() == ()
+
+
+def test_the_driver_of_video4linux_lists_its_cameras() -> None:
+    listed = load_plugin(CAMERAS, "opencv").attached()
+    assert all(camera.choice.startswith("opencv,device=") for camera in listed)

@@ -1,0 +1,178 @@
+"""Calibrating before a camera, with rendered targets at exactly known distances on a double of a device."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_plugin
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Image
+from stadimeter.errors import CalibrationError, DeviceOpenError
+from stadimeter.workbench.calibration.live_distance import LiveDistance
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.plane import Pose, SheetTarget
+from support.scenes.render import render
+from support.scenes.scene import Scene
+from support.v4l2_double import V4l2Double
+
+pytestmark = pytest.mark.vision
+
+LENS = CameraModel.with_focal_length(600.0, 640, 480)
+BALL_M = 0.2
+FRAMES = 3
+
+
+@cache
+def ball_at(near_side_m: float, focal_px: float = 600.0) -> Image:
+    """Return a picture of a ball whose nearest point is that far from the lens."""
+    lens = CameraModel.with_focal_length(focal_px, 640, 480)
+    ball = BallTarget(position_m=(0.0, 0.0, near_side_m + BALL_M / 2), diameter_m=BALL_M)
+    return render(Scene(camera=lens, target=ball, seed=1, backdrop=PlainBackdrop())).image
+
+
+@cache
+def sheet_at(distance_m: float) -> Image:
+    sheet = SheetTarget(pose=Pose(position_m=(0.0, 0.0, distance_m), tilt_rad=0.0), width_m=0.297, height_m=0.21)
+    return render(Scene(camera=LENS, target=sheet, seed=1, backdrop=PlainBackdrop())).image
+
+
+def _target(driver: str, **table: object) -> DriverChoice:
+    plugin = load_plugin(DETECTORS, driver)
+    return DriverChoice(name=driver, driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
+
+
+BALL = _target("ball", diameter="20 cm", hsv="20,60,40:50,255,255")
+
+
+@pytest.fixture
+def device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> V4l2Double:
+    return V4l2Double.plugged_in(tmp_path / "video0", ball_at(1.0), monkeypatch)
+
+
+def _session(device: V4l2Double, target: DriverChoice = BALL, **options: object) -> LiveDistance:
+    plugin = load_plugin(CAMERAS, "opencv")
+    table = {"device": str(device.node)}
+    camera = DriverChoice(name="camera", driver="opencv", plugin=plugin, options=plugin.options.model_validate(table))
+    return LiveDistance(camera, target, date="2026-01-01", **options)
+
+
+def test_a_ball_is_measured_to_its_near_side_and_gives_the_focal_length(device: V4l2Double) -> None:
+    with _session(device) as session:
+        near = session.take(1.0, FRAMES)
+        assert not session.is_proved
+        device.show(ball_at(3.0))
+        far = session.take(3.0, FRAMES)
+        assert session.is_proved
+        made = session.calibration()
+    assert made.camera_model.fx_px == pytest.approx(600.0, rel=0.01)
+    assert (near.found, near.frames, near.reads_m) == (FRAMES, FRAMES, None)
+    assert near.size_px == pytest.approx(600 * BALL_M / 1.1, rel=0.02)
+    assert 0 < near.spread_share < 0.01
+    assert far.reads_m == pytest.approx(3.0, rel=0.02)
+    assert [each.picture for each in made.pictures] == ["at 1 m", "at 3 m"]
+    assert not device.isOpened(), "the camera is left closed"
+
+
+def test_a_sheet_is_measured_to_itself(device: V4l2Double) -> None:
+    device.show(sheet_at(1.0))
+    with _session(device, _target("sheet", width="29.7 cm", height="21 cm")) as session:
+        session.take(1.0, FRAMES)
+        device.show(sheet_at(2.0))
+        session.take(2.0, FRAMES)
+        assert session.camera_model().fx_px == pytest.approx(600.0, rel=0.01)
+
+
+def test_a_focus_that_moved_is_a_contradiction_and_gives_no_camera_model(device: V4l2Double) -> None:
+    with _session(device) as session:
+        session.take(1.0, FRAMES)
+        device.show(ball_at(3.0, focal_px=660.0))
+        session.take(3.0, FRAMES)
+        with pytest.raises(CalibrationError) as raised:
+            session.camera_model()
+    words = str(raised.value)
+    assert re.match(r"at 1 m and at 3 m contradict each other: their focal lengths are (9|10)\.\d% apart", words)
+    assert "the focus moved (switch autofocus off)" in words
+
+
+def test_distances_from_another_point_contradict_each_other_and_the_offset_is_said(device: V4l2Double) -> None:
+    with _session(device) as session:
+        device.show(ball_at(0.7))
+        session.take(0.6, FRAMES)
+        device.show(ball_at(2.1))
+        session.take(2.0, FRAMES)
+        with pytest.raises(CalibrationError, match=r"if both distances were (9|10|11)\.\d cm longer"):
+            session.camera_model()
+
+
+def test_what_the_stated_uncertainty_allows_is_no_contradiction(device: V4l2Double) -> None:
+    with _session(device, distance_relative_sigma=0.04) as session:
+        session.take(1.0, FRAMES)
+        device.show(ball_at(3.0, focal_px=660.0))
+        session.take(3.0, FRAMES)
+        assert session.camera_model().focal_relative_sigma > 0.02
+
+
+def test_a_distance_can_be_taken_again(device: V4l2Double) -> None:
+    with _session(device) as session:
+        device.show(ball_at(1.2))
+        session.take(1.0, FRAMES)
+        device.show(ball_at(1.0))
+        session.take(1.0, FRAMES)
+        device.show(ball_at(3.0))
+        session.take(3.0, FRAMES)
+        assert len(session.takes) == 2
+        assert session.camera_model().fx_px == pytest.approx(600.0, rel=0.01)
+
+
+def test_distances_that_are_hardly_apart_prove_nothing(device: V4l2Double) -> None:
+    with _session(device) as session:
+        session.take(1.0, FRAMES)
+        session.take(1.2, FRAMES)
+        assert not session.is_proved
+
+
+def test_a_target_that_is_not_there_is_said_and_changes_nothing(device: V4l2Double) -> None:
+    with _session(device) as session:
+        session.take(1.0, FRAMES)
+        device.show(np.full((480, 640, 3), 90, np.uint8))
+        with pytest.raises(CalibrationError, match="at 3 m the target was found in 0 of 3 frames: no pixel"):
+            session.take(3.0, FRAMES)
+        assert [take.name for take in session.takes] == ["at 1 m"]
+
+
+def test_what_is_wrong_with_a_picture_without_the_target_is_said(device: V4l2Double) -> None:
+    device.show(np.full((480, 640, 3), 5, np.uint8))
+    with _session(device) as session, pytest.raises(CalibrationError, match="; the picture is black: take the cover"):
+        session.take(1.0, FRAMES)
+
+
+def test_a_target_that_moves_meanwhile_is_refused(device: V4l2Double, monkeypatch: pytest.MonkeyPatch) -> None:
+    with _session(device) as session:
+        frames = []
+        for distance_m in (1.0, 1.2, 1.4):
+            device.show(ball_at(distance_m))
+            frames.append(session._frames(1)[0])
+        monkeypatch.setattr(session, "_frames", lambda _number: frames)
+        with pytest.raises(CalibrationError, match=r"size changed by .*keep the target and the camera still"):
+            session.take(1.0)
+
+
+def test_settings_that_the_camera_did_not_take_are_noted(device: V4l2Double) -> None:
+    device.kept[cv2.CAP_PROP_AUTOFOCUS] = 1.0
+    notes: list[str] = []
+    with _session(device, note=notes.append):
+        pass
+    assert notes == ["asked for a fixed focus, the camera keeps refocusing: distances will drift"]
+
+
+def test_a_camera_in_use_is_an_error(device: V4l2Double) -> None:
+    device.is_busy = True
+    with pytest.raises(DeviceOpenError, match="cannot be opened"), _session(device):
+        pass

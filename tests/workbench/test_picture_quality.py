@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.core.frame import Image
+from stadimeter.workbench.picture_quality import blur_sigma_px, picture_remarks
+
+pytestmark = pytest.mark.vision
+
+REAL = Path("/work/shared/data")
+PICTURES = [
+    "tennis_ball/images/89_10.jpg",
+    "seed_sheet/3ft.png",
+    "chessboard/left05.jpg",
+    "tags/visp/AprilTag.png",
+    "charuco/img_00.jpg",
+]
+
+
+def _real(name: str) -> Image:
+    image = cv2.imread(str(REAL / name))
+    if image is None:
+        pytest.skip(f"{REAL / name} is not there")
+    return image
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_good_real_picture_has_no_fault(name: str) -> None:
+    assert picture_remarks(_real(name)) == ()
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_real_picture_that_is_blurred_is_said_to_be(name: str) -> None:
+    (remark,) = picture_remarks(cv2.GaussianBlur(_real(name), (0, 0), 4.0))
+    assert "is blurred" in remark
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_real_picture_of_a_fifth_of_the_light_is_dark(name: str) -> None:
+    assert "is dark" in " ".join(picture_remarks((_real(name) * 0.2).astype(np.uint8)))
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_real_picture_of_too_much_light_is_clipped(name: str) -> None:
+    overexposed = np.clip(_real(name).astype(float) * 2.5, 0, 255).astype(np.uint8)
+    assert "is clipped to white" in " ".join(picture_remarks(overexposed))
+
+
+def test_a_covered_lens_gives_a_black_picture() -> None:
+    noise = np.random.default_rng(1).integers(0, 12, (480, 640, 3), dtype=np.uint8)
+    (remark,) = picture_remarks(noise)
+    assert remark.startswith("the picture is black: take the cover off the lens")
+
+
+@pytest.mark.parametrize("sigma_px", [1.5, 2.5, 3.5])
+def test_the_blur_of_an_edge_is_measured(sigma_px: float) -> None:
+    image = np.full((480, 640, 3), 60, np.uint8)
+    cv2.rectangle(image, (200, 150), (440, 330), (200, 200, 200), -1)
+    assert blur_sigma_px(cv2.GaussianBlur(image, (0, 0), sigma_px)) == pytest.approx(sigma_px, rel=0.2)
+
+
+def test_a_picture_without_edges_is_not_called_blurred() -> None:
+    assert blur_sigma_px(np.full((480, 640, 3), 120, np.uint8)) is None
