@@ -52,7 +52,7 @@ def test_commands_print_no_more_than_ascii_where_there_is_no_more(tmp_path: Path
     shown = {
         "help": written("measure", "--help"),
         "check": written("check", str(pytestconfig.rootpath / "config" / "demo.toml")),
-        "demo": written("demo", "--seconds=1", "--speed=0", "--journal=run.jsonl"),
+        "demo": written("demo", "--seconds=2", "--speed=0", "--journal=run.jsonl"),
         "replay": written("replay", "run.jsonl"),
         "explain": written("explain", "near", "--journal=run.jsonl"),
     }
