@@ -1,6 +1,7 @@
 """What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere."""
 
 import ast
+import itertools
 import os
 import re
 import shlex
@@ -42,7 +43,8 @@ PAGES = [
 ANSWERS = re.compile(r"^<!-- answers -->\n```toml\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WRONG = re.compile(r"^<!-- wrong on purpose -->\n(?:<!-- .*? -->\n)?```\w+\n.*?^```\n", re.MULTILINE | re.DOTALL)
-IN_A_SENTENCE = re.compile(r"`((?:uvx |pipx run |sudo )?stadimeter [a-z][^`\n…]*)`")
+CODE = re.compile(r"`([^`]*)`")
+IN_A_SENTENCE = re.compile(r"(?:[a-z ]+ )?stadimeter ([a-z].*)", re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 
 AROUND = {
@@ -153,25 +155,26 @@ def codes_in_the_source():
     return {each.value for codes in given for each in codes if isinstance(each, ast.Constant) and each.value}
 
 
+def lines_typed(text):
+    """Return the lines that a reader types, of each block of a page for a shell."""
+    for kind, block in FENCE.findall(text):
+        if kind == "sh":
+            yield from block.splitlines()
+        elif kind == "console":
+            yield from (re.split(r" [|>] ", line[2:])[0] for line in block.splitlines() if line.startswith("$ "))
+
+
 def commands():
     """Yield the words behind `stadimeter` of every command in a block or in a sentence."""
     for page in PAGES:
         text = page.read_text()
-        blocks = [line for kind, block in FENCE.findall(text) for line in command_lines(kind, block)]
-        for line in blocks + IN_A_SENTENCE.findall(FENCE.sub("", text)):
-            words = shlex.split(line, comments=True)
-            while words and words[0] in {"uvx", "pipx", "run", "sudo"}:
-                del words[0]
-            if words and words[0].rpartition("/")[2] == "stadimeter":
-                yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
-
-
-def command_lines(kind, block):
-    """Return the lines of a block that are typed into a shell."""
-    if kind == "sh":
-        return block.splitlines()
-    typed = [line for line in block.splitlines() if kind == "console" and line.startswith("$ ")]
-    return [re.split(r" [|>] ", line[2:])[0] for line in typed]
+        typed = [shlex.split(line, comments=True) for line in lines_typed(text)]
+        typed = [list(itertools.dropwhile(lambda word: word in {"uvx", "pipx", "run", "sudo"}, each)) for each in typed]
+        for words in (each for each in typed if each and each[0].rpartition("/")[2] == "stadimeter"):
+            yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
+        for span in CODE.findall(FENCE.sub("", text)):
+            if shown := IN_A_SENTENCE.fullmatch(span):
+                yield pytest.param(shlex.split(shown[1]), id=f"{page.name}: {shown[1]}")
 
 
 @pytest.mark.parametrize("words", list(commands()))
