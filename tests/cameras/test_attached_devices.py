@@ -107,6 +107,19 @@ def test_a_camera_that_cannot_be_opened_is_listed_once_with_the_reason(
     assert (camera.name, Path(camera.path).name) == ("HD Webcam C615", "usb-C615-video-index0")
 
 
+def test_of_nodes_that_cannot_be_asked_those_on_usb_are_taken_for_cameras(kernel: Kernel) -> None:
+    for name, bus in (("video0", "usb"), ("video10", "platform")):
+        kernel.add(name, Node(card=bus))
+        (kernel.root / "sys/bus" / bus).mkdir(parents=True)
+        (kernel.root / "sys/class/video4linux" / name / "device").mkdir()
+        (kernel.root / "sys/class/video4linux" / name / "device/subsystem").symlink_to(kernel.root / "sys/bus" / bus)
+
+    def refuse(*_: object) -> int:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    assert [camera.name for camera in attached_devices(kernel.root, refuse)] == ["usb"]
+
+
 def test_a_file_is_no_video4linux_node_for_the_real_kernel(tmp_path: Path) -> None:
     (tmp_path / "video0").touch()
     with pytest.raises(OSError, match="ioctl") as raised:

@@ -53,12 +53,17 @@ def _camera(system: Path, node: Path, ioctl: Ioctl) -> AttachedCamera | None:
     try:
         answer = ask_node(node, ioctl)
     except OSError as error:
-        # Only the first node of a camera gives pictures; there is no asking this one.
-        return replace(plain, trouble=_trouble(error, node)) if _read(system / "index") in {"0", ""} else None
+        return replace(plain, trouble=_trouble(error, node)) if _is_likely_camera(system) else None
     if not answer.gives_pictures:
         return None
     trouble = IN_USE.format(node=node) if is_in_use(node, ioctl) else ""
     return replace(plain, name=answer.name or name, modes=answer.modes, trouble=trouble)
+
+
+def _is_likely_camera(system: Path) -> bool:
+    """Guess what a node is that cannot be asked: mostly the first node of a USB device is a camera, no other is."""
+    bus = (system / "device/subsystem").resolve().name
+    return _read(system / "index") in {"0", ""} and bus in {"usb", "subsystem"}  # the latter where there is no link
 
 
 def _read(file: Path) -> str:

@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from stadimeter.cli.exits import NOT_FOUND
-from stadimeter.cli.formatting import FOOT, INCH, LengthUnit, format_distance
+from stadimeter.cli.formatting import FOOT, INCH, METRE, LengthUnit, format_distance
 from stadimeter.cli.known_pictures import today
 from stadimeter.cli.live_camera import camera_choice
 from stadimeter.cli.target_options import WantedTargets, parse_known_length
@@ -23,7 +23,7 @@ AtOption = Annotated[
     typer.Option(
         "--at",
         metavar="DISTANCE",
-        help="With --live: where to put the target, such as --at 1m --at 3m, which is what is asked for otherwise.",
+        help="With --live: where to put the target, such as --at 1m --at 3m; else 1 m, then up to thrice that.",
     ),
 ]
 
@@ -43,7 +43,7 @@ def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, setting
         CalibrationError: The distances contradict each other.
         StadimeterError: An option is wrong, or the camera gives no pictures.
     """
-    distances = _distances(at, wanted.unit)
+    _check(at)
     typer.echo("opening the camera …", err=True)
     session = LiveDistance(
         camera_choice(live),
@@ -57,8 +57,9 @@ def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, setting
         with session:
             typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
             typer.echo("Keep it in the middle of the picture, and the camera still.")
-            for number, text in enumerate(distances):
-                _say(_taken(session, text, is_first=number == 0), wanted.unit)
+            for number in range(max(2, len(at))):
+                asked = at[number] if at else _advised(session, wanted.unit)
+                _say(_taken(session, asked), wanted.unit)
             if session.to_centre_m:
                 more = format_distance(session.to_centre_m, None, wanted.unit)
                 typer.echo(f"From here on a distance is that of the centre, {more} more.")
@@ -69,18 +70,24 @@ def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, setting
         _stopped("stopped")
 
 
-def _distances(at: Sequence[str], unit: LengthUnit) -> Sequence[str]:
+def _check(at: Sequence[str]) -> None:
     if len(at) == 1:
         raise ConfigError("one distance is not proved by another; give two, such as --at 1m --at 3m")
     for text in at:
         parse_known_length(text, "--at")
-    return at or (("3 ft", "9 ft") if unit in {FOOT, INCH} else ("1 m", "3 m"))
 
 
-def _taken(session: LiveDistance, asked: str, *, is_first: bool) -> Take:
+def _advised(session: LiveDistance, unit: LengthUnit) -> str:
+    """Return a first distance that suits most rooms, or the one that proves it best."""
+    shown, first = (FOOT, 3.0) if unit in {FOOT, INCH} else (METRE, 1.0)
+    following_m = session.next_distance_m
+    return f"{first if following_m is None else following_m / shown.size_m:.3g} {shown.symbol}"
+
+
+def _taken(session: LiveDistance, asked: str) -> Take:
     """Ask for the target at a distance until it is found there."""
     while True:
-        typer.echo(f"{'Put' if is_first else 'Now put'} it at {asked}.")
+        typer.echo(f"{'Now put' if session.takes else 'Put'} it at {asked}.")
         try:
             answer = input("Press Enter when it is there, or type the distance that it has: ").strip()
         except EOFError:

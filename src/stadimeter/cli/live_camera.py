@@ -18,14 +18,15 @@ LiveOption = Annotated[
     str | None,
     typer.Option(
         "--live",
-        metavar="CONFIG|DRIVER",
-        help="Take what a camera sees: that of a configuration, or a driver such as opencv,device=0.",
+        metavar="CONFIG|DEVICE|DRIVER",
+        help="Take what a camera sees: that of a configuration; a device such as 0 or one that `stadimeter cameras` "
+        "lists; or a driver with its options, such as opencv,device=0,exposure=10ms.",
     ),
 ]
 
 
 def camera_choice(live: str) -> DriverChoice:
-    """Return the camera of a configuration, or a camera driver with its options, such as ``opencv,device=0``.
+    """Return the camera of a configuration, a device, or a camera driver with its options, such as ``opencv,device=0``.
 
     Raises:
         ConfigError: There is no such configuration, or an option is wrong.
@@ -36,6 +37,8 @@ def camera_choice(live: str) -> DriverChoice:
 
         return load_camera_choice(Path(live))
     driver, *options = live.split(",")
+    if driver.isdecimal() or driver.startswith("/") or "://" in driver:
+        driver, options = "opencv", [f"device={driver}", *options]
     plugin = load_plugin(CAMERAS, driver)
     table = dict(map(key_and_value, options))
     try:
