@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.errors import PictureError
 from stadimeter.workbench import annotation, text_panel
-from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, Mark, annotate, write_picture
+from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, YELLOW, Mark, annotate, write_picture
 from stadimeter.workbench.label_placement import Box
 
 pytestmark = pytest.mark.vision
@@ -193,6 +193,17 @@ def test_where_there_is_no_room_the_label_is_inside_the_picture_all_the_same() -
         assert box.bottom <= 600
 
 
+def test_the_legend_is_in_the_order_of_the_targets() -> None:
+    missing = [
+        _mark(DetectionStatus.NOT_FOUND, outline=np.empty((0, 2)), lines=(f"tag {n}: not found",)) for n in range(3)
+    ]
+    _, panels = _places([_mark(), *missing], 900, 600)
+    assert len(panels) == 4
+    shown = annotation._legend(_blank(), [_mark(), *missing], annotation.LabelRoom(900, 600), 1.0)
+    by_height = sorted(shown, key=lambda each: each[1].top)
+    assert [panel._lines[0][:5] for panel, _ in by_height] == ["paper", "tag 0", "tag 1", "tag 2"]
+
+
 def test_what_is_not_found_is_told_however_full_the_picture_is() -> None:
     missing = _mark(DetectionStatus.NOT_FOUND, outline=np.empty((0, 2)), lines=("tag 3: not found", "no tag 3"))
     whole = np.array([(2.0, 2.0), (898.0, 2.0), (898.0, 598.0), (2.0, 598.0)])
@@ -207,14 +218,12 @@ def test_letters_that_the_fonts_lack_become_others(text: str) -> None:
     assert text_panel._drawable("35.0 in ± 0.4") == "35.0 in ± 0.4"
 
 
-def test_edge_points_are_drawn_one_by_one_when_they_are_asked_for() -> None:
-    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    limb = np.column_stack([345 + 100 * np.cos(angles), 212 + 100 * np.sin(angles)])
-    between = np.column_stack([345 + 100 * np.cos(angles + angles[1] / 2), 212 + 100 * np.sin(angles + angles[1] / 2)])
-    green = _pixels_of(annotate(_blank(), [_mark(outline=limb, headline="x", lines=(), draws_edges=True)]), GREEN)
-    for point, gap in zip(limb, between, strict=True):
-        assert np.hypot(*(green - point).T).min() < 2
-        assert np.hypot(*(green - gap).T).min() > 5
+def test_edge_points_are_drawn_one_by_one_over_the_outline() -> None:
+    edges = np.column_stack([np.linspace(230, 470, 9), np.linspace(102, 118, 9)])
+    yellow = _pixels_of(annotate(_blank(), [_mark(edges_px=edges, headline="x", lines=())]), YELLOW)
+    for point, gap in zip(edges, edges + np.array([(15.0, 1.0)]), strict=True):
+        assert np.hypot(*(yellow - point).T).min() < 2
+        assert np.hypot(*(yellow - gap).T).min() > 5
 
 
 def test_a_rejected_outline_of_four_sides_is_drawn_as_one() -> None:

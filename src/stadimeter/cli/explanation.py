@@ -166,7 +166,7 @@ def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) 
     if not explain:
         return tuple(marks)
     return tuple(
-        replace(mark, draws_edges=True, rejected=each.rejected)
+        replace(mark, edges_px=each.find_edges(), rejected=each.rejected)
         for mark, each in zip(marks, result.targets, strict=True)
     )
 

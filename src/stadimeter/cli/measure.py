@@ -106,7 +106,8 @@ def measure(
 
     With --explain, each line is followed by what was seen and how sharply, what the standard deviation is made up of,
     and what was looked at but rejected: where it is, how large, and the test that it failed. With --json as further
-    fields, among them rejected, a list of objects; with --annotate drawn into the copies under the same numbers.
+    fields, among them rejected, a list of objects; with --annotate drawn into the copies under the same numbers,
+    beside yellow dots where edges of the target were seen.
 
     **Examples**
 

@@ -105,8 +105,9 @@ def _in_words(result: TargetResult, unit: LengthUnit) -> str:
         status = "truncated" if measured.status is MeasurementStatus.TRUNCATED else "not found"
         return f"{status}: {measured.reason}"
     in_metres = format_distance(measured.distance_m, measured.sigma_m, METRE)
-    first = "" if unit is METRE else f"{format_distance(measured.distance_m, measured.sigma_m, unit):<16}"
+    first = "" if unit is METRE else f"{format_distance(measured.distance_m, measured.sigma_m, unit):<15} "
     depth = format_distance(measured.depth_m, measured.sigma_m, unit)
     position = format_position(measured.position_m, measured.sigma_m, unit)
-    whereabouts = f"{position:<24}{format_bearing(measured.bearing_rad):<11}{format_tilt(measured.tilt_rad)}".rstrip()
-    return f"{first}{in_metres:<18}depth {depth:<18}{whereabouts}"
+    bearing, tilt = format_bearing(measured.bearing_rad), format_tilt(measured.tilt_rad)
+    whereabouts = f"{position:<23} {bearing:<10} {tilt}".rstrip()
+    return f"{first}{in_metres:<17} depth {depth:<17} {whereabouts}"

@@ -12,15 +12,17 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, EntryPoints, PackageNotFoundError, distribution, entry_points
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
-from stadimeter.core.drawing import Drawing
 from stadimeter.core.frame import Image
 from stadimeter.errors import DriverError, DriverNotFoundError, DriverUnavailableError
+
+if TYPE_CHECKING:  # a run draws nothing
+    from stadimeter.core.drawing import Drawing
 
 OptionsT = TypeVar("OptionsT", bound=BaseModel)
 SharedT = TypeVar("SharedT")

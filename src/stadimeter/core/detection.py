@@ -13,7 +13,8 @@ from stadimeter.core.camera_model import CameraModel
 Points = NDArray[np.float64]
 
 
-def _no_points() -> Points:
+def no_points() -> Points:
+    """Return an outline of nothing, shape ``(0, 2)``."""
     return np.empty((0, 2))
 
 
@@ -67,7 +68,7 @@ class Detection:
     target: str
     status: DetectionStatus
     reason: str = ""
-    outline_px: Points = field(default_factory=_no_points)
+    outline_px: Points = field(default_factory=no_points)
     centre_px: tuple[float, float] = (0.0, 0.0)
     width_px: float = 0.0
     height_px: float = 0.0

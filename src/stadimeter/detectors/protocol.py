@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Prediction, RejectedCandidate
+from stadimeter.core.detection import Detection, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetShape
 from stadimeter.errors import PictureError
@@ -56,6 +56,15 @@ class FindsSeveral(Protocol):
         Returns:
             Each that was found, with its `Detection.number`; where there is none, what `Detector.detect` returns.
         """
+        ...
+
+
+@runtime_checkable
+class ShowsEdges(Protocol):
+    """A detector that can show where it sees the edges of a target that it has found."""
+
+    def edge_points(self, frame: Frame, found: Detection, *, lens: CameraModel | None = None) -> Points:
+        """Return the places where edges are seen, shape ``(n, 2)``, x and y in pixels; `found` is in the frame."""
         ...
 
 

@@ -111,3 +111,20 @@ def grown(corners: Points, by_px: float | Values) -> Points:
     sine = np.abs(back[:, :, 0] * along[:, :, 1] - back[:, :, 1] * along[:, :, 0])
     moves_px = np.reshape(by_px, (-1, 1)) / np.maximum(sine, 0.2)
     return np.asarray(corners - (along + back) * moves_px[:, :, None])
+
+
+def points_beside(place: NDArray[np.intp], across_px: NDArray[np.float64], flat: list[bool], width_px: int) -> Points:
+    """Return the points beside pixels, above or below them along sides that are flat, else to the left or the right.
+
+    Args:
+        place: The pixels, counted row by row, shape ``(sides, n)``.
+        across_px: How far from them, shape ``(sides, n)``.
+        flat: Which of the sides are more horizontal.
+        width_px: The width of the picture.
+
+    Returns:
+        Shape ``(sides, n, 2)``.
+    """
+    row, column = np.divmod(place, width_px)
+    is_flat = np.array(flat)[:, None]
+    return np.stack((column + across_px * ~is_flat, row + across_px * is_flat), axis=-1)

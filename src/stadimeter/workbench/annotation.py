@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from stadimeter.config.atomic_file import write_atomically
-from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate
+from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
 from stadimeter.workbench.label_placement import USEFUL, Box, LabelRoom
@@ -20,6 +20,7 @@ from stadimeter.workbench.text_panel import DARK, Colour, Panel
 GREEN: Colour = (110, 230, 60)
 ORANGE: Colour = (40, 160, 255)
 RED: Colour = (90, 90, 255)
+YELLOW: Colour = (60, 240, 255)
 GREY: Colour = (215, 190, 170)
 
 REFERENCE_PX = 900.0
@@ -53,13 +54,13 @@ class Mark:
 
     Attributes:
         has_corners: Whether its outline is corners in order, or else points on a rim that may be hidden in parts.
-        draws_edges: Whether the points of a rim are drawn one by one, as they were found.
+        edges_px: Where its edges are seen, drawn point by point over its outline; shape ``(n, 2)``.
         headline: What stands beside it, such as ``sheet: 35.0 in ± 0.4``; nothing does if it was not found.
     """
 
     detection: Detection
     has_corners: bool = False
-    draws_edges: bool = False
+    edges_px: Points = field(default_factory=no_points)
     headline: str
     lines: tuple[str, ...] = ()
     rejected: tuple[tuple[int, RejectedCandidate], ...] = ()
@@ -118,17 +119,16 @@ def _draw_target(canvas: Image, mark: Mark, factor: int, scale: float) -> None:
     for width, shade in ((thickness + max(2, round(2 * scale)), DARK), (thickness, colour)):
         if mark.has_corners:
             _draw_polygon(canvas, outline, shade, width)
-        elif mark.draws_edges:
-            _draw_points(canvas, outline, shade, width)
         else:
             _draw_limb(canvas, outline, detection, (shade, width), factor)
+    _draw_points(canvas, _on_canvas(mark.edges_px, factor), scale)
     _draw_cross(canvas, _on_canvas(np.array(detection.centre_px), factor), colour, scale)
 
 
 def _rim(candidate: RejectedCandidate, factor: int) -> Points:
     """Return the corners of a candidate on the canvas, or points on its circle; none if it is out of reach."""
     if not (np.isfinite(candidate.centre_px).all() and 0 < candidate.size_px < REACH_MAX_PX):
-        return np.empty((0, 2))
+        return no_points()
     if candidate.corners_px:
         points = np.array(candidate.corners_px)
     else:
@@ -159,10 +159,10 @@ def _draw_polygon(canvas: Image, corners: Points, colour: Colour, thickness: int
     cv2.polylines(canvas, [fixed], isClosed=True, color=colour, thickness=thickness, lineType=cv2.LINE_AA, shift=4)
 
 
-def _draw_points(canvas: Image, points: Points, colour: Colour, thickness: int) -> None:
+def _draw_points(canvas: Image, points: Points, scale: float) -> None:
+    radius = round(0.9 * scale * 2**SUBPIXEL_BITS)
     for x, y in np.round(points * 2**SUBPIXEL_BITS).astype(int).tolist():
-        radius = round(0.6 * thickness * 2**SUBPIXEL_BITS)
-        cv2.circle(canvas, (x, y), radius, colour, cv2.FILLED, cv2.LINE_AA, SUBPIXEL_BITS)
+        cv2.circle(canvas, (x, y), radius, YELLOW, cv2.FILLED, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _draw_limb(canvas: Image, limb: Points, detection: Detection, pen: tuple[Colour, int], factor: int) -> None:
@@ -257,7 +257,7 @@ def _legend(canvas: Image, marks: Sequence[Mark], room: LabelRoom, scale: float)
     alone: list[tuple[Panel, Box]] = []
     beside: list[tuple[Panel, Box]] = []
     is_free = True
-    for mark in sorted(marks, key=lambda each: len(each.detection.outline_px) > 0):
+    for _, mark in sorted(enumerate(marks), key=lambda each: (len(each[1].detection.outline_px) > 0, -each[0])):
         if not mark.lines:
             continue
         has_label = len(mark.detection.outline_px) > 0

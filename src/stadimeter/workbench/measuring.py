@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,11 +14,11 @@ from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
 from stadimeter.config.untrusted_file import open_untrusted
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, RejectedCandidate
+from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import TargetShape
-from stadimeter.detectors.protocol import Detector, FindsSeveral
+from stadimeter.detectors.protocol import Detector, FindsSeveral, ShowsEdges
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts
@@ -37,6 +38,7 @@ class TargetResult:
         rejected_from: The number of the first of the candidates that were rejected. They are counted through all
             targets of a picture, so that a number means one place in it.
         direction_sigmas_rad: Standard deviations of bearing and elevation; None without a distance.
+        find_edges: Finds where its edges are seen, points of shape ``(n, 2)``; none of a detector that does not show.
         seen: It with its shape; None if the picture could not be read.
         frame: The frame of a video or a camera, counted from 0; None of a picture.
         time_s: When it was captured, from the first one on; None of a picture.
@@ -49,6 +51,7 @@ class TargetResult:
     parts: SigmaParts | None = None
     rejected_from: int = 1
     direction_sigmas_rad: tuple[float, float] | None = None
+    find_edges: Callable[[], Points] = no_points
     seen: SeenTarget | None = None
     frame: int | None = None
     time_s: float | None = None
@@ -158,7 +161,8 @@ class Measuring:
         results, number = [], 1
         for target in self._targets:
             for detection in _detections(target.detector, frame, lens):
-                results.append(_result(file, detection, target.detector.target_shape, lens, number))
+                result = _result(file, detection, target.detector.target_shape, lens, number)
+                results.append(replace(result, find_edges=partial(_edges, target.detector, frame, detection, lens)))
                 number += len(detection.rejected)
         return PictureResult(file=file, frame=frame, targets=tuple(results))
 
@@ -191,6 +195,12 @@ def _detections(detector: Detector, frame: Frame, lens: CameraModel) -> tuple[De
     if isinstance(detector, FindsSeveral):
         return detector.detect_all(frame, lens=lens)
     return (detector.detect(frame, lens=lens),)
+
+
+def _edges(detector: Detector, frame: Frame, found: Detection, lens: CameraModel) -> Points:
+    if found.status is DetectionStatus.FOUND and isinstance(detector, ShowsEdges):
+        return detector.edge_points(frame, found, lens=lens)
+    return no_points()
 
 
 def _result(file: str, detection: Detection, shape: TargetShape, lens: CameraModel, number: int) -> TargetResult:

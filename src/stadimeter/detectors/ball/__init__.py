@@ -22,7 +22,7 @@ from stadimeter.config.ball_sizes import BallDiameter
 from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image, Subsampling
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thinned, together
 from stadimeter.detectors.ball.circles import Circle, edge_circle
@@ -131,6 +131,10 @@ class BallDetector:
             max_radius_px=options.max_radius_px or math.inf,
         )
         self._step = search_step(options.min_radius_px)
+
+    def edge_points(self, frame: Frame, found: Detection, *, lens: CameraModel | None = None) -> Points:  # noqa: ARG002
+        """Return the edges along the limb of a ball that was found: its outline."""
+        return found.outline_px
 
     @property
     def target_shape(self) -> BallShape:

@@ -19,7 +19,9 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region
+from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet.candidates import Candidate, Findings
+from stadimeter.detectors.sheet.one_outline import edge_points
 from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.search import SheetSearch
 from stadimeter.detectors.sheet.tracked import follow
@@ -132,6 +134,11 @@ class SheetDetector:
         if findings.best is not None:
             return self._found(findings.best, findings, lens)
         return self._not_measured(findings)
+
+    def edge_points(self, frame: Frame, found: Detection, *, lens: CameraModel | None = None) -> Points:
+        """Return where steps are seen along the sides of a sheet that was found."""
+        light = light_table("srgb" if lens is None else lens.tone_curve)
+        return edge_points(frame.image, found.outline_px, light, lens if lens and lens.distortion else None)
 
     def _found(self, best: Candidate, findings: Findings, lens: CameraModel | None) -> Detection:
         bias_px = 0.0 if lens is None else lens.edge_bias_px

@@ -33,7 +33,7 @@ from stadimeter.detectors.sheet.edges import (
     settle_edges,
 )
 from stadimeter.detectors.sheet.lines import BEND_SHARE, REACH_SHARE, bend
-from stadimeter.detectors.sides import CORNER_SHARE, LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA
+from stadimeter.detectors.sides import CORNER_SHARE, LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA, points_beside
 
 Values = NDArray[np.float64]
 Profiles = NDArray[np.float32]
@@ -130,6 +130,7 @@ class _Frame(NamedTuple):
     cosine: Values
     widest_px: Values  # how far from its line a step may be at most
     reach: int
+    place: NDArray[np.intp]  # which pixel, counted row by row, the side is expected in, or the nearest one
     codes: NDArray[np.uint8]  # the pixels across, from the inside to the outside, ``(2 reach + 1, 4, n, 3)``
 
 
@@ -220,7 +221,8 @@ def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel 
         flat = np.array([[side.flat for side in sides]])
         across += bend(corners_px[None], flat, along[None], lens)[0]
     pixel = np.rint(across)
-    places = (pixel * apart + along * beside).astype(np.intp) + (apart * outward).astype(np.intp) * _beside(reach)
+    place = (pixel * apart + along * beside).astype(np.intp)
+    places = place + (apart * outward).astype(np.intp) * _beside(reach)
     return _Frame(
         sides=sides,
         middle=middle,
@@ -230,6 +232,7 @@ def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel 
         cosine=cosine,
         widest_px=widest,
         reach=reach,
+        place=place,
         codes=image.reshape(-1, image.shape[2]).take(places, axis=0),
     )
 
@@ -274,11 +277,7 @@ def _crossing(share: Profiles) -> tuple[Profiles, Profiles]:
 
 def _measured(frame: _Frame, light: Light) -> OutlineSides | None:
     """Find the edge in each place, and fit a line to each side."""
-    codes = frame.codes
-    count = codes.shape[2]
-    difference = np.subtract(codes[0], codes[-1], dtype=np.float32)
-    contrasts = np.add.reduce(difference, axis=1) / np.float32(count)
-    off, worth, drop, rough = _steps(frame, contrasts, light)
+    contrasts, off, worth, drop, rough = _steps(frame, light)
     line = _fit_lines(frame, off, worth)
     corners = _intersections(frame, line.offset, line.slope)
     if corners is None:
@@ -287,23 +286,35 @@ def _measured(frame: _Frame, light: Light) -> OutlineSides | None:
         corners_px=corners,
         contrast=contrasts.sum(axis=1) / 3,
         colour_contrast=np.abs(contrasts).max(axis=1),
-        support=line.steps / count,
+        support=line.steps / frame.codes.shape[2],
         scatter_px=line.scatter_px,
         steps=line.steps,
         edge_px=1 / np.maximum(median(drop), LEAST_DROP)[:, 0].astype(np.float64),
-        codes_inside=codes[:2],
+        codes_inside=frame.codes[:2],
         reach_px=frame.reach,
         rough=rough,
     )
 
 
-def _steps(frame: _Frame, contrasts: Profiles, light: Light) -> tuple[Values, Profiles, Profiles, float]:
-    """Return how far off the edge is in each place, how much that counts, how steep it is, and how rough it is beside.
+def edge_points(image: Image, corners_px: Points, light: Light, lens: CameraModel | None = None) -> Points:
+    """Return where steps are seen along the sides between corners that were measured, shape ``(n, 2)``."""
+    frame = _frame(image, corners_px, REACHES_PX[0], lens)
+    if frame is None:
+        return np.empty((0, 2))
+    _, off, worth, _, _ = _steps(frame, light)
+    off += frame.off_pixel
+    return points_beside(frame.place, off, [side.flat for side in frame.sides], image.shape[1])[worth > 0]
+
+
+def _steps(frame: _Frame, light: Light) -> tuple[Profiles, Values, Profiles, Profiles, float]:
+    """Return contrasts; of each place how far off the edge is, how much that counts and how steep it is; and roughness.
 
     A step is a mixture of the two colours beside it, in light. So half way between them is half way along any direction
     in which they differ: here the one in which both sides of a side of the outline differ on the whole.
     """
     codes = frame.codes
+    difference = np.subtract(codes[0], codes[-1], dtype=np.float32)
+    contrasts = np.add.reduce(difference, axis=1) / np.float32(codes.shape[2])
     lights = (in_light(codes, light) @ contrasts[:, :, None])[..., 0]
     inside, outside = lights[0] + lights[1], lights[-2] + lights[-1]
     contrast = inside - outside
@@ -320,7 +331,7 @@ def _steps(frame: _Frame, contrasts: Profiles, light: Light) -> tuple[Values, Pr
     rough /= np.maximum(usual, SMOOTH)
     worth = np.minimum(contrast / np.maximum(median(contrast), LEAST_LIGHT), 1) / (1 + rough * rough)
     worth *= (drop > LEAST_DROP) & (contrast > 0)
-    return frame.outward * (beyond - frame.reach) - frame.off_pixel, worth, drop, float(usual.max())
+    return contrasts, frame.outward * (beyond - frame.reach) - frame.off_pixel, worth, drop, float(usual.max())
 
 
 @cache

@@ -33,7 +33,7 @@ from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamil
 from stadimeter.detectors.tag.frame import BentSides
 from stadimeter.detectors.tag.outlines import MOST_OUTLINES
 from stadimeter.detectors.tag.search import ApriltagFinder, Sighting, SmallTagFinder, TagSearch, candidate
-from stadimeter.detectors.tag.sides import TagSides, measure_sides
+from stadimeter.detectors.tag.sides import TagSides, edge_points, measure_sides
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.ranging.flat import TagShape
 
@@ -157,6 +157,12 @@ class TagDetector:
         if len(found) < 2:
             return (self.detect(frame, lens=lens),)
         return tuple(found[number] for number in sorted(found))
+
+    def edge_points(self, frame: Frame, found: Detection, *, lens: CameraModel | None = None) -> Points:
+        """Return where steps are seen along the sides of a tag that was found."""
+        bent = BentSides(camera=lens, left_top_px=np.zeros(2)) if lens and lens.distortion else None
+        light = self._search(lens).light
+        return edge_points(grey_of(frame.image), found.outline_px, self._family.cells, light, bent)
 
     def _search(self, lens: CameraModel | None) -> TagSearch:
         return self._searches["srgb" if lens is None else lens.tone_curve]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.detectors.sampling import Light, median
-from stadimeter.detectors.sides import LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA
+from stadimeter.detectors.sides import LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA, points_beside
 from stadimeter.detectors.tag.frame import START, BentSides, Look, OfSides, SideFrame, quad_area, side_frame
 
 Plane = NDArray[np.uint8]
@@ -125,6 +125,16 @@ def _fit(grey: Plane, frame: SideFrame, look: Look, light: Light) -> TagSides | 
         edge_px=steps.edge_px,
         bend_px=lines.bend_px,
     )
+
+
+def edge_points(grey: Plane, corners_px: Points, cells: int, light: Light, bent: BentSides | None = None) -> Points:
+    """Return where steps are seen along the sides between corners that were measured, shape ``(n, 2)``."""
+    frame = side_frame(corners_px, cells, NEXT_LOOK, grey.shape, START, bent)
+    if frame is None:
+        return np.empty((0, 2))
+    steps = _steps(_profiles(grey, frame, light), frame)
+    flat = [side.flat for side in frame.sides]
+    return points_beside(frame.place, steps.off + frame.off_pixel, flat, grey.shape[1])[steps.height > LEAST_RISE]
 
 
 def _profiles(grey: Plane, frame: SideFrame, light: Light) -> Profiles:
