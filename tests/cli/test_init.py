@@ -27,6 +27,7 @@ from support.scenes.ball import BallTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
+from support.v4l2_double import V4l2Double
 
 pytestmark = pytest.mark.vision
 
@@ -82,6 +83,7 @@ def test_one_command_leads_to_a_measured_target_and_a_rule_that_acts(tmp_path: P
     assert "near raised" in ran.stdout, "the first pictures show it at 0.8 m"
 
 
+@pytest.mark.long
 def test_a_real_tennis_ball_is_measured_with_the_colour_that_was_found(tmp_path: Path, real_pictures: Path) -> None:
     folder = real_pictures / "tennis_ball" / "images"
     told = _init(
@@ -93,6 +95,22 @@ def test_a_real_tennis_ball_is_measured_with_the_colour_that_was_found(tmp_path:
     assert told.exit_code == 0, told.output
     measured = _run("measure", folder / "89_0.jpg", "--config", tmp_path / "stadimeter.toml")
     assert _distances(measured.stdout)[0] == pytest.approx(0.858, rel=0.02)
+
+
+def test_a_real_ball_before_a_live_camera_is_measured_and_a_rule_acts(
+    tmp_path: Path, real_pictures: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photograph = cv2.imread(str(real_pictures / "tennis_ball" / "images" / "89_0.jpg"))
+    small = cv2.resize(photograph, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    device = V4l2Double.plugged_in(tmp_path / "video0", small, monkeypatch)
+    camera = f"opencv,device={device.node}"
+    told = _init(
+        tmp_path, camera=camera, size="6.4 cm", calibration="82.6 cm", proof="skip", near_near="1 m"
+    )  # to its near side, half a ball before the 85.8 cm of its centre
+    assert told.exit_code == 0, told.output
+    assert _distances(told.stdout)[-1] == pytest.approx(0.858, rel=0.01)
+    ran = _run("run", tmp_path / "stadimeter.toml", "--seconds", "1")
+    assert "near raised" in ran.stdout
 
 
 def test_a_real_sheet_is_named_when_it_is_another_paper(tmp_path: Path, real_pictures: Path) -> None:
@@ -239,6 +257,7 @@ class Terminal:
         return self._process.wait(30)
 
 
+@pytest.mark.timeout(180)
 def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path: Path) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)
     first = Terminal(tmp_path, columns=40)
@@ -261,3 +280,28 @@ def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path
         second.types("\n")
     assert second.ends() == 0
     assert load_configuration(tmp_path / "stadimeter.toml").plan.rules
+
+
+def _typed(folder: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> Result:
+    """Type answers into a session; Ctrl-D is behind the last."""
+    monkeypatch.setattr("stadimeter.cli.init._is_terminal", lambda: True)
+    return CliRunner().invoke(app, ["init", str(folder)], input="".join(f"{answer}\n" for answer in answers))
+
+
+def test_an_interview_that_was_left_is_gone_on_with_though_there_is_a_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _picture(tmp_path / "1m.png", "disc", 1.0)
+    assert _init(tmp_path, target="disc", size="20 cm").exit_code == 0
+    begun = _typed(tmp_path, monkeypatch, "yes", "", "")
+    assert begun.exit_code == 1
+    assert "[disc]" in begun.stdout, "the earlier answer is ready"
+    gone_on = _typed(tmp_path, monkeypatch, "yes")
+    assert "target = disc" in gone_on.stdout
+    assert "3. How large is the disc?" in gone_on.stdout
+
+
+def test_a_configuration_that_is_to_stay_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "stadimeter.toml").write_text("# mine\n")
+    assert _typed(tmp_path, monkeypatch, "no").exit_code == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["stadimeter.toml"]

@@ -21,6 +21,7 @@ from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import METRE, format_distance
 from stadimeter.cli.test_rules import run_tests
 from stadimeter.cli.wiring import wiring
+from stadimeter.config.addresses import address_for_people
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.measuring import Measuring
@@ -30,7 +31,7 @@ from stadimeter.workbench.setup.interview import Interview, all_answered, check_
 from stadimeter.workbench.setup.known import CONFIGURATION, PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Question
 from stadimeter.workbench.setup.target import chosen_target
-from stadimeter.workbench.setup.writing import copy_name, write_files
+from stadimeter.workbench.setup.writing import copy_name, was_left, write_files
 from stadimeter.workbench.setup.writing import example as load_example
 from stadimeter.workbench.wiring.outputs import wired_outputs
 
@@ -93,14 +94,18 @@ def init(
         if example:
             _write_example(folder, example)
             return
-        if answers is None and not (sys.stdin.isatty() and sys.stdout.isatty()):
+        if answers is None and not _is_terminal():
             raise ConfigError(
                 "init asks questions, and there is no terminal here; give the answers with --answers FILE, such as "
                 'camera = "ball.jpg" (docs/getting-started.md lists the keys)'
             )
         known = _scripted(console, folder, answers) if answers else _asked(console, folder)
         _write(console, known)
-    raise typer.Exit(_shown(console, known))
+        raise typer.Exit(_shown(console, known))
+
+
+def _is_terminal() -> bool:
+    return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _write_example(folder: Path, name: str) -> None:
@@ -142,18 +147,17 @@ def _may_replace(console: Console, file: Path) -> None:
 
 
 def _interviewed(console: Console, folder: Path) -> Known:
-    saved = load_answers(folder / ANSWERS) if (folder / ANSWERS).exists() else {}
-    interview = Interview(folder, earlier=saved if (folder / CONFIGURATION).exists() else {})
-    if saved and not (folder / CONFIGURATION).exists():
-        console.print(f"Going on with the answers in {folder / ANSWERS}:", markup=False)
+    file = folder / ANSWERS
+    saved = load_answers(file) if file.exists() else {}
+    if was_left(file, folder / CONFIGURATION):
+        interview = Interview(folder)
+        console.print(f"Going on with the answers in {file}:", markup=False)
         for key, accepted in interview.resume(saved):
             _tell_accepted(console, key, accepted)
     else:
-        console.print(
-            "Enter takes the answer in [brackets], back goes back, Ctrl-C leaves and keeps the answers.",
-            style="dim",
-            markup=False,
-        )
+        interview = Interview(folder, earlier=saved)
+        words = "Enter takes the answer in [brackets], back goes back, Ctrl-C leaves and keeps the answers."
+        console.print(words, style="dim", markup=False)
     while interview.next_key:
         _ask(console, interview)
     return interview.known
@@ -243,7 +247,8 @@ def _typed(console: Console, text: str, ready: str) -> str:
 
 
 def _tell_accepted(console: Console, key: str, accepted: Accepted) -> None:
-    console.print(Text.assemble((f"{key}", "bold"), " = ", (accepted.answer, "cyan")))
+    shown = address_for_people(accepted.answer) if "://" in accepted.answer else accepted.answer
+    console.print(Text.assemble((f"{key}", "bold"), " = ", (shown, "cyan")))
     for note in accepted.notes:
         _indented(console, note, "green")
 
@@ -254,7 +259,7 @@ def _tell_error(console: Console, error: StadimeterError) -> None:
 
 
 def _indented(console: Console, words: str, style: str) -> None:
-    console.print(Padding(Text(words, style), (0, 0, 0, 3)))
+    console.print(Padding(Text(words, style), (0, 0, 0, 3), expand=False))
 
 
 @contextmanager

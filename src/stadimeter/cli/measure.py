@@ -20,14 +20,13 @@ from stadimeter.cli.measure_output import Printer, printer_of
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
-from stadimeter.config.untrusted_file import holds_video
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
 from stadimeter.workbench.annotation import annotate, write_picture
 from stadimeter.workbench.colour_notes import colour_notes
 from stadimeter.workbench.colour_profile import profile_notes
-from stadimeter.workbench.measuring import Measuring, PictureResult, failed, measure_picture
+from stadimeter.workbench.measuring import Measuring, PictureResult, failed, is_video_file, measure_picture
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -146,31 +145,6 @@ def measure(
     raise typer.Exit(code)
 
 
-VIDEO_SUFFIXES = frozenset(
-    {
-        ".avi",
-        ".flv",
-        ".h264",
-        ".m4v",
-        ".mjpeg",
-        ".mjpg",
-        ".mkv",
-        ".mov",
-        ".mp4",
-        ".mpeg",
-        ".mpg",
-        ".ts",
-        ".webm",
-        ".wmv",
-    }
-)
-"""Endings of the names of videos, in lower case."""
-
-
-def _is_video(path: Path) -> bool:
-    return path.suffix.lower() in VIDEO_SUFFIXES or holds_video(path)
-
-
 def _video(path: Path) -> DriverChoice:
     plugin = load_plugin(CAMERAS, "video")
     options = plugin.options.model_validate({"path": str(path)})
@@ -238,10 +212,10 @@ class _Work:
         """Measure pictures and videos one after the other, and return the worst of their exit codes."""
         for note in profile_notes(files):
             _note(note)
-        paths = copy_paths([each for each in files if not _is_video(each)], copies)
+        paths = copy_paths([each for each in files if not is_video_file(each)], copies)
         return max(
             self.frames(_video(each), str(each))
-            if _is_video(each)
+            if is_video_file(each)
             else self.picture(each, _Copy.of(paths.get(each), self.wanted.unit, explain=explain))
             for each in _counted(files)
         )

@@ -12,7 +12,7 @@ from stadimeter.app.clock import SteppedClock
 from stadimeter.app.detectors import NamedDetector
 from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
-from stadimeter.config.untrusted_file import open_untrusted
+from stadimeter.config.untrusted_file import holds_video, open_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Frame
@@ -26,6 +26,27 @@ from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigm
 
 if TYPE_CHECKING:
     from stadimeter.workbench.frame_source import Source
+
+
+VIDEO_SUFFIXES = frozenset(
+    {
+        ".avi",
+        ".flv",
+        ".h264",
+        ".m4v",
+        ".mjpeg",
+        ".mjpg",
+        ".mkv",
+        ".mov",
+        ".mp4",
+        ".mpeg",
+        ".mpg",
+        ".ts",
+        ".webm",
+        ".wmv",
+    }
+)
+"""Endings of the names of videos, in lower case."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -103,6 +124,11 @@ class PictureResult:
     file: str
     frame: Frame | None
     targets: tuple[TargetResult, ...]
+
+
+def is_video_file(path: Path) -> bool:
+    """Return whether a file is a video, by its name or by how it begins."""
+    return path.suffix.lower() in VIDEO_SUFFIXES or holds_video(path)
 
 
 def open_picture(path: Path) -> Frame:

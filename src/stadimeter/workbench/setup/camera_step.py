@@ -10,13 +10,14 @@ from typing import Any
 
 from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.driver_tables import CAMERA
-from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
 from stadimeter.config.toml_source import key_and_value
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras
 from stadimeter.workbench.frame_source import Source, open_source, settled_frame
+from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.setup.known import PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
@@ -33,11 +34,7 @@ MOST_FRAMES = 4
 LONGEST_RECORDING = 2000
 """Frames behind these are not looked at."""
 
-VIDEO_SUFFIXES = frozenset(
-    ".avi .flv .h264 .m4v .mjpeg .mjpg .mkv .mov .mp4 .mpeg .mpg .ts .webm .wmv".split()  # noqa: SIM905
-)
-
-_DRIVER = re.compile(r"[a-z][\w-]*(,\s*\w+\s*=.*)+")
+_DRIVER = re.compile(r"[a-z][\w-]*")
 
 
 class CameraStep(Step):
@@ -55,10 +52,10 @@ class CameraStep(Step):
         return Question(
             key=self.key,
             text="Which camera?",
-            found=() if cameras else (f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}.",),
+            found=() if cameras else (_no_camera(pictures),),
             options=tuple(options),
             ready=options[0].answer if options else "",
-            form="a device such as /dev/video0, the address of a stream, a video file, or picture files",
+            form="a device such as /dev/video0, picamera2, the address of a stream, a video file, or picture files",
         )
 
     def accept(self, known: Known, text: str) -> Accepted:
@@ -74,21 +71,30 @@ class CameraStep(Step):
         return Accepted(answer=text, notes=(seen, *remarks), doubt=bool(remarks))
 
 
+def _no_camera(pictures: str) -> str:
+    """Say that no camera is found: at length if there is nothing else."""
+    if pictures:
+        return "No camera is found; `stadimeter cameras` says what to look at."
+    return f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}."
+
+
 def camera_table(text: str) -> dict[str, Any]:
     """Return the table ``[camera]`` for an answer.
 
     Raises:
         ConfigError: A quotation mark is missing.
     """
-    if text.isdecimal():
-        return {"driver": "opencv", "device": int(text)}
-    if text.startswith("/dev/") or "://" in text:
+    if "://" in text:
         return {"driver": "opencv", "device": text}
-    if _DRIVER.fullmatch(text):
-        driver, *options = text.split(",")
+    driver, *options = text.split(",")
+    if driver.isdecimal() or driver.startswith("/dev/"):
+        driver, options = "opencv", [f"device={driver}", *options]
+    if driver in driver_names(CAMERAS) or (
+        _DRIVER.fullmatch(driver) and options and all("=" in each for each in options)
+    ):
         return {"driver": driver, **dict(map(key_and_value, options))}
     files = words_of(text)
-    if len(files) == 1 and Path(files[0]).suffix.lower() in VIDEO_SUFFIXES:
+    if len(files) == 1 and is_video_file(Path(files[0])):
         return {"driver": "video", "path": files[0]}
     return {"driver": "images", "paths": files, "rate": PICTURES_RATE}
 

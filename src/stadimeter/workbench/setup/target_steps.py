@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from stadimeter.config.ball_sizes import BALLS
 from stadimeter.config.paper import PAPER
 from stadimeter.core.detection import Detection, DetectionStatus
@@ -62,10 +64,11 @@ class SizeStep(Step):
     def accept(self, known: Known, text: str) -> Accepted:
         """Check the size, and look for what needs no more to be found."""
         choice = chosen_target(known, size=text)
+        named = (_in_figures(choice.options),) if text[:1].isalpha() else ()
         if known.answers["target"] not in {"sheet", "disc"}:
-            return Accepted(answer=text)
+            return Accepted(answer=text, notes=named)
         found, words = look(known, choice)
-        return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
+        return Accepted(answer=text, notes=(*named, words), doubt=is_doubtful(found))
 
 
 class TagStep(Step):
@@ -92,6 +95,12 @@ class TagStep(Step):
         """Check the family, and look for the tag."""
         found, words = look(known, chosen_target(known, tag=text))
         return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
+
+
+def _in_figures(options: Any) -> str:
+    """Say how large a thing is that was given by its name."""
+    sides_m = [getattr(options, key) for key in ("diameter", "width", "height") if hasattr(options, key)]
+    return f"That is {' × '.join(f'{100 * side_m:g}' for side_m in sides_m)} cm."
 
 
 def is_doubtful(found: Detection) -> bool:

@@ -21,6 +21,7 @@ def write_files(folder: Path, files: Mapping[str, str]) -> Iterator[str]:
         path = folder / name
         try:
             if path.exists() and path.read_bytes() == text.encode():
+                path.touch()  # newer than the answers, as `was_left` wants it
                 yield f"{path} is as it was"
                 continue
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -30,6 +31,13 @@ def write_files(folder: Path, files: Mapping[str, str]) -> Iterator[str]:
             reason = (error.strerror or str(error)).lower()
             raise ConfigError([Problem(f"it cannot be written: {reason}", str(path))]) from error
         yield f"wrote {path}{kept}"
+
+
+def was_left(answers: Path, configuration: Path) -> bool:
+    """Return whether an interview was left before its end: its answers are newer than what came of the last one."""
+    if not answers.exists():
+        return False
+    return not configuration.exists() or answers.stat().st_mtime_ns > configuration.stat().st_mtime_ns
 
 
 def example(name: str) -> str:
