@@ -97,7 +97,7 @@ def test_warnings_are_shown_and_counted(tmp_path: Path) -> None:
     text = (CONFIGURATIONS / "distance-alert.toml").read_text(encoding="utf-8")
     text = text.replace('when = { below = "50 cm" }', 'when = { below = "50 cm" }\nlevel = 0')
     file.write_text(text, encoding="utf-8")
-    result = run_check(str(file))
+    result = run_check(str(file), "--elsewhere")
     assert result.exit_code == 0
     assert (
         f"{text.splitlines().index('level = 0') + 1}: warning: rules.near.level: level 0 holds 'buzzer' still"

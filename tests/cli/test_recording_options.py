@@ -127,3 +127,17 @@ def test_a_disk_that_hangs_does_not_keep_a_run_from_ending_on_sigterm(config: Pa
     assert run.returncode == 0, err
     assert "Ended: SIGTERM" in out
     assert "the disk does not answer; the end of the journal is missing" in err
+
+
+def test_a_run_that_did_not_open_leaves_no_file_behind(tmp_path: Path) -> None:
+    camera = f'[camera]\ndriver = "opencv"\ndevice = "{tmp_path / "no-camera"}"\n'
+    text = SIMULATED.replace('[camera]\ndriver = "simulated"\nrate = "30 Hz"\nrender = false\n', camera)
+    ball = '"ball"\ndiameter = "7 cm"\nhsv = "29,86,6:64,255,255"'
+    (tmp_path / "config.toml").write_text(text.replace('"ideal"', ball))
+    old = tmp_path / "old.jsonl"
+    old.touch()
+    for journal in (tmp_path / "run.jsonl", old):
+        done = stadimeter(tmp_path / "config.toml", "--journal", journal, "--state", tmp_path / "state")
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert "there is no camera" in done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.toml", "old.jsonl"]

@@ -223,6 +223,27 @@ WRONG = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("rule", "key", "hint"),
+    [
+        ('when = { below = "1 m", for = "10 s" }', "when.for", 'write on_delay = "10 s" beside when'),
+        ('when = { below = "1 m", hysteresis = "5 cm" }', "when.hysteresis", "it is called deadband"),
+        ('when = { below = "1 m" }\ndebounce = "1 s"', "debounce", 'write on_delay = "2 s"'),
+        ('below = "1 m"', "below", 'write it inside when, such as when = { below = "50 cm" }'),
+        (
+            'ramp = { from = "2 m", to = "1 m" }\npattern = { on = "0.1 s", off = "0.1 s" }',
+            "pattern",
+            "a buzzer on a ramp beeps by itself",
+        ),
+    ],
+)
+def test_a_key_that_belongs_elsewhere_is_answered_with_its_place(
+    told: Told, sound: str, rule: str, key: str, hint: str
+) -> None:
+    lines = told(f'{sound}[rules.it]\nactuator = "buzzer"\n{rule}\n')
+    assert any(line.startswith(f"rules.it.{key}: ") and hint in line for line in lines), lines
+
+
 @pytest.mark.parametrize(("when", "line"), WRONG)
 def test_a_condition_that_says_nothing_clear_is_refused(told: Told, sound: str, when: str, line: str) -> None:
     assert line in told(f'{sound}[rules.it]\nactuator = "buzzer"\nwhen = {when}\n')

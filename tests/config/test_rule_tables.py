@@ -330,7 +330,7 @@ observe = true
         "When raised sends `door/alert`. "
         "When it clears drives `motor` at 50% for 2 s. "
         "When raised stops `base`. "
-        "Latches: stands until it is reset. "
+        "Latches: stands until `stadimeter alarm reset near`, after an acknowledgement. "
         "Must be acknowledged. "
         "Is reported again every 5 min while it stands. "
         "Of the alarms of the group `door`, the first is marked. "

@@ -105,6 +105,12 @@ def test_a_rule_that_lost_its_output_says_to_whom():
     assert (found.winner, found.losers) == ("nearer", ("near",))
 
 
+def test_a_rule_that_lost_to_an_equal_says_that_another_level_counts():
+    other = replace(NEAR, name="louder", level=0.9)
+    decision = rehearse(replace(NEAR, level=0.2), other).see(3.0, *[1.0] * 5)
+    assert said(decision).endswith("but 'louder' commands 'buzzer', with the same priority and the level that counts")
+
+
 def test_a_rule_that_safety_holds_back_says_why():
     run = rehearse()
     run.see(3.0, *[1.0] * 5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
 
 from stadimeter.app.bootstrap import build
@@ -19,10 +20,14 @@ def warnings_here(configuration: Configuration) -> tuple[Problem, ...]:
 
 
 def _lacking(configuration: Configuration) -> Iterator[Finding]:
+    lacking: dict[str, list[KeyPath]] = defaultdict(list)
     for at, part in _parts(configuration):
         for lack in part.plugin.lacks(part.options):
-            message = f"the driver '{part.driver}' will not work here: {lack}"
-            yield Finding(at, message, "on another computer it may: see --elsewhere", "driver-lacks")
+            lacking[lack].append(at)
+    for lack, parts in lacking.items():  # what several parts lack is said once
+        names = " and ".join(f"'{at[-1]}'" for at in parts)
+        hint = "if it runs on another computer, add --elsewhere"
+        yield Finding(parts[0], f"{names} will not work here: {lack}", hint, "driver-lacks")
 
 
 def _parts(configuration: Configuration) -> Iterator[tuple[KeyPath, DriverChoice]]:

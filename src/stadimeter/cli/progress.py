@@ -6,12 +6,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 import typer
 
-FIRST_AFTER_S = 1.0
+FIRST_AFTER_S = 0.5
 """What is done sooner is not announced."""
 
 EVERY_S = 15.0
@@ -23,7 +23,7 @@ Say = Callable[[str], None]
 
 @contextmanager
 def working(doing: str) -> Iterator[Say]:
-    """Show that a command works, from the first second on and until the block ends.
+    """Show that a command works, soon after it began and until the block ends.
 
     A thread of its own shows it, so what is computed need not know. Nothing is written on standard output.
 
@@ -56,10 +56,11 @@ def _show(now: list[str], is_over: threading.Event) -> None:
     began_s = time.monotonic()
     if is_over.wait(FIRST_AFTER_S):
         return
-    if sys.stderr.isatty():
-        _show_moving(now, is_over, began_s)
-    else:
-        _show_in_lines(now, is_over, began_s)
+    with suppress(OSError):  # whoever looked on is gone, and the work goes on
+        if sys.stderr.isatty():
+            _show_moving(now, is_over, began_s)
+        else:
+            _show_in_lines(now, is_over, began_s)
 
 
 def _show_moving(now: list[str], is_over: threading.Event, began_s: float) -> None:

@@ -125,7 +125,7 @@ def _require_png(plot: Path | None) -> None:
     if plot is not None and plot.suffix.lower() != ".png":
         raise typer.BadParameter(f"the plot is a PNG file; {str(plot)!r} does not end in .png", param_hint="--plot")
     if plot is not None and not plot.absolute().parent.is_dir():
-        raise typer.BadParameter(f"there is no folder {plot.parent} to write it to", param_hint="--plot")
+        raise typer.BadParameter(f"the plot cannot be written: there is no folder {plot.parent}", param_hint="--plot")
 
 
 def _speed(text: str) -> float:

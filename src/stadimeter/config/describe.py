@@ -197,7 +197,7 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
     for step in rule.sequence:
         yield _step(step, verb)
     if rule.latch:
-        yield f"Latches: stands until it is {'acknowledged' if rule.ack_resets else 'reset'}"
+        yield f"Latches: stands until {_unlatched(rule)}"
     if rule.needs_ack and not rule.ack_resets:
         yield "Must be acknowledged"
     if rule.realarm_s is not None:
@@ -207,6 +207,12 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
         yield f"Of the alarms of the group `{rule.group}`, the first is marked"
     if rule.suppress_when is not None:
         yield f"Keeps quiet while {begins(rule.suppress_when)}"
+
+
+def _unlatched(rule: AlarmRule) -> str:
+    if rule.ack_resets:
+        return f"`stadimeter alarm ack {rule.name}`"
+    return f"`stadimeter alarm reset {rule.name}`{', after an acknowledgement' if rule.needs_ack else ''}"
 
 
 def _governor(rule: AlarmRule) -> Iterator[str]:

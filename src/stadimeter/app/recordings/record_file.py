@@ -52,6 +52,7 @@ class RecordFile:
         self._kind = kind
         self._is_ours = is_ours
         self._size = 0
+        self._is_new = not os.path.lexists(path)
         self._file = self._opened(path)
         self._real_path = Path(os.path.realpath(path))
         if self._is_taken() and not os.access(self._real_path.parent, os.W_OK | os.X_OK):
@@ -80,8 +81,19 @@ class RecordFile:
         """Do nothing: what was written is with the operating system already."""
 
     def close(self) -> None:
-        """Close the file. May be called any number of times."""
+        """Close the file, and remove one that was made here and is empty. May be called any number of times."""
+        if self._is_new and self._size == 0 and not self._file.closed and self._is_still_empty():
+            self._path.unlink()
         self._file.close()
+
+    def _is_still_empty(self) -> bool:
+        """Return whether the name still stands for our file, and nobody wrote into it."""
+        ours = os.fstat(self._file.fileno())
+        try:
+            found = os.lstat(self._path)
+        except OSError:
+            return False
+        return os.path.samestat(ours, found) and found.st_size == 0
 
     def kept(self) -> str:
         """Return in words where an older file is now; empty if there was none."""
