@@ -3,6 +3,7 @@
 import codecs
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -36,22 +37,26 @@ def test_what_cannot_be_read_stays_an_error() -> None:
         codecs.decode(b"\xff", "ascii", PLAIN_ERRORS)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [["--help"], ["measure", "--help"], ["check", "config/demo.toml"], ["demo", "--plain", "--seconds=1", "--speed=0"]],
-)
-def test_commands_print_no_more_than_ascii_where_there_is_no_more(
-    command: list[str], pytestconfig: pytest.Config
-) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "stadimeter", *command],
-        capture_output=True,
-        env={"PYTHONIOENCODING": "ascii", "LANG": "C"},
-        check=True,
-        cwd=pytestconfig.rootpath,
-    )
-    words = done.stdout.decode("ascii")
-    assert words
-    assert "\\u" not in words
-    assert "\\x" not in words
-    assert done.stderr == b""
+def test_commands_print_no_more_than_ascii_where_there_is_no_more(tmp_path: Path, pytestconfig: pytest.Config) -> None:
+    def written(*command: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "stadimeter", *command],
+            capture_output=True,
+            env={"PYTHONIOENCODING": "ascii", "LANG": "C"},
+            check=True,
+            cwd=tmp_path,
+        )
+        assert done.stderr == b""
+        return done.stdout.decode("ascii")
+
+    shown = {
+        "help": written("measure", "--help"),
+        "check": written("check", str(pytestconfig.rootpath / "config" / "demo.toml")),
+        "demo": written("demo", "--seconds=2", "--speed=0", "--journal=run.jsonl"),
+        "replay": written("replay", "run.jsonl"),
+        "explain": written("explain", "near", "--journal=run.jsonl"),
+    }
+    assert [name for name, words in shown.items() if "\\u" in words or "\\x" in words] == []
+    assert "56 deg wide" in shown["check"]
+    assert " m +- 0." in shown["demo"]
+    assert " m +- 0." in shown["explain"]

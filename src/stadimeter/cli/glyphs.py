@@ -44,7 +44,29 @@ def _write_plain(error: UnicodeError) -> tuple[str, int]:
     return "".join(map(plain, error.object[error.start : error.end])), error.end
 
 
+def _plain_codec(name: str) -> codecs.CodecInfo | None:
+    if name != _PLAIN_ASCII:
+        return None
+    ascii_codec = codecs.lookup("ascii")
+    return codecs.CodecInfo(
+        *ascii_codec,
+        incrementalencoder=ascii_codec.incrementalencoder,
+        incrementaldecoder=ascii_codec.incrementaldecoder,
+        name=name,
+    )
+
+
+_PLAIN_ASCII = "plain_ascii"
+"""ASCII under a name of its own. Typer takes a stream of the other name for a mistake, and writes UTF-8 to it."""
+
 codecs.register_error(PLAIN_ERRORS, _write_plain)
+codecs.register(_plain_codec)
+
+
+def write_plainly(stream: io.TextIOWrapper) -> None:
+    """Have a stream take every text: with plain characters in place of those that its encoding lacks."""
+    is_ascii = codecs.lookup(stream.encoding).name == "ascii"
+    stream.reconfigure(encoding=_PLAIN_ASCII if is_ascii else None, errors=PLAIN_ERRORS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

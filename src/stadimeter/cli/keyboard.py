@@ -28,17 +28,19 @@ class Keyboard:
     def __init__(self, descriptor: int | None = None) -> None:
         self._descriptor = _standard_input() if descriptor is None else descriptor
         self._before: list[object] | None = None
+        self._is_taken = False
 
     @property
     def is_there(self) -> bool:
         """Whether keys can be pressed."""
-        return self._before is not None
+        return self._is_taken
 
     def __enter__(self) -> Self:
         """Take the terminal."""
         if self._is_ours():
             with suppress(termios.error):
                 self._before = termios.tcgetattr(self._descriptor)
+                self._is_taken = True
                 tty.setcbreak(self._descriptor, termios.TCSANOW)
         return self
 
@@ -48,17 +50,17 @@ class Keyboard:
 
     def restore(self) -> None:
         """Give the terminal back as it was, for good. May be called any number of times, and by a signal handler."""
-        before, self._before = self._before, None
-        if before is not None and self._is_ours():
+        self._is_taken = False
+        if self._before is not None and self._is_ours():
             with suppress(termios.error):
-                termios.tcsetattr(self._descriptor, termios.TCSANOW, before)  # type: ignore[arg-type]
+                termios.tcsetattr(self._descriptor, termios.TCSANOW, self._before)  # type: ignore[arg-type]
 
     def pressed(self, wait_s: float = 0.0) -> str:
         """Return the keys that were pressed since the last call, small letters; wait so long for one.
 
         An arrow or function key sends several characters that begin with Escape. They are no keys of ours.
         """
-        if self._before is None or not self._is_ours():
+        if not self._is_taken or not self._is_ours():
             select.select([], [], [], wait_s)
             return ""
         try:
@@ -69,7 +71,7 @@ class Keyboard:
         except (OSError, termios.error):  # the terminal is gone
             data = b""
         if not data:
-            self._before = None
+            self._is_taken = False
         return "" if data.startswith(b"\x1b") else data.decode("ascii", "ignore").lower()
 
     def _take_again(self) -> None:

@@ -193,7 +193,7 @@ def screen_lines(snapshot: Snapshot, width: int, height: int, glyphs: Glyphs = U
 def _narrow(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Put everything in one column; what matters most gets its rows first."""
     targets = len(record.decision.tracks)
-    rest = _Rest.of(snapshot, record, width, glyphs)
+    rest = _Rest.of(snapshot, record, width, height, glyphs)
     rules, outputs = len(rest.rules), len(rest.outputs)
     rows = grant_rows(
         height,
@@ -215,7 +215,7 @@ def _wide(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyp
     """Put targets on the left, the rest on the right."""
     left_width = width * 11 // 20
     right_width = width - left_width - 2
-    rest = _Rest.of(snapshot, record, right_width, glyphs)
+    rest = _Rest.of(snapshot, record, right_width, height, glyphs)
     rows = grant_rows(
         height,
         [
@@ -266,41 +266,49 @@ def _targets(snapshot: Snapshot, record: CycleRecord, width: int, rows: int, gly
     ]
 
 
+_Wrapped = tuple[Block, list[Text]]
+"""A rule or an output, and all its lines."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Rest:
     """Rules, outputs, events and messages, before it is known how many rows there are for them."""
 
     width: int
     glyphs: Glyphs
-    rules: Sequence[Block]
-    outputs: Sequence[Block]
+    rules: Sequence[_Wrapped]
+    outputs: Sequence[_Wrapped]
     events: Sequence[list[Text]]
     messages: Sequence[Text]
 
     @classmethod
-    def of(cls, snapshot: Snapshot, record: CycleRecord, width: int, glyphs: Glyphs) -> Self:
+    def of(cls, snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> Self:
         """Put everything into words."""
         unit, started_s = snapshot.unit, snapshot.started_s
+        events, messages = snapshot.events[:height], snapshot.messages[:height]
+        rules, outputs = rule_blocks(record, unit, glyphs), output_blocks(record, unit, width, glyphs)
         return cls(
             width=width,
             glyphs=glyphs,
-            rules=rule_blocks(record, unit, glyphs),
-            outputs=output_blocks(record, unit, width, glyphs),
-            events=[glyphs.hang(*event_block(event, started_s, unit, glyphs), width) for event in snapshot.events],
-            messages=[message_line(at_s, sent, started_s, glyphs) for at_s, sent in snapshot.messages],
+            rules=[(block, block.lines(width, glyphs)) for block in rules],
+            outputs=[(block, block.lines(width, glyphs)) for block in outputs],
+            events=[glyphs.hang(*event_block(event, started_s, unit, glyphs), width) for event in events],
+            messages=[message_line(at_s, sent, started_s, glyphs) for at_s, sent in messages],
         )
 
     @property
     def headings(self) -> int:
         return 4 if self.messages else 3
 
-    def full(self, blocks: Sequence[Block]) -> int:
+    @staticmethod
+    def full(blocks: Sequence[_Wrapped]) -> int:
         """Return the rows of blocks with all their words."""
-        return sum(len(block.lines(self.width, self.glyphs)) for block in blocks)
+        return sum(len(lines) for _, lines in blocks)
 
-    def loud(self, blocks: Sequence[Block]) -> int:
+    @staticmethod
+    def loud(blocks: Sequence[_Wrapped]) -> int:
         """Return their rows when those that are quiet have no more than one line."""
-        return self.full([block for block in blocks if not block.is_quiet]) + sum(block.is_quiet for block in blocks)
+        return sum(1 if block.is_quiet else len(lines) for block, lines in blocks)
 
     @property
     def newest(self) -> int:
@@ -324,20 +332,20 @@ class _Rest:
             for line in ([heading(name, self.width, self.glyphs), *section] if rows["headings"] else section)
         ]
 
-    def _blocks(self, blocks: Sequence[Block], rows: int) -> list[Text]:
+    def _blocks(self, blocks: Sequence[_Wrapped], rows: int) -> list[Text]:
         """Return every block on a line at least; with all its words as long as there are rows, those that act first."""
-        by_need = sorted(blocks, key=lambda block: block.is_quiet)
+        by_need = sorted(range(len(blocks)), key=lambda number: blocks[number][0].is_quiet)
         if rows < len(blocks):
-            return with_more([block.joined() for block in by_need[:rows]], len(blocks))
+            return with_more([blocks[number][0].joined() for number in by_need[:rows]], len(blocks))
         shown: dict[int, list[Text]] = {}
         free = rows - len(blocks)
-        for block in by_need:
-            whole = block.lines(self.width, self.glyphs)
+        for number in by_need:
+            block, whole = blocks[number]
             if block.is_quiet and len(whole) > 1 + free:
                 whole = [block.figures]
-            shown[id(block)] = self._cut(whole, 1 + free)
-            free -= len(shown[id(block)]) - 1
-        return [line for block in blocks for line in shown[id(block)]]
+            shown[number] = self._cut(whole, 1 + free)
+            free -= len(shown[number]) - 1
+        return [line for number in range(len(blocks)) for line in shown[number]]
 
     def _newest(self, rows: int) -> list[Text]:
         """Return as many events as there are rows for."""

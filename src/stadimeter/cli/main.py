@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import typer
 
 import stadimeter
-from stadimeter.cli.glyphs import PLAIN_ERRORS
+from stadimeter.cli.glyphs import write_plainly
 from stadimeter.cli.lazy_group import LazyCommand, LazyGroup
 
 ALARM_COMMANDS = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back")
@@ -133,5 +133,5 @@ def main() -> None:
     """Run the command line and leave the process with its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a file's name need be no text, nor need a terminal know every letter
-            stream.reconfigure(errors=PLAIN_ERRORS)
+            write_plainly(stream)
     app()
