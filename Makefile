@@ -56,6 +56,7 @@ pictures: $(VENV)/.dev ## make the pictures of the documentation again
 docs: $(VENV)/.docs ## build the documentation as a site into site/, and check its links and its search
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --clean
 	$(BIN)/pytest tests/docs/test_site.py $(ARGS)
+	@echo "The site is in site/. To read and search it: $(BIN)/python -m http.server -d site"
 
 clean: ## remove what the other targets made
 	rm -rf $(VENV) $(OLD_VENV) .mypy_cache .ruff_cache .hypothesis .import_linter_cache site
