@@ -95,9 +95,9 @@ FEW = 3
 """So few candidates are measured one by one, which is quicker."""
 
 MOST_LOOKED_AT = 64
-MOST_SETTLED = 6
+MOST_SETTLED = 12
 
-FIRST_SUPPORT = 0.25
+FIRST_SUPPORT = 0.15
 
 MISFIT_SIGMAS = 4.0
 SLACK_SIGMAS = 2.0

@@ -13,7 +13,7 @@ from stadimeter.detectors.sides import QuadShapes, quad_shapes
 Values = NDArray[np.float64]
 Which = NDArray[np.bool_]
 
-LEAST_SUPPORT = 0.35
+LEAST_SUPPORT = 0.25
 LEAST_MEAN_SUPPORT = 0.7
 LEAST_CUT_SUPPORT = 0.85
 """The share of any side, and of all sides, that must be seen as a straight edge; and of the others where the border
