@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 SHIPPED = sorted((ROOT / "config").glob("*.toml"))
 SOUND = [*SHIPPED, *sorted((Path(__file__).parent / "analysis").glob("*.good.toml"))]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "deploy").glob("*.md"))]
-FENCE = re.compile(r"^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(r"(?<!<!-- answers -->\n)^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
 HEAD = """\
 [camera]
 driver = "simulated"

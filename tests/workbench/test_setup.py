@@ -16,7 +16,7 @@ from stadimeter.errors import CalibrationError, ConfigError, DeviceOpenError
 from stadimeter.workbench.setup.answers import load_answers, save_answers
 from stadimeter.workbench.setup.camera_step import camera_table
 from stadimeter.workbench.setup.files import written_files
-from stadimeter.workbench.setup.interview import Interview
+from stadimeter.workbench.setup.interview import Interview, all_answered
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
@@ -71,6 +71,14 @@ def test_a_ball_before_a_camera_takes_nine_answers(interview: Interview, device:
     for name, text in written_files(known.answers, known.camera_model).items():
         (known.folder / name).write_text(text, encoding="utf-8")
     assert load_configuration(known.file).camera.options.device == str(device.node)
+
+
+def test_a_script_guesses_the_lens_rather_than_where_the_ball_is(tmp_path: Path, device: V4l2Double) -> None:
+    given = {"camera": _camera(device), "size": "20 cm", "colour": COLOUR}
+    interview = Interview(tmp_path)
+    answered = {key: accepted.answer for key, accepted in all_answered(interview, given, "answers.toml")}
+    assert answered["calibration"] == "60 deg"
+    assert "proof" not in answered
 
 
 def test_a_second_distance_that_contradicts_the_first_is_refused(interview: Interview, device: V4l2Double) -> None:

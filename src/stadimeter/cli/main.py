@@ -27,7 +27,9 @@ class Commands(LazyGroup):
             RUN,
         ),
         "init": LazyCommand(
-            "stadimeter.cli.init", "Write a first configuration: asks for camera, target and what shall happen.", RUN
+            "stadimeter.cli.init",
+            "Write a first configuration: asks for camera, target and what shall happen, one thing at a time.",
+            RUN,
         ),
         "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped.", RUN),
         "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts.", RUN),

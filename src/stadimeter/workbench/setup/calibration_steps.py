@@ -53,6 +53,7 @@ class CalibrationStep(Step):
             text=f"How far away is the {name}? That calibrates the camera.{live if known.is_live else ''}",
             options=tuple(options),
             ready=options[0].answer,
+            unattended=GUESS if known.is_live and options[0].answer != CAMERA_FILE else "",
             form=(
                 "a distance, such as 1 m; pictures at known distances of its middle, such as near.jpg@50cm "
                 "far.jpg@2m; a camera file; or the width of the view, such as 60 deg"
@@ -88,6 +89,7 @@ class ProofStep(Step):
             text=f"Now put the {name} farther away, which proves the first distance. How far away is it?",
             options=(Option(far, "three times as far"), Option(SKIP, "no proof")),
             ready=far,
+            unattended=SKIP,
             form="another distance",
         )
 

@@ -160,6 +160,8 @@ def all_answered(interview: Interview, given: Mapping[str, str], file: str) -> I
 def _ready(interview: Interview) -> tuple[str, tuple[str, ...]]:
     """Return the ready answer to the next question, and what was found for it."""
     question = interview.question()
+    if question is not None and question.unattended:
+        return question.unattended, question.found
     if question is None or not question.ready:
         raise ConfigError(" ".join(("this needs an answer:", *(question.found if question else ()))))
     return question.ready, question.found

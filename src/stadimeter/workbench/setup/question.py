@@ -25,6 +25,7 @@ class Question:
         found: What was found out before it was asked, a sentence each.
         ready: The answer that is taken if none is given; empty if there is none.
         form: How an answer may look, for people who want another one.
+        unattended: The answer that is taken where no person is there to put the target somewhere; empty for `ready`.
     """
 
     key: str
@@ -33,6 +34,7 @@ class Question:
     options: tuple[Option, ...] = ()
     ready: str = ""
     form: str = ""
+    unattended: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
