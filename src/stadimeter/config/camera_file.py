@@ -218,7 +218,7 @@ def _optics(optics: Optics | None) -> str:
     return f"""
 # How the camera was set, as far as that changes the focal length in pixels; compared at the start of a run.
 [optics]
-sensor = {_quoted(optics.sensor)}
+sensor = {as_toml(optics.sensor)}
 sensor_size_px = {list(optics.sensor_size_px)!r}
 crop_px = {list(optics.crop_px)!r}
 {lens}upside_down = {str(optics.upside_down).lower()}
