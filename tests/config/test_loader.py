@@ -165,7 +165,9 @@ def test_every_error_is_reported_in_one_pass_in_the_order_of_the_file(problems_o
         (
             '"6.4 cm"',
             '"nan cm"',
-            "13: targets.ball.diameter: 'nan cm' is not a number with a unit; write it such as '35 cm'",
+            ("13: targets.ball.diameter: 'nan cm' is neither a length such as '6.4 cm' nor a ball with a name. "
+            "Known names: table tennis ball, golf ball, pool ball, tennis ball, cricket ball, baseball, softball, "
+            "handball, volleyball, football, basketball"),
         ),
         ('"6.4 cm"', "nan", "13: targets.ball.diameter: nan has no unit; write it with one, such as '35 cm'"),
         ('"6.4 cm"', '"6.4"', "13: targets.ball.diameter: '6.4' has no unit; write it with one, such as '35 cm'"),
