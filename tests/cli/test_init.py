@@ -146,6 +146,16 @@ def test_what_was_there_is_kept_as_a_copy(tmp_path: Path) -> None:
     assert (tmp_path / "stadimeter.toml.1.bak").read_text() == "# mine\n"
 
 
+def test_pictures_may_be_named_from_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "garage").mkdir()
+    _picture(tmp_path / "1m.png", "disc", 1.0)
+    told = _init(Path("garage"), camera="1m.png", target="disc", size="20 cm", calibration="1m.png@1m")
+    assert told.exit_code == 0, told.output
+    assert tomllib.loads(Path("garage/stadimeter.toml").read_text())["camera"]["paths"] == ["../1m.png"]
+    assert "measure 1m.png --config" in told.output
+
+
 @pytest.mark.parametrize(
     ("answers", "words"),
     [

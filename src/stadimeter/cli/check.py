@@ -81,7 +81,7 @@ def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
     if as_json:
         _print_json(error.problems, error.warnings, ())
         return
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = prose_console(stderr=True)
     sources: dict[str, list[str]] = {}
     print_problems(console, error.problems, "error", sources)
     print_problems(console, error.warnings, "warning", sources)
@@ -95,7 +95,7 @@ def _report_success(configuration: Configuration, warnings: tuple[Problem, ...],
     if as_json:
         _print_json((), warnings, sentences)
         return
-    console = Console(highlight=False, soft_wrap=True)
+    console = prose_console()
     print_problems(console, warnings, "warning")
     for sentence in sentences:
         text = Text(sentence)
@@ -117,6 +117,13 @@ def _print_json(problems: tuple[Problem, ...], warnings: tuple[Problem, ...], de
         "describes": describes,
     }
     typer.echo(json.dumps(record, ensure_ascii=False))
+
+
+def prose_console(*, stderr: bool = False) -> Console:
+    """Return a console that wraps sentences at words in a terminal, and leaves lines whole in a file or a pipe."""
+    console = Console(stderr=stderr, highlight=False)
+    console.soft_wrap = not console.is_terminal
+    return console
 
 
 def print_problems(

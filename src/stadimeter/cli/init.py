@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from collections.abc import Iterator
@@ -312,7 +313,8 @@ def _is_measured(console: Console, known: Known) -> bool:
 
 
 def _next_commands(console: Console, known: Known) -> None:
-    pictures = known.frame.source or known.answers["camera"]
+    source = known.frame.source
+    pictures = os.path.relpath(source) if source else known.answers["camera"]
     what = f"--live {known.file}" if known.is_live else shlex.quote(pictures)
     console.print("\nNext:", style="bold")
     for line in (

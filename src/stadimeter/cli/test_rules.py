@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from stadimeter.cli.check import prose_console
 from stadimeter.cli.exits import NOT_FOUND, WRONG, plain_errors
 from stadimeter.cli.progress import working
 from stadimeter.config.loader import Configuration, load_configuration
@@ -59,7 +60,7 @@ def run_tests(
     if name and not chosen:
         _nothing_of_that_name(configuration, name)
     results: list[RuleTestResult] = []
-    console = Console(highlight=False, soft_wrap=True)
+    console = prose_console()
     tests = RuleTests(configuration)
     for test in chosen:
         with working(f"testing: {test.name}"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import glob
+import os
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -54,3 +56,36 @@ def _answer(value: object) -> str | None:
         parts = [_answer(each) for each in value]
         return None if None in parts else shlex.join(part for part in parts if part is not None)
     return str(value) if isinstance(value, str | int | float) and not isinstance(value, bool) else None
+
+
+def words_of(text: str) -> list[str]:
+    """Return the words of an answer; what has a space stands in quotation marks.
+
+    Raises:
+        ConfigError: A quotation mark is missing.
+    """
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise ConfigError(f"{text!r} lacks a quotation mark") from error
+
+
+def seen_from(folder: Path, text: str) -> str:
+    """Return an answer in which files of the current folder are named as the folder of the setup sees them.
+
+    Files are looked for in the folder of the setup first. What is no file in either stays as it is.
+
+    Raises:
+        ConfigError: A quotation mark is missing.
+    """
+    words = words_of(text)
+    moved = [_seen_from(folder, word) for word in words]
+    return text if moved == words else shlex.join(moved)
+
+
+def _seen_from(folder: Path, word: str) -> str:
+    name, at, rest = word.partition("@")  # what follows is a place or a distance
+    is_here_only = bool(glob.glob(name)) and not glob.glob(str(folder / name))  # noqa: PTH207 - Path's are relative
+    if not is_here_only:
+        return word
+    return os.path.relpath(name, folder) + at + rest

@@ -16,7 +16,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.live_distance import LiveDistance
-from stadimeter.workbench.setup.camera_step import words_of
+from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.known import CAMERA_FILE, PICTURES, Known
 from stadimeter.workbench.setup.lens import (
     PictureAt,
@@ -41,6 +41,7 @@ class CalibrationStep(Step):
     """How far away things are that look so large."""
 
     key = "calibration"
+    names_files = True
 
     def question(self, known: Known) -> Question:
         """Have the most certain way ready that there is."""
@@ -76,6 +77,7 @@ class ProofStep(Step):
     """A second distance, which the first must agree with."""
 
     key = "proof"
+    names_files = True
 
     def is_asked(self, known: Known) -> bool:
         """Return whether the camera was calibrated with what it saw just now."""

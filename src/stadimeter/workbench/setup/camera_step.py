@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,13 @@ from stadimeter.config.driver_tables import CAMERA
 from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
 from stadimeter.config.toml_source import key_and_value
 from stadimeter.core.frame import Frame
-from stadimeter.errors import ConfigError, PictureError, StadimeterError
+from stadimeter.errors import PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras
 from stadimeter.workbench.frame_source import Source, open_source, settled_frame
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
+from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.known import PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
 
@@ -41,6 +41,7 @@ class CameraStep(Step):
     """Which camera: one that is there, a stream, or a recording of one."""
 
     key = "camera"
+    names_files = True
 
     def question(self, known: Known) -> Question:
         """List the cameras that are there, each with a picture of it."""
@@ -97,18 +98,6 @@ def camera_table(text: str) -> dict[str, Any]:
     if len(files) == 1 and is_video_file(Path(files[0])):
         return {"driver": "video", "path": files[0]}
     return {"driver": "images", "paths": files, "rate": PICTURES_RATE}
-
-
-def words_of(text: str) -> list[str]:
-    """Return the words of an answer; what has a space stands in quotation marks.
-
-    Raises:
-        ConfigError: A quotation mark is missing.
-    """
-    try:
-        return shlex.split(text)
-    except ValueError as error:
-        raise ConfigError(f"{text!r} lacks a quotation mark") from error
 
 
 def _frames(choice: DriverChoice) -> tuple[tuple[Frame, ...], bool]:

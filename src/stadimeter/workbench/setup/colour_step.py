@@ -19,7 +19,8 @@ from stadimeter.workbench.colour_places import (
     split_places,
 )
 from stadimeter.workbench.measuring import open_picture
-from stadimeter.workbench.setup.camera_step import SHOWN, words_of
+from stadimeter.workbench.setup.answers import words_of
+from stadimeter.workbench.setup.camera_step import SHOWN
 from stadimeter.workbench.setup.known import PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Question, Step
 from stadimeter.workbench.setup.target import chosen_target, look
@@ -34,6 +35,7 @@ class ColourStep(Step):
     """The range of colours of a ball."""
 
     key = "colour"
+    names_files = True
 
     def __init__(self) -> None:
         self._proposed: tuple[str, tuple[str, ...]] | None = None

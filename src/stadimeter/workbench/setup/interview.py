@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.errors import ConfigError, Problem, StadimeterError
-from stadimeter.workbench.setup.answers import ANSWERS, save_answers
+from stadimeter.workbench.setup.answers import ANSWERS, save_answers, seen_from
 from stadimeter.workbench.setup.calibration_steps import CalibrationStep, ProofStep
 from stadimeter.workbench.setup.camera_step import CameraStep
 from stadimeter.workbench.setup.colour_step import ColourStep
@@ -85,7 +85,8 @@ class Interview:
         step = self._next()
         if step is None:
             raise ConfigError("there is no question left")
-        accepted = step.accept(self.known, text.strip())
+        given = text.strip()
+        accepted = step.accept(self.known, seen_from(self.known.folder, given) if step.names_files else given)
         if confirm and accepted.doubt and self._doubted.get(step.key) != accepted.answer:
             self._doubted[step.key] = accepted.answer
             return accepted

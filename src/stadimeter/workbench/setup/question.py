@@ -57,9 +57,11 @@ class Step(ABC):
 
     Attributes:
         key: The name of the answer.
+        names_files: Whether answers may name files.
     """
 
     key: str
+    names_files = False
 
     def is_asked(self, known: Known) -> bool:  # noqa: ARG002 - most are
         """Return whether earlier answers leave this open."""

@@ -13,7 +13,7 @@ from stadimeter.config.driver_tables import ACTUATOR, BASE, MESSENGER
 from stadimeter.config.units import parse_length
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.feasibility import farthest_m
-from stadimeter.workbench.setup.camera_step import words_of
+from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.known import Known
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
 from stadimeter.workbench.setup.target import chosen_target
