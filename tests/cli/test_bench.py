@@ -31,7 +31,7 @@ def test_it_names_the_computer_and_tells_latency_and_memory(shown):
 def test_json_is_one_object_with_the_same_figures():
     result = CliRunner().invoke(app, ["bench", "--seconds", "0.3", "--json"])
     assert result.exit_code == 0
-    figures = json.loads(result.output)
+    figures = json.loads(result.stdout)
     assert list(figures) == ["computer", "detectors", "latency", "peak_memory_mb"]
     assert len(figures["detectors"]) == 12
     assert figures["latency"]["p50_ms"] <= figures["latency"]["p99_ms"]

@@ -13,9 +13,10 @@ from stadimeter.core.alarms.state import NO_INHIBITS, Leg
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
-from stadimeter.core.rule import ROUNDING_S, AlarmRule, Pattern, SequenceStep
+from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy, Pattern, SequenceStep
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 from stadimeter.core.track import Track
+from stadimeter.core.words import duration
 
 _GOOD_NEWS = frozenset(
     {
@@ -343,6 +344,29 @@ def missing_in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> 
     away_s = 0.0 if state.unknown_since_s is None else inputs.now_s - state.unknown_since_s
     seen = "not known" if inputs.tracks[rule.target].is_valid else "not seen"
     return f"{seen} for {away_s:.1f} s{policy_in_words(rule, state, inputs.now_s)}"
+
+
+def given_up_in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
+    """Return what becomes of an active alarm that has had nothing to judge by for too long."""
+    is_latched = state.phase in machine.LATCHED
+    then = f"it stays {latched_until(rule, state)}" if is_latched else "the output goes to its safe value"
+    return f"active, but {missing_in_words(rule, state, inputs)}; {then}"
+
+
+def why_not_latched(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
+    """Return why there is nothing to reset in an alarm."""
+    if not state.is_active:
+        return "it is not latched"
+    if not rule.latch:
+        return "it does not latch, and clears by itself"
+    if state.unknown_since_s is None:
+        return "its condition still holds"
+    if rule.lost.policy is LostPolicy.HOLD:
+        late = f"after {duration(rule.lost.fault_after_s)} (lost.fault_after)"
+        return (
+            f"its condition held when last known; {missing_in_words(rule, state, inputs)}, and it can be reset {late}"
+        )
+    return f"its condition counts as holding: {missing_in_words(rule, state, inputs)} (lost.policy)"
 
 
 def policy_in_words(rule: AlarmRule, state: AlarmState, now_s: float) -> str:

@@ -14,12 +14,13 @@ from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.actions import (
     Evaluation,
     due_s,
+    given_up_in_words,
     in_words,
-    latched_until,
     missing_in_words,
     requests_of,
     stand,
     unshelve,
+    why_not_latched,
 )
 from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, AlarmState, Phase, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample
@@ -28,7 +29,7 @@ from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
 from stadimeter.core.operator import Answer, OperatorAction, OperatorCommand
-from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
+from stadimeter.core.rule import ROUNDING_S, AlarmRule
 from stadimeter.core.rule_step import Step, renewed, trace_of
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.words import duration
@@ -138,9 +139,7 @@ def _without_verdict(evaluation: Evaluation, *, is_awaited: bool) -> None:
     else:
         evaluation.go(state)
     if state.is_given_up and not before.is_given_up:
-        is_latched = state.phase in LATCHED
-        then = f"it stays {latched_until(rule, state)}" if is_latched else "the output goes to its safe value"
-        reason = f"active, but {missing_in_words(rule, state, inputs)}; {then}"
+        reason = given_up_in_words(rule, state, inputs)
         evaluation.add_event(EventKind.MEASUREMENT_LOST, reason, notify=not evaluation.is_quiet)
 
 
@@ -321,26 +320,12 @@ def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
 def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     state = evaluation.state
     if state.phase not in LATCHED:
-        return _why_not_latched(evaluation) if state.is_active else "it is not latched"
+        return why_not_latched(evaluation.rule, state, evaluation.inputs)
     if Trigger.RESET not in TRANSITIONS[state.phase]:
         return "it is not acknowledged; acknowledge it first"
     evaluation.add_event(EventKind.RESET, _said(command), notify=False, by=command.by)
     evaluation.go(machine.fire(state, Trigger.RESET), _said(command), command.by)
     return ""
-
-
-def _why_not_latched(evaluation: Evaluation) -> Refusal:
-    rule, state, inputs = evaluation.rule, evaluation.state, evaluation.inputs
-    if not rule.latch:
-        return "it does not latch, and clears by itself"
-    if state.unknown_since_s is None:
-        return "its condition still holds"
-    if rule.lost.policy is LostPolicy.HOLD:
-        late = f"after {duration(rule.lost.fault_after_s)} (lost.fault_after)"
-        return (
-            f"its condition held when last known; {missing_in_words(rule, state, inputs)}, and it can be reset {late}"
-        )
-    return f"its condition counts as holding: {missing_in_words(rule, state, inputs)} (lost.policy)"
 
 
 def _shelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:

@@ -21,10 +21,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from stadimeter.core.alarms.chattering import MINUTE_S, is_too_frequent, with_raise
 from stadimeter.core.alarms.state import NO_INHIBITS, NO_TIMERS, Inhibits, Leg, Resumed, Sample, Timers
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
-
-MINUTE_S = 60.0
 
 
 class Phase(StrEnum):
@@ -248,7 +247,10 @@ def _while_active(
     ended_s = state.timers.ended_s
     if holds and state.is_chattering and ended_s >= rule.off_delay_s and state.phase not in _HOLDING:
         # Without the governor it would have cleared, and would be raised anew: that counts towards the next minute.
-        state, ended_s = replace(state, raises_at_s=_with_raise(rule, state, now_s)), 0.0
+        state, ended_s = (
+            replace(state, raises_at_s=with_raise(state.raises_at_s, rule.raises_per_minute_max, now_s)),
+            0.0,
+        )
     ended_s = max(0.0, ended_s - since_s) if holds else ended_s + since_s
     state = _sampled(state, Timers(held_last=holds, was_judged=True, leaves=leaves, ended_s=ended_s))
     return state if holds else _clear_when_due(rule, state, ended_s, now_s)
@@ -261,7 +263,7 @@ def _raise(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
         timers=Timers(held_last=timers.held_last, was_judged=timers.was_judged, leaves=timers.leaves),
         is_announced_only=state.held_from_start and not rule.act_at_start,
         raises=state.raises + 1,
-        raises_at_s=_with_raise(rule, state, now_s),
+        raises_at_s=with_raise(state.raises_at_s, rule.raises_per_minute_max, now_s),
     )
     return fire(raised, Trigger.RAISE if rule.needs_ack else Trigger.RAISE_ACKNOWLEDGED)
 
@@ -271,7 +273,7 @@ def _clear_when_due(rule: AlarmRule, state: AlarmState, ended_s: float, now_s: f
     if ended_s < rule.off_delay_s:
         return state
     latches = _latches(rule, state)
-    if not latches and _is_too_frequent(rule, state, now_s):
+    if not latches and is_too_frequent(state.raises_at_s, rule.raises_per_minute_max, now_s):
         return state if state.is_chattering else replace(state, is_chattering=True)
     over = replace(state, timers=Timers(was_judged=state.timers.was_judged, leaves=state.timers.leaves))
     return fire(over, Trigger.LATCH if latches else Trigger.CLEAR)
@@ -301,27 +303,9 @@ def anew(state: AlarmState, now_s: float) -> AlarmState:
     return replace(state, timers=timers, resumed=resumed, unknown_since_s=unknown_since_s)
 
 
-# Chattering: too many raises within a minute.
-# An alarm that was raised as often as it may within the last minute does not clear: it stays active, so it cannot be
-# raised again. While it chatters, each time that it would have come again counts too. It has calmed down when these and
-# the raises are fewer within a minute than the limit; then it clears like any other.
-
-
-def _with_raise(rule: AlarmRule, state: AlarmState, now_s: float) -> tuple[float, ...]:
-    """Return the times of the newest raises, as many as may be within a minute."""
-    most = rule.raises_per_minute_max
-    return (*state.raises_at_s, now_s)[-most:] if most else ()
-
-
-def _is_too_frequent(rule: AlarmRule, state: AlarmState, now_s: float) -> bool:
-    """Return whether it came within the last minute as often as it may."""
-    times_s, most = state.raises_at_s, rule.raises_per_minute_max
-    return 0 < most <= len(times_s) and times_s[-most] + MINUTE_S > now_s + ROUNDING_S
-
-
 def calmed(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
     """Return an alarm that no longer chatters if it has calmed down."""
-    if not state.is_chattering or _is_too_frequent(rule, state, now_s):
+    if not state.is_chattering or is_too_frequent(state.raises_at_s, rule.raises_per_minute_max, now_s):
         return state
     return replace(state, is_chattering=False)
 
