@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -23,6 +24,9 @@ settings.load_profile(PROFILE)
 
 # Programs that tests start find `support` as well.
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
+
+# Programs that tests start inherit what becomes of a hangup; `nohup make test` must not change what they see.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 REAL_PICTURES = Path(__file__).resolve().parents[2] / "shared" / "data"
 
