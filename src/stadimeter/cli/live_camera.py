@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
+from stadimeter.config.driver_tables import camera_table
 from stadimeter.config.findings import findings_of
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
-from stadimeter.config.toml_source import key_and_value
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.errors import ConfigError, Problem
 
@@ -36,11 +36,9 @@ def camera_choice(live: str) -> DriverChoice:
         from stadimeter.config.loader import load_camera_choice  # noqa: PLC0415 - most of a start, and rarely needed
 
         return load_camera_choice(Path(live))
-    driver, *options = live.split(",")
-    if driver.isdecimal() or driver.startswith("/") or "://" in driver:
-        driver, options = "opencv", [f"device={driver}", *options]
+    table = camera_table(live)
+    driver = table.pop("driver")
     plugin = load_plugin(CAMERAS, driver)
-    table = dict(map(key_and_value, options))
     try:
         return DriverChoice(name="camera", driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
     except ValidationError as error:

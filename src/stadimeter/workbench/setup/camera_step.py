@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.cameras.protocol import AttachedCamera
-from stadimeter.config.driver_tables import CAMERA
+from stadimeter.config.driver_tables import CAMERA, camera_table
 from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
-from stadimeter.config.toml_source import key_and_value
 from stadimeter.core.frame import Frame
 from stadimeter.errors import PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
@@ -61,7 +60,7 @@ class CameraStep(Step):
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Take pictures with the camera."""
-        choice = known.chosen(CAMERA, ("camera",), camera_table(text))
+        choice = known.chosen(CAMERA, ("camera",), table_of(text))
         known.frames, known.is_live = _frames(choice)
         known.camera = choice
         known.camera_model = None
@@ -79,21 +78,17 @@ def _no_camera(pictures: str) -> str:
     return f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}."
 
 
-def camera_table(text: str) -> dict[str, Any]:
-    """Return the table ``[camera]`` for an answer.
+def table_of(text: str) -> dict[str, Any]:
+    """Return the table ``[camera]`` for an answer: of a camera, or of files.
 
     Raises:
         ConfigError: A quotation mark is missing.
     """
-    if "://" in text:
-        return {"driver": "opencv", "device": text}
-    driver, *options = text.split(",")
-    if driver.isdecimal() or driver.startswith("/dev/"):
-        driver, options = "opencv", [f"device={driver}", *options]
-    if driver in driver_names(CAMERAS) or (
-        _DRIVER.fullmatch(driver) and options and all("=" in each for each in options)
-    ):
-        return {"driver": driver, **dict(map(key_and_value, options))}
+    driver, _, options = text.partition(",")
+    if driver.isdecimal() or driver.startswith("/dev/") or "://" in driver or driver in driver_names(CAMERAS):
+        return camera_table(text)
+    if _DRIVER.fullmatch(driver) and "=" in options:
+        return camera_table(text)
     files = words_of(text)
     if len(files) == 1 and is_video_file(Path(files[0])):
         return {"driver": "video", "path": files[0]}

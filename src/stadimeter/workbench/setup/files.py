@@ -10,7 +10,7 @@ from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.toml_source import as_toml
 from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.workbench.setup.camera_step import camera_table
+from stadimeter.workbench.setup.camera_step import table_of
 from stadimeter.workbench.setup.known import CAMERA_FILE, CONFIGURATION
 from stadimeter.workbench.setup.target import target_table
 from stadimeter.workbench.setup.wish_steps import (
@@ -52,7 +52,7 @@ def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:
 
 def _configuration(answers: Mapping[str, str], model_file: str) -> str:
     outputs = _outputs(answers)
-    tables: list[tuple[str, Mapping[str, Any]]] = [("camera", {**camera_table(answers["camera"]), "model": model_file})]
+    tables: list[tuple[str, Mapping[str, Any]]] = [("camera", {**table_of(answers["camera"]), "model": model_file})]
     tables += _targets(answers)
     tables += [(f"actuators.{name}", actuator_table(answer)) for name, answer in outputs.values() if name]
     if "base" in answers:
