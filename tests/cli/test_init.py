@@ -29,7 +29,7 @@ from support.scenes.render import render
 from support.scenes.scene import Scene
 from support.v4l2_double import V4l2Double
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.timeout(300)]  # a camera and its whole setup, several times
 
 GUIDE = Path(__file__).parents[2] / "docs" / "getting-started.md"
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
