@@ -51,6 +51,16 @@ def test_a_run_prints_lines_and_a_summary_and_ends_with_0(simulated):
     assert done.stderr == ""
 
 
+def test_a_ball_whose_colour_is_nowhere_is_said_at_the_end_with_what_to_try(tmp_path):
+    world = SIMULATED.replace(
+        'detector = "ideal"', 'detector = "ball"\ndiameter = "20 cm"\nhsv = "110,200,60:130,255,255"'
+    )
+    path = tmp_path / "blue.toml"
+    path.write_text(world.replace("render = false\n", ""))
+    done = stadimeter("run", path, "--frames", 5, "--speed", 0, "--no-state")
+    assert f"ball was never seen. `stadimeter colour --live {path}`" in done.stdout
+
+
 def test_json_prints_one_object_and_nothing_else(simulated):
     done = stadimeter("run", simulated, "--frames", 30, "--speed", 0, "--json")
     figures = json.loads(done.stdout)

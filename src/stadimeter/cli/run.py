@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -36,6 +37,7 @@ from stadimeter.cli.run_options import (
 )
 from stadimeter.cli.viewing import Showing, View, in_words, live_or_plain, show, summarise
 from stadimeter.config.loader import load_configuration
+from stadimeter.core.track import TrackStatus
 
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, a TOML file.")]
 
@@ -145,9 +147,21 @@ def _say_end(loop: Loop, showing: Showing) -> None:
     for trouble in loop.troubles:
         typer.echo(f"warning: while ending: {trouble}", err=True)
     summary = summarise(loop.health, loop.ending)
-    typer.echo(json.dumps(summary) if showing.view == "json" else in_words(summary))
+    if showing.view == "json":
+        typer.echo(json.dumps(summary))
+    else:
+        typer.echo("\n".join([in_words(summary), *_never_seen(loop, summary["tracks"])]))
     if showing.last:
         typer.echo(f"\n{showing.last}")
+
+
+def _never_seen(loop: Loop, tracks: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
+    """Yield what to try for each target that goes by its colour and was in no frame."""
+    configuration = loop.parts.configuration
+    for target in configuration.targets:
+        if target.plugin.propose_colour and set(tracks.get(target.name, ())) == {TrackStatus.SEARCHING}:
+            file = configuration.path
+            yield f"{target.name} was never seen. `stadimeter colour --live {file}` proposes its range of colours."
 
 
 class _RealOutputsWarning:
