@@ -78,18 +78,14 @@ def tune_command(
 
     - `stadimeter tune near quiet.jsonl --config config/distance-alert.toml --plot near.png`
 
-    **Exit code**: 0 done; 1 no setting keeps to the wanted rate of false alarms, the best is printed; 2 an error in
-    the rule, a recording or the configuration, or the plot cannot be drawn.
+    **Exit code**: 0 done; 1 no setting keeps to the wanted rate, the best is printed; 2 an error in what was given.
     """
-    _require_png(plot)
     with plain_errors():
-        if plot is not None:
-            require_matplotlib()
+        _check_plot(plot)
         speed_mps = _speed(closing_speed)
         configuration = load_configuration(config) if config is not None else _recorded(recordings[0])
         with working("reading the recording") as say:
             tuned, series = _read(configuration, rule, recordings)
-            events_s = _events(events or [], series)
             say(f"trying settings of '{rule}'")
             proposal = tune(
                 tuned,
@@ -97,7 +93,7 @@ def tune_command(
                 series,
                 wanted_a_day=false_alarms_per_day,
                 speed_mps=speed_mps,
-                events_s=events_s,
+                events_s=_events(events or [], series),
                 seed=seed,
             )
         _show(proposal, configuration, plot, as_json=as_json)
@@ -120,12 +116,15 @@ def _recorded(path: Path) -> Configuration:
     return load_recorded(read_recording(path).header.recorded_configuration, path)
 
 
-def _require_png(plot: Path | None) -> None:
-    """Refuse other names, so that a configuration or a recording is never written over by mistake."""
-    if plot is not None and plot.suffix.lower() != ".png":
+def _check_plot(plot: Path | None) -> None:
+    """Refuse, before the work, a plot that cannot be drawn, and names that could be those of a recording."""
+    if plot is None:
+        return
+    if plot.suffix.lower() != ".png":
         raise typer.BadParameter(f"the plot is a PNG file; {str(plot)!r} does not end in .png", param_hint="--plot")
-    if plot is not None and not plot.absolute().parent.is_dir():
+    if not plot.absolute().parent.is_dir():
         raise typer.BadParameter(f"the plot cannot be written: there is no folder {plot.parent}", param_hint="--plot")
+    require_matplotlib()
 
 
 def _speed(text: str) -> float:
