@@ -35,6 +35,22 @@ from stadimeter.workbench.frame_source import Source, open_source
 _SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")
 
 
+ChessboardOption = Annotated[
+    str | None,
+    typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard, by its inner corners, such as 9x6."),
+]
+CharucoOption = Annotated[
+    str | None,
+    typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board, by its squares, such as 5x7."),
+]
+MarkerOption = Annotated[
+    str | None, typer.Option("--marker", metavar="LENGTH", help="Side of a marker of the ChArUco board.")
+]
+DictionaryOption = Annotated[
+    str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
+]
+
+
 def register(app: typer.Typer) -> None:
     """Add the command to the group ``calibrate``."""
     app.command("board")(board)
@@ -47,20 +63,10 @@ def board(
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
     square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square, such as 25mm.")],
-    chessboard: Annotated[
-        str | None,
-        typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard, by its inner corners, such as 9x6."),
-    ] = None,
-    charuco: Annotated[
-        str | None,
-        typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board, by its squares, such as 5x7."),
-    ] = None,
-    marker: Annotated[
-        str | None, typer.Option("--marker", metavar="LENGTH", help="Side of a marker of the ChArUco board.")
-    ] = None,
-    dictionary: Annotated[
-        str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
-    ] = None,
+    chessboard: ChessboardOption = None,
+    charuco: CharucoOption = None,
+    marker: MarkerOption = None,
+    dictionary: DictionaryOption = None,
     tone_curve: ToneCurveOption = "srgb",
     live: Annotated[
         str | None,

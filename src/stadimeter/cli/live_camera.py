@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
-from stadimeter.config.driver_tables import camera_table
 from stadimeter.config.findings import findings_of
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
+from stadimeter.config.toml_source import camera_table
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.errors import ConfigError, Problem
 

@@ -9,7 +9,13 @@ from typing import Annotated, Any
 
 import typer
 
-from stadimeter.cli.calibrate_board import wanted_board
+from stadimeter.cli.calibrate_board import (
+    CharucoOption,
+    ChessboardOption,
+    DictionaryOption,
+    MarkerOption,
+    wanted_board,
+)
 from stadimeter.cli.exits import plain_errors
 from stadimeter.cli.target_options import wanted_targets
 from stadimeter.core.drawing import Drawing
@@ -145,19 +151,10 @@ def board(
     *,
     output: OutputOption,
     square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square.")] = "25mm",
-    chessboard: Annotated[
-        str | None, typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard, by its inner corners; 9x6.")
-    ] = None,
-    charuco: Annotated[
-        str | None,
-        typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board, by its squares, such as 5x7."),
-    ] = None,
-    marker: Annotated[
-        str | None, typer.Option("--marker", metavar="LENGTH", help="Side of a marker of the ChArUco board.")
-    ] = None,
-    dictionary: Annotated[
-        str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
-    ] = None,
+    chessboard: ChessboardOption = None,
+    charuco: CharucoOption = None,
+    marker: MarkerOption = None,
+    dictionary: DictionaryOption = None,
     paper: PaperOption = "A4",
 ) -> None:
     """Make a board to print, for `stadimeter calibrate board`: a chessboard or a ChArUco board, with the same options.

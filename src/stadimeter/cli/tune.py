@@ -67,10 +67,9 @@ def tune_command(
     """Propose the probability, delays and hysteresis of an alarm, from recordings.
 
     Tries some dozens of settings on the noise of the recordings: false alarms a day while the target stands where it
-    mostly stood, latency for a target that approaches, chattering (raising and clearing again and again) at the
-    threshold, and the time until the alarm ends. Proposes the settings with the least latency that keep to the wanted
-    false alarms a day. States which rate the recordings alone support, and which one rests on the noise going on as it
-    was. Takes some seconds; opens nothing, moves nothing, and changes no file.
+    mostly stood, latency for a target that approaches, chattering at the threshold, and the time until the alarm ends.
+    Proposes the settings with the least latency that keep to the wanted false alarms a day. States which rate the
+    recordings alone support, and which one rests on the noise going on as it was. Changes nothing by itself.
 
     **Examples**
 

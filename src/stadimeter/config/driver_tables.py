@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -14,7 +13,6 @@ from stadimeter.config import models, plugins
 from stadimeter.config.findings import Finding, did_you_mean, findings_of, known_keys, shown
 from stadimeter.config.plugins import DriverChoice, Plugin
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.config.toml_source import key_and_value
 from stadimeter.errors import DriverError
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
@@ -149,18 +147,3 @@ def _no_driver(kind: DriverKind[Any], path: KeyPath, table: Mapping[str, Any]) -
     known = f"known are: {', '.join(plugins.driver_names(kind.group))}"
     hint = f"there is '{similar}'; did you mean '{kind.key}'?" if similar else known
     return Finding(path, f"'{kind.key}' is missing", hint, "missing-key")
-
-
-_OPTION_ENDS = re.compile(r",(?![^\[]*\])")
-"""A comma between two options. One in brackets stands between the parts of a list."""
-
-
-def camera_table(text: str) -> dict[str, Any]:
-    """Return the table ``[camera]`` for a device, an address, or a driver, each with options behind commas.
-
-    Such as ``0``, ``/dev/video0``, ``http://pi.local/stream,latency=200ms`` or ``picamera2,colour_gains=[2.1,1.5]``.
-    """
-    driver, *options = _OPTION_ENDS.split(text)
-    if driver.isdecimal() or driver.startswith("/") or "://" in driver:
-        driver, options = "opencv", [f"device={driver}", *options]
-    return {"driver": driver, **dict(map(key_and_value, options))}

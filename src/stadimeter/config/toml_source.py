@@ -102,6 +102,21 @@ def key_and_value(text: str) -> tuple[str, Any]:
         return key.strip(), value.strip()
 
 
+_OPTION_ENDS = re.compile(r",(?![^\[]*\])")
+"""A comma between two options. One in brackets stands between the parts of a list."""
+
+
+def camera_table(text: str) -> dict[str, Any]:
+    """Return the table ``[camera]`` for a device, an address, or a driver, each with options behind commas.
+
+    Such as ``0``, ``/dev/video0``, ``http://pi.local/stream,latency=200ms`` or ``picamera2,colour_gains=[2.1,1.5]``.
+    """
+    driver, *options = _OPTION_ENDS.split(text)
+    if driver.isdecimal() or driver.startswith("/") or "://" in driver:
+        driver, options = "opencv", [f"device={driver}", *options]
+    return {"driver": driver, **dict(map(key_and_value, options))}
+
+
 def as_toml(value: object) -> str:
     """Return a value as TOML has it: text, a number, true or false, or a list of these.
 

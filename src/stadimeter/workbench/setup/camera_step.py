@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.cameras.protocol import AttachedCamera
-from stadimeter.config.driver_tables import CAMERA, camera_table
+from stadimeter.config.driver_tables import CAMERA
 from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
+from stadimeter.config.toml_source import camera_table
 from stadimeter.core.frame import Frame
 from stadimeter.errors import PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture

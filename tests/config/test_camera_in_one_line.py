@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from stadimeter.config.driver_tables import camera_table
+from stadimeter.config.toml_source import camera_table
 
 
 @pytest.mark.parametrize(
