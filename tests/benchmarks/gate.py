@@ -122,7 +122,7 @@ class _Round:
             cwd=self._folder, env=self._environment, capture_output=True, text=True, check=True,
         )  # fmt: skip
         code, time_s, memory_kib = launched.stdout.splitlines()[-1].split()
-        if int(code) not in {0, 1}:  # there is no ball in the picture, which `measure` says by 1
+        if int(code):
             raise RuntimeError(f"{' '.join(command)}: {launched.stderr}")
         return Spent(float(time_s), float(memory_kib) / 1024)
 

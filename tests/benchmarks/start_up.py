@@ -90,7 +90,9 @@ def measure_all(processes: int = PROCESSES) -> list[StartUp]:
 
 def commands_in(folder: Path) -> dict[str, list[str]]:
     """Return each command by its name, and write the files that they need into a folder."""
-    cv2.imwrite(str(folder / "room.png"), np.full((480, 640, 3), 90, np.uint8))
+    room = np.full((480, 640, 3), 90, np.uint8)
+    cv2.circle(room, (320, 240), 40, (60, 200, 120), -1, cv2.LINE_AA)  # not found, it would cost a search for its colour
+    cv2.imwrite(str(folder / "room.png"), room)
     save_camera_model(folder / "camera.toml", CameraModel.with_focal_length(600.0, 640, 480))
     (folder / "run.toml").write_text(CONFIGURATION)
     program = [sys.executable, "-m", "stadimeter"]
@@ -114,7 +116,7 @@ def _timed_s(command: Sequence[str], folder: Path, environment: Mapping[str, str
     began_s = perf_counter()
     done = subprocess.run(command, check=False, cwd=folder, env=environment, capture_output=True, text=True)
     took_s = perf_counter() - began_s
-    if done.returncode not in {0, 1}:  # there is no ball in the picture, which `measure` says by 1
+    if done.returncode:
         raise RuntimeError(f"{' '.join(command)}: {done.stderr}")
     return took_s
 
