@@ -31,11 +31,12 @@ CAMERAS = "stadimeter.cameras"
 DETECTORS = "stadimeter.detectors"
 ACTUATORS = "stadimeter.actuators"
 BASES = "stadimeter.bases"
+BUTTONS = "stadimeter.buttons"
 MESSENGERS = "stadimeter.messengers"
 NOTIFIERS = "stadimeter.notifiers"
 WORLDS = "stadimeter.worlds"
 PORTS = "stadimeter.ports"
-GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
+GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, BUTTONS, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
 
 
 class Options(BaseModel):
@@ -141,8 +142,9 @@ class Plugin(Generic[OptionsT]):
         verb: Of an actuator, what it does when it acts, for descriptions: such as ``buzzes``.
         is_worn_by_switching: Of an actuator, whether each change of its level wears it out: `check` warns of patterns
             that never end.
-        circuit: Of an actuator on a pin, what hangs on it, for `wiring`: ``motor`` (or another coil on a supply of its
-            own), ``buzzer``, ``led`` or ``relay`` (a board with an input); empty for a signal of 3.3 V.
+        circuit: Of an actuator or a button on a pin, what hangs on it, for `wiring`: ``motor`` (or another coil on a
+            supply of its own), ``buzzer``, ``led``, ``relay`` (a board with an input) or ``button``; empty for a signal
+            of 3.3 V.
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
         exercise: Of a detector, makes what `bench` measures its speed on; None to leave it out.
