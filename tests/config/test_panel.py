@@ -60,7 +60,7 @@ def test_the_panel_is_read_and_described(tmp_path: Path) -> None:
     told = " ".join(describe(configuration))
     assert "Shows how it is doing on `status_led` (led)." in told
     assert (
-        "The button `front`, pressed, puts back into service `near`. Held for 3 s, it shelves `near` for 30 min."
+        "The button `front`, pressed, puts `near` back into service. Held for 3 s, it shelves `near` for 30 min."
         in told
     )
 
