@@ -1,8 +1,8 @@
 """The circuit of each kind of part on a pin, drawn in text.
 
 Lines are box characters, ``[…]`` is a part, everything else is text: `stadimeter.workbench.wiring.picture` draws the
-same circuit from it. The facts are those of "Wiring that is safe when the program is not running" in
-`deploy/README.md`.
+same circuit from it. The facts are those of "Wiring that is safe when no program runs" in
+`docs/parts.md`.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def _wire_relay(output: Output) -> tuple[str, ...]:
 
 
 def _draw_button(output: Output) -> tuple[str, ...]:
-    return (f"{output.at()} ──[button]──┐", f"{output.at(GROUND)} ────────────┘")
+    return (f"{output.at()} ──[button]──┐", f"{'':28}│", f"{output.at(GROUND)} ────────────┘")
 
 
 def _wire_button(output: Output) -> tuple[str, ...]:
