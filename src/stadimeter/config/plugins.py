@@ -138,6 +138,8 @@ class Plugin(Generic[OptionsT]):
         latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
         attached: Of a camera, lists those that are on this computer, without taking pictures: a tuple of
             `stadimeter.cameras.protocol.AttachedCamera`.
+        reach: Of a messenger, connects once and hangs up, and returns what is wrong or nothing, for `doctor`. A running
+            instance keeps its connection.
         verb: Of an actuator, what it does when it acts, for descriptions: such as ``buzzes``.
         is_worn_by_switching: Of an actuator, whether each change of its level wears it out: `check` warns of patterns
             that never end.
@@ -158,6 +160,7 @@ class Plugin(Generic[OptionsT]):
     not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
     latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
     attached: Callable[[], tuple[Any, ...]] = field(default=tuple, kw_only=True)
+    reach: Callable[[OptionsT], str] | None = field(default=None, kw_only=True)
     verb: str = field(default="drives", kw_only=True)
     is_worn_by_switching: bool = field(default=False, kw_only=True)
     circuit: str = field(default="", kw_only=True)
