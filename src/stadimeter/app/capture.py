@@ -106,9 +106,10 @@ class CaptureThread:
         self._new_frame_at_s = clock.now_s()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 
-    def start(self) -> None:
-        """Start reading."""
+    def start(self, failed: str = "") -> None:
+        """Start reading; if opening the camera has ``failed``, with opening it again."""
         self._freeze.restart(self._clock.now_s())
+        self._outage = Outage(cause=failed, retry_after_s=self._delay_s) if failed else None
         self._thread.start()
 
     def stop(self) -> None:
@@ -130,6 +131,8 @@ class CaptureThread:
 
     def _run(self) -> None:
         try:
+            if self._outage:
+                self._open_again(self._outage.cause)
             while not self._stopped.is_set():
                 self._read_once()
         except Exception as error:  # noqa: BLE001 - whoever asks for a frame gets it raised again, in his own thread
@@ -238,8 +241,16 @@ class LiveCapture:
         """Open the camera in the caller's thread, so that one that is missing is noticed at once, and start reading."""
         self.close()
         self._camera.open()
+        self._start()
+
+    def open_later(self, error: DriverError) -> bool:
+        """Go on after `open` has raised: the camera is opened again like one that failed while it ran. Returns True."""
+        self._start(str(error))
+        return True
+
+    def _start(self, failed: str = "") -> None:
         self._thread = CaptureThread(self._camera, self._clock, self._freeze, self._wait)
-        self._thread.start()
+        self._thread.start(failed)
 
     def latest(self, timeout_s: float) -> Frame:
         """Return the newest frame that was not returned before; see `Capture`.
