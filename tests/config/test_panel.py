@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.control.reloading import needs_restart
+from stadimeter.app.safe_outputs import write_safe_outputs
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import ConfigError
@@ -107,6 +108,12 @@ def test_an_alarm_that_waits_is_heard_of_where_a_light_shows_it(tmp_path: Path) 
     waits = '[rules.seen]\nactuator = "motor"\nwhen = { below = "1 m" }\nack = "required"\n'
     codes = [[each.code for each in load(tmp_path, waits, *light).warnings] for light in ((), (LED,))]
     assert ["latch-unheard" in found for found in codes] == [True, False]
+
+
+def test_the_light_is_switched_off_when_the_program_is_gone_and_no_button_is_driven(tmp_path: Path) -> None:
+    lines = tmp_path / "safe-outputs.conf"
+    assert write_safe_outputs(load(tmp_path, LED, button()), lines) == []
+    assert lines.read_text() == "pin 17 low\n"
 
 
 def test_the_panel_is_changed_by_a_restart_only(tmp_path: Path) -> None:

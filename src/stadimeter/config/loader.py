@@ -75,6 +75,11 @@ class Configuration:
     buttons: tuple[DriverChoice, ...] = ()
     button_tables: Mapping[str, ButtonTable] = field(default_factory=dict)
 
+    @property
+    def driven(self) -> tuple[DriverChoice, ...]:
+        """What must be off when no program runs: the actuators, the base, and the status LED."""
+        return (*self.actuators, *(each for each in (self.base, self.status_led) if each is not None))
+
     def parts(self) -> Iterator[tuple[KeyPath, DriverChoice]]:
         """Go through every driver, each behind the path of its table."""
         yield from parts_of(self)

@@ -19,8 +19,7 @@ def wired_outputs(parts: Iterable[DriverChoice]) -> tuple[Output, ...]:
 
 def parts_of(configuration: Configuration) -> tuple[DriverChoice, ...]:
     """Return what may hang on a pin: the actuators in the order of the file, then the status LED and the buttons."""
-    light = configuration.status_led
-    return (*configuration.actuators, *([light] if light else []), *configuration.buttons)
+    return (*configuration.driven, *configuration.buttons)
 
 
 def _pins(choice: DriverChoice) -> Iterator[tuple[str, int]]:
