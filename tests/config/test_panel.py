@@ -75,6 +75,7 @@ def test_a_button_without_more_acknowledges(tmp_path: Path) -> None:
     [
         (('press = "arm"',), [("bad-value", "buttons.front.press")]),
         (('hold_for = "3 s"',), [("bad-value", "buttons.front")]),
+        (('hold = "shelve"', 'hold_for = "0.9 s"'), [("bad-value", "buttons.front.hold_for")]),
         (('hold = "shelve"', 'hold_for = "6 s"'), [("bad-value", "buttons.front.hold_for")]),
         (('shelve_for = "1 h"',), [("bad-value", "buttons.front")]),
         (('rule = "nere"',), [("unknown-name", "buttons.front.rule")]),

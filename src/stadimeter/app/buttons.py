@@ -24,8 +24,9 @@ DEBOUNCE_S = 0.03
 STUCK_S = 10.0
 """What is held for longer than this was not pressed by a finger."""
 
-UNSEEN_S = 0.25
-"""After a pause this long between two looks, what the button did meanwhile is not known."""
+UNSEEN_S = 0.5
+"""After a longer pause between two looks, what the button did meanwhile is not known. A shorter one cannot turn a tap
+into a long press, which takes a second at least."""
 
 OPEN_AGAIN_S = 5.0
 """A button whose driver failed is opened again this often."""
@@ -92,7 +93,8 @@ class PushButton:
         """Return in words what is wrong with it; empty if nothing is."""
         if self._fault:
             return f"button {self._name}: {self._fault}"
-        if self._presses is None or not self._presses.is_stuck():
+        presses = self._presses  # another thread may put it away
+        if presses is None or not presses.is_stuck():
             return ""
         return f"button {self._name}: it is held down all the time, or its wires touch; it does nothing until let go"
 

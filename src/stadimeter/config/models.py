@@ -144,7 +144,7 @@ class ButtonTable(Section):
     """What a short press does."""
     hold: ButtonAction | None = None
     """What a long press does; None for the same as a short one."""
-    hold_for: Annotated[Duration, Field(ge=0.5, le=HOLD_MAX_S)] = 2.0
+    hold_for: Annotated[Duration, Field(ge=1.0, le=HOLD_MAX_S)] = 2.0
     """In seconds; how long it must be held down for a long press."""
     shelve_for: DurationAboveZero | None = None
     """In seconds; how long `shelve` lasts. None for as long as each rule allows."""
