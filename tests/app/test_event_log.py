@@ -104,10 +104,10 @@ def test_targets_that_come_and_go_are_no_events_of_a_rule(rig: Rig) -> None:
     assert rig.lines() == []
 
 
-def test_a_line_break_in_a_reason_makes_no_line(rig: Rig) -> None:
-    rig.event(EventKind.FAULT, reason="gone\n2026-07-01 12:00:00 everything is fine")
+def test_a_reason_makes_no_line_and_commands_no_terminal(rig: Rig) -> None:
+    rig.event(EventKind.FAULT, reason="gone\n2026-07-01 12:00:00 \x1b[2Jeverything is fine µ")
     rig.log.close()
-    assert len(rig.lines()) == 1
+    assert rig.lines()[0].endswith("gone 2026-07-01 12:00:00 [2Jeverything is fine µ")
 
 
 def test_a_clock_that_nobody_vouches_for_is_marked_and_it_is_said_by_how_much_it_was_set(rig: Rig) -> None:
