@@ -151,7 +151,8 @@ class EventLog:
 
     def _append(self, words: str, *, is_right: bool) -> None:
         time_of_day = self._now().isoformat(sep=" ", timespec="milliseconds")
-        self._lines.append(f"{time_of_day}{' ' if is_right else '?'} {' '.join(words.split())}\n")
+        plain = "".join(each if each.isprintable() else " " for each in words)  # a terminal may show it
+        self._lines.append(f"{time_of_day}{' ' if is_right else '?'} {' '.join(plain.split())}\n")
         self._forget_oldest()
 
     def _forget_oldest(self) -> None:
