@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -73,7 +74,8 @@ def lack() -> str:
         return ""
     if (SYSTEM_PACKAGES / "picamera2").is_dir():
         return f"picamera2 is installed, but not seen from this Python environment: {SEE_SYSTEM}"
-    return f"the library picamera2 is not installed: {INSTALL}, and {SEE_SYSTEM}"
+    anew = "" if str(SYSTEM_PACKAGES) in sys.path else f", and {SEE_SYSTEM}"
+    return f"the library picamera2 is not installed: {INSTALL}{anew}"
 
 
 def why(error: BaseException) -> str:
