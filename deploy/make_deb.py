@@ -92,7 +92,13 @@ RELEASES = {
         glibc=36,
         libraries=("numpy<2", "opencv-python-headless<4.12", "lgpio>=0.2.2"),  # picamera2 there is built for numpy 1
     ),
-    "trixie": Release(suffix="deb13", python="3.13", glibc=41, libraries=("numpy>=2.2",), recommends="raspi-utils, python3-lgpio"),
+    "trixie": Release(
+        suffix="deb13",
+        python="3.13",
+        glibc=41,
+        libraries=("numpy>=2.2",),
+        recommends="raspi-utils, python3-lgpio",
+    ),
 }
 
 
@@ -196,7 +202,7 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
 
 
 def _document(folder: Path) -> None:
-    for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*")):
+    for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*"), DEPLOY / "safe-outputs.conf"):
         _write(folder / "examples" / example.name, example.read_text())
     copyright_text = (DEPLOY / "debian/copyright").read_text()
     licence = "\n".join(f" {line or '.'}" for line in (CHECKOUT / "LICENSE").read_text().splitlines())
