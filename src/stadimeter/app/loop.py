@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
@@ -22,7 +22,7 @@ from stadimeter.app.services import Recording, Services
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
-from stadimeter.errors import DriverError, EndOfFramesError
+from stadimeter.errors import DriverError, DriverUnavailableError, EndOfFramesError
 
 if TYPE_CHECKING:  # few runs are reloaded, and what that needs takes long to load
     from stadimeter.app.control.reloading import Change
@@ -36,6 +36,11 @@ class _Openable(Protocol):
     def open(self) -> None: ...
 
     def close(self) -> None: ...
+
+
+@runtime_checkable
+class _OpenedLater(Protocol):
+    def open_later(self, error: DriverError) -> bool: ...
 
 
 Listener = Callable[[CycleRecord, Frame | None], None]
@@ -117,6 +122,7 @@ class Loop:
                 self.ending = self.ending or str(end)
             finally:
                 self.troubles += retire_all(self.parts.outputs)
+                self.services.stopping()
                 if self._state is not None:
                     self.services.keep(self._state)
                 self.deliveries.closing()
@@ -174,7 +180,8 @@ class Loop:
                     raise _EndedWhileOpening
                 part.open()
             except DriverError as error:
-                failures.append(f"{name}: {error}")
+                if not self._is_opened_later(part, error):
+                    failures.append(f"{name}: {error}")
             finally:
                 self._is_opening = False
         if failures:
@@ -186,6 +193,12 @@ class Loop:
             self._watch(watch.start, watch.stop)
         self._lanes.setdefault("outputs", []).append(("guard", self._settle))
         return guard
+
+    def _is_opened_later(self, part: _Openable, error: DriverError) -> bool:
+        """In a service, have a device that is not there opened again and again; return whether that makes sense."""
+        if self.services.service is None or isinstance(error, DriverUnavailableError):
+            return False
+        return isinstance(part, _OpenedLater) and part.open_later(error)
 
     def _watch(self, start: Callable[[], None], stop: Callable[[], None]) -> None:
         start()

@@ -86,6 +86,9 @@ class Commands(LazyGroup):
         "status": LazyCommand(
             "stadimeter.cli.operate", "Print the state of every rule of a running instance, and the reason.", OPERATE
         ),
+        "events": LazyCommand(
+            "stadimeter.cli.events", "Print what the rules and faults of the service did, and when.", OPERATE
+        ),
         "reload": LazyCommand(
             "stadimeter.cli.operate",
             "Apply the edited configuration of a running instance without a restart, if it passes `check`.",

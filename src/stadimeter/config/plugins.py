@@ -122,6 +122,20 @@ class Exercise:
     patch: Image | None = field(default=None, compare=False)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SerialStop:
+    """What stops a device on a serial port from outside, when the program that drove it is gone.
+
+    Attributes:
+        port: A path below ``/dev``.
+        frame: At most 64 bytes, which stop it also after a command of which only a part was sent.
+    """
+
+    port: str
+    baud: int
+    frame: bytes
+
+
 @dataclass(frozen=True, slots=True)
 class Plugin(Generic[OptionsT]):
     """A driver, as its entry point names it.
@@ -143,6 +157,8 @@ class Plugin(Generic[OptionsT]):
             that never end.
         circuit: Of an actuator on a pin, what hangs on it, for `wiring`: ``motor`` (or another coil on a supply of its
             own), ``buzzer``, ``led`` or ``relay`` (a board with an input); empty for a signal of 3.3 V.
+        stop_frame: Of an output on a serial port, what stops it when the program is gone; None if nothing can. Pins
+            need none: they are driven to the level at which they are off.
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
         exercise: Of a detector, makes what `bench` measures its speed on; None to leave it out.
@@ -161,6 +177,7 @@ class Plugin(Generic[OptionsT]):
     verb: str = field(default="drives", kw_only=True)
     is_worn_by_switching: bool = field(default=False, kw_only=True)
     circuit: str = field(default="", kw_only=True)
+    stop_frame: Callable[[OptionsT], SerialStop | None] = field(default=lambda _options: None, kw_only=True)
     needs_world: bool = field(default=False, kw_only=True)
     needs_pixels: bool = field(default=True, kw_only=True)
     exercise: Callable[[], Exercise] | None = field(default=None, kw_only=True)
