@@ -52,11 +52,11 @@ when = { below = "50 m" }
 class Lamp:
     """A lamp on a pin, and the program that drives it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, text: str = CONFIGURATION) -> None:
         self._register = folder / "register"
         self._register.write_bytes(b"0")
         configuration = folder / "lamp.toml"
-        configuration.write_text(CONFIGURATION)
+        configuration.write_text(text)
         command = [sys.executable, "-c", LAUNCHER, str(self._register), "run", str(configuration), "--no-state"]
         environment = {**os.environ, "GPIOZERO_PIN_FACTORY": "mock"}
         self.program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
@@ -92,3 +92,19 @@ def test_a_pin_is_off_when_the_program_was_asked_to_end(lamp: Lamp, number: sign
     lamp.program.send_signal(number)
     lamp.program.wait(timeout=20)
     assert not lamp.is_on
+
+
+def test_a_status_led_blinks_while_the_program_runs_and_is_dark_when_it_was_asked_to_end(tmp_path: Path) -> None:
+    table = '[actuators.lamp]\ndriver = "led"\npin = 17\n'
+    assert table in CONFIGURATION
+    tables = table.replace("17", "18") + table.replace("actuators.lamp", "status_led")
+    light = Lamp(tmp_path, CONFIGURATION.replace(table, tables))
+    try:
+        for _ in range(3):
+            eventually(lambda: light.is_on, within_s=20.0)
+            eventually(lambda: not light.is_on, within_s=20.0)
+        eventually(lambda: light.is_on, within_s=20.0)
+    finally:
+        light.program.terminate()
+        light.program.wait(timeout=20)
+    assert not light.is_on

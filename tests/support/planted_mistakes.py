@@ -17,6 +17,9 @@ from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, LinkLostError
 from stadimeter.testing.actuator_contract import ABSENT, FAILS, ActuatorContract, ActuatorRig
 from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
+from stadimeter.testing.button_contract import ABSENT as BUTTON_ABSENT
+from stadimeter.testing.button_contract import FAILS as BUTTON_FAILS
+from stadimeter.testing.button_contract import ButtonContract, ButtonRig
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.messenger_contract import GONE, MessengerContract, MessengerRig
 from stadimeter.testing.messenger_contract import SILENT as NO_ANSWER
@@ -51,6 +54,11 @@ class Chip:
         if self.is_failing:
             raise VendorError("the chip does not answer")
         self.step = step
+
+    def read(self) -> int:
+        if self.is_failing:
+            raise VendorError("the chip does not answer")
+        return self.step
 
 
 class SoundLamp:
@@ -231,6 +239,96 @@ class TestLampWhoseRigNamesNoFaults(ActuatorContract):
     @pytest.fixture
     def make_rig(self) -> Callable[[], ActuatorRig]:
         return lambda: replace(lamp_rig(SoundLamp), faults={})
+
+
+class SoundButton:
+    """A button without a mistake: the chip is on its first step while somebody presses."""
+
+    def __init__(self, chip: Chip) -> None:
+        self.chip = chip
+        self.is_open = False
+
+    def open(self) -> None:
+        if self.is_open:
+            return
+        try:
+            self.chip.take()
+        except VendorError as error:
+            raise DeviceOpenError(f"button: {error}") from error
+        self.is_open = True
+
+    def is_pressed(self) -> bool:
+        if not self.is_open:
+            raise DeviceClosedError("button: it is not open")
+        try:
+            return self.chip.read() > 0
+        except VendorError as error:
+            raise DriverError(f"button: {error}") from error
+
+    def close(self) -> None:
+        if self.is_open:
+            self.is_open = False
+            self.chip.free()
+
+
+class ReadsUpsideDown(SoundButton):
+    def is_pressed(self) -> bool:
+        return not super().is_pressed()
+
+
+class SaysItOnce(SoundButton):
+    was_pressed = False
+
+    def is_pressed(self) -> bool:
+        was_pressed, self.was_pressed = self.was_pressed, super().is_pressed()
+        return self.was_pressed and not was_pressed
+
+
+class IsReadWhenClosed(SoundButton):
+    def is_pressed(self) -> bool:
+        return super().is_pressed() if self.is_open else False
+
+
+class LetsTheChipsErrorThrough(SoundButton):
+    def is_pressed(self) -> bool:
+        return self.chip.read() > 0 if self.is_open else super().is_pressed()
+
+
+class BelievesThatNobodyPresses(SoundButton):
+    def is_pressed(self) -> bool:
+        try:
+            return super().is_pressed()
+        except DeviceClosedError:
+            raise
+        except DriverError:
+            return False
+
+
+class HoldsTheChipTwice(SoundButton):
+    def open(self) -> None:
+        if self.is_open:
+            self.chip.take()
+        super().open()
+
+
+def button_rig(driver: type[SoundButton]) -> ButtonRig:
+    chip = Chip()
+    return ButtonRig(
+        device=driver(chip),
+        press=lambda is_down: setattr(chip, "step", int(is_down)),
+        is_held=lambda: chip.handles > 0,
+        faults={
+            BUTTON_ABSENT: lambda begins: setattr(chip, "is_absent", begins),
+            BUTTON_FAILS: lambda begins: setattr(chip, "is_failing", begins),
+        },
+    )
+
+
+@pytest.mark.parametrize("driver", [SoundButton, *SoundButton.__subclasses__()], ids=lambda each: each.__name__)
+class TestButtons(ButtonContract):
+    @pytest.fixture
+    def make_rig(self, driver: type[SoundButton]) -> Callable[[], ButtonRig]:
+        return lambda: button_rig(driver)
 
 
 @dataclass(slots=True)

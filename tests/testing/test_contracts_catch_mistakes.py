@@ -10,12 +10,13 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from support import planted_mistakes
-from support.planted_mistakes import SoundBase, SoundLamp, SoundMessenger, SoundNotifier
+from support.planted_mistakes import SoundBase, SoundButton, SoundLamp, SoundMessenger, SoundNotifier
 
 OPENED_TWICE = "test_opening_it_twice_takes_the_device_once"
 CANNOT_OPEN = "test_a_device_that_cannot_be_opened_raises_and_is_not_held"
 FAILS = "test_a_device_that_fails_raises_one_of_our_errors"
 RELEASED = "test_a_device_that_fails_is_released_all_the_same"
+BUTTON_FAILS = "test_one_that_fails_raises_one_of_our_errors_and_can_be_opened_again"
 CLOSES = "test_close_stops_first_and_may_come_again"
 TICKS = "test_it_acts_and_ticks_without_keeping_the_loop_waiting"
 
@@ -34,6 +35,12 @@ CAUGHT_BY = {
     "TakesThePinInItsConstructor": "test_the_constructor_touches_no_hardware",
     "StaysOnWhenClosed": CLOSES,
     "IgnoresUseWhenClosed": "test_using_it_after_it_was_closed_raises",
+    "ReadsUpsideDown": "test_nobody_presses_it_at_first",
+    "SaysItOnce": "test_it_is_pressed_for_as_long_as_it_is_held_down",
+    "IsReadWhenClosed": "test_using_it_while_it_is_closed_raises",
+    "LetsTheChipsErrorThrough": BUTTON_FAILS,
+    "BelievesThatNobodyPresses": BUTTON_FAILS,
+    "HoldsTheChipTwice": "test_opening_and_closing_it_twice_is_once",
     "NeverNoticesSilence": "test_a_lost_connection_is_noticed_while_driving",
     "OpensWithoutAnAnswer": CANNOT_OPEN,
     "LetsOsErrorsThrough": FAILS,
@@ -54,7 +61,7 @@ CAUGHT_BY = {
     "TellsItsAddress": "test_a_service_that_is_away_is_no_error_but_said_in_one_line",
     "RaisesWhenTheServiceIsGone": "test_notifications_wait_for_the_service",
 }
-SOUND = (SoundLamp, SoundBase, SoundMessenger, SoundNotifier)
+SOUND = (SoundLamp, SoundButton, SoundBase, SoundMessenger, SoundNotifier)
 
 
 @pytest.fixture(scope="module")
