@@ -142,6 +142,19 @@ def test_a_button_that_cannot_be_opened_keeps_a_run_from_beginning() -> None:
         front.button.open()
 
 
+def test_a_service_begins_without_a_button_and_opens_it_later() -> None:
+    front = Front()
+    front.pins.occupy(PIN, begins=True)
+    with pytest.raises(DeviceOpenError) as caught:
+        front.button.open()
+    assert front.button.open_later(caught.value)
+    assert "cannot open GPIO27" in front.button.trouble()
+    front.pins.occupy(PIN, begins=False)
+    front.clock.advance_s(OPEN_AGAIN_S + 0.1)
+    front.press(0.1)
+    assert (front.button.trouble(), front.actions()) == ("", ["acknowledge"])
+
+
 def test_a_button_that_fails_is_told_opened_again_and_works(front: Front) -> None:
     front.pins.ground(PIN, begins=True)
     front.pins.fail(PIN, begins=True)

@@ -29,8 +29,8 @@ TICK_S = 0.02
 def cycle(now_s: float = 0.0, /, **known: object) -> CycleRecord:
     """Return a cycle in which all is well, but for what is known besides."""
     seen = {key: known.pop(key) for key in ("camera_fault", "not_for_motion", "output_faults") if key in known}
-    decided = {"safety": SafetyMode.ACTIVE, "tracks": (), "rules": (), **known}
-    decision = Decision(commands=(), events=(), safety_reason="", outputs=(), **decided)  # type: ignore[arg-type]
+    decided = {"safety": SafetyMode.ACTIVE, "safety_reason": "", "tracks": (), "rules": (), **known}
+    decision = Decision(commands=(), events=(), outputs=(), **decided)  # type: ignore[arg-type]
     observation = Observation(now_s=now_s, **seen)  # type: ignore[arg-type]
     return CycleRecord(observation=observation, applied=(), timings_s={}, decision=decision)
 
@@ -38,6 +38,7 @@ def cycle(now_s: float = 0.0, /, **known: object) -> CycleRecord:
 BALL = (Track(target="ball", status=TrackStatus.TRACKING),)
 WAITS = RuleTrace(rule="near", status=RuleStatus.RETURNED, acknowledged=False)
 SHELVED = RuleTrace(rule="near", status=RuleStatus.ACTIVE, acknowledged=False, gates=("shelved",))
+GONE = {"safety": SafetyMode.STALE, "camera_fault": "unplugged", "safety_reason": "300 ms old: unplugged"}
 BROKEN = (OutputFault(output="motor", reason="unplugged"),)
 
 
@@ -56,7 +57,9 @@ BROKEN = (OutputFault(output="motor", reason="unplugged"),)
         ({"tracks": BALL, "rules": (SHELVED, WAITS)}, Status.ALARM),
         ({"rules": (RuleTrace(rule="near", status=RuleStatus.LATCHED),)}, Status.ALARM),
         ({"rules": (WAITS,), "output_faults": BROKEN}, Status.FAULT),
-        ({"safety": SafetyMode.STALE, "camera_fault": "unplugged", "output_faults": BROKEN}, Status.BLIND),
+        ({**GONE, "output_faults": BROKEN}, Status.BLIND),
+        ({**GONE, "safety": SafetyMode.STARTING}, Status.BLIND),
+        ({**GONE, "safety": SafetyMode.STARTING, "safety_reason": "1 of 3 fresh frames in a row"}, Status.STARTING),
     ],
 )
 def test_of_several_things_it_shows_what_matters_most(known: dict[str, object], status: Status) -> None:

@@ -85,6 +85,12 @@ class PushButton:
         self._look(self._clock.now_s())
         self._cancel = self._clock.call_every(PERIOD_S, self._look_safely)
 
+    def open_later(self, error: DriverError) -> bool:
+        """Go on without it after `open` failed, and try again and again; return that this makes sense."""
+        self._fail(error, self._clock.now_s())
+        self._cancel = self._clock.call_every(PERIOD_S, self._look_safely)
+        return True
+
     def commands(self) -> tuple[OperatorCommand, ...]:
         """Return what it has asked for since the last call, oldest first. Never waits."""
         return tuple(self._commands.popleft() for _ in range(len(self._commands)))

@@ -57,8 +57,8 @@ class Status(Enum):
 def status_of(record: CycleRecord) -> Status:
     """Return what a cycle says of the run: of several things, the one that matters most."""
     decision, observation = record.decision, record.observation
-    if decision.safety is SafetyMode.STALE and observation.camera_fault:
-        return Status.BLIND
+    if observation.camera_fault and observation.camera_fault in decision.safety_reason:
+        return Status.BLIND  # a slow camera has faults too, between two frames that are fresh
     if observation.output_faults:
         return Status.FAULT
     if any(not rule.acknowledged or rule.status is RuleStatus.LATCHED for rule in decision.rules if not rule.gates):
