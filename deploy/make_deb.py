@@ -204,6 +204,8 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
 def _document(folder: Path) -> None:
     for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*"), DEPLOY / "safe-outputs.conf"):
         _write(folder / "examples" / example.name, example.read_text())
+    for page in (CHECKOUT / "docs").glob("*.md"):
+        _write(folder / page.name, page.read_text())
     copyright_text = (DEPLOY / "debian/copyright").read_text()
     licence = "\n".join(f" {line or '.'}" for line in (CHECKOUT / "LICENSE").read_text().splitlines())
     _write(folder / "copyright", copyright_text.replace("@LICENSE@", licence))

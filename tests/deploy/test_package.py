@@ -1,7 +1,8 @@
 """The Debian package in bare root file systems: installed, upgraded, broken on purpose, rolled back, removed, purged.
 
 It needs root, debootstrap and a network. There is no systemd in a root, so what the package asks of it is written down
-by a stand-in. ``DEBIAN_RELEASE=trixie`` and ``DEBIAN_ARCHITECTURE=arm64`` try other packages.
+by a stand-in. ``DEBIAN_RELEASE=trixie`` and ``DEBIAN_ARCHITECTURE=arm64`` try other packages;
+``DEBIAN_ROOT`` is the folder of such a root that was made before, which is left as it is.
 """
 
 from __future__ import annotations
@@ -110,6 +111,8 @@ LATER_STATE = rewrite("stadimeter/app/persistence/alarm_store.py", "FORMAT = 2\n
 
 @pytest.fixture(scope="module")
 def bare(make_deb, folder: Path) -> DebianRoot:
+    if made_before := os.environ.get("DEBIAN_ROOT"):
+        return DebianRoot(Path(made_before))
     return make_root(folder / "bare", RELEASE, ARCHITECTURE or make_deb.this_architecture())
 
 

@@ -64,7 +64,11 @@ def why_no_root() -> str:
 def make_root(folder: Path, release: str, architecture: str) -> DebianRoot:
     """Make the smallest root that has apt. Another architecture than this computer's needs qemu-user-static."""
     command = ["debootstrap", "--variant=minbase", f"--arch={architecture}", release, folder, MIRROR]
-    subprocess.run(command, check=True, capture_output=True)
+    try:
+        subprocess.run(command, check=True, capture_output=True)
+    finally:  # if it was interrupted; whoever deletes the folder must not meet the computer's own /proc
+        for mounted in ("proc", "sys"):
+            subprocess.run(["umount", "--lazy", folder / mounted], check=False, capture_output=True)
     # A root that is thrown away need not survive a power cut: flushing takes most of the time.
     (folder / "etc/dpkg/dpkg.cfg.d/unsafe-io").write_text("force-unsafe-io\n")
     return DebianRoot(folder)
