@@ -45,7 +45,7 @@ SYSTEM_FILES = {
 """Files of this folder that the system looks for in one place only."""
 
 LINKS = {
-    f"{HOME}/bin": "current/bin",
+    f"{HOME}/bin/stadimeter": "current/bin/stadimeter",
     "usr/bin/stadimeter": "current/bin/stadimeter",
     "usr/lib/stadimeter/safe-outputs": "current/libexec/safe-outputs",
 }
@@ -75,14 +75,14 @@ class Release:
         python: Of the release, which the environment is for.
         glibc: Minor version, from which follows which wheels run there.
         libraries: Besides those of pyproject.toml. The system's packages must work with the numpy that is here.
-        recommends: What Raspberry Pi OS has and no wheel gives.
+        recommends: What Raspberry Pi OS has and no wheel gives: pinctrl for safe-outputs, and a library for pins.
     """
 
     suffix: str
     python: str
     glibc: int
     libraries: tuple[str, ...]
-    recommends: str = "v4l-utils"
+    recommends: str = "raspi-utils"
 
 
 RELEASES = {
@@ -92,7 +92,13 @@ RELEASES = {
         glibc=36,
         libraries=("numpy<2", "opencv-python-headless<4.12", "lgpio>=0.2.2"),  # picamera2 there is built for numpy 1
     ),
-    "trixie": Release(suffix="deb13", python="3.13", glibc=41, libraries=("numpy>=2.2",), recommends="python3-lgpio"),
+    "trixie": Release(
+        suffix="deb13",
+        python="3.13",
+        glibc=41,
+        libraries=("numpy>=2.2",),
+        recommends="raspi-utils, python3-lgpio",
+    ),
 }
 
 
@@ -196,8 +202,10 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
 
 
 def _document(folder: Path) -> None:
-    for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*")):
+    for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*"), DEPLOY / "safe-outputs.conf"):
         _write(folder / "examples" / example.name, example.read_text())
+    for page in (CHECKOUT / "docs").glob("*.md"):
+        _write(folder / page.name, page.read_text())
     copyright_text = (DEPLOY / "debian/copyright").read_text()
     licence = "\n".join(f" {line or '.'}" for line in (CHECKOUT / "LICENSE").read_text().splitlines())
     _write(folder / "copyright", copyright_text.replace("@LICENSE@", licence))

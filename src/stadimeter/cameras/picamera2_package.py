@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -70,7 +71,8 @@ def lack() -> str:
         return ""
     if (SYSTEM_PACKAGES / "picamera2").is_dir():
         return f"picamera2 is installed, but not seen from this Python environment: {SEE_SYSTEM}"
-    return f"the library picamera2 is not installed: {PICAMERA2}, and {SEE_SYSTEM}"
+    anew = "" if str(SYSTEM_PACKAGES) in sys.path else f", and {SEE_SYSTEM}"
+    return f"the library picamera2 is not installed: {PICAMERA2}{anew}"
 
 
 def why(error: BaseException) -> str:
