@@ -24,7 +24,7 @@ MOUNTS = (
 )
 CONFIG_TXT = "dtparam=audio=on\ncamera_auto_detect=1\ndisplay_auto_detect=1\ndtoverlay=vc4-kms-v3d\n[all]\n"
 SWAPS = "Filename\t\t\t\tType\t\tSize\t\tUsed\t\tPriority\n"
-OF_UNIT = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState"
+OF_UNIT = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState,StatusText"
 RUNNING = "LoadState=loaded\nActiveState=active\nSubState=running\nResult=success\nNRestarts=0\nUnitFileState=enabled\n"
 IMX219 = {
     "name": "imx219", "driver": "picamera2", "device": "/base/soc/i2c0mux/i2c@1/imx219@10", "node": "camera 0",
@@ -34,7 +34,7 @@ WEBCAM = {
     "name": "HD Webcam C615", "driver": "opencv", "device": "/dev/v4l/by-id/usb-046d_HD_Webcam_C615-video-index0",
     "node": "/dev/video0", "trouble": "",
 }  # fmt: skip
-VENV, APT = "/opt/stadimeter/lib/python3.11/site-packages", "/usr/lib/python3/dist-packages"
+VENV, APT = "/home/maker/st/lib/python3.11/site-packages", "/usr/lib/python3/dist-packages"
 
 
 def library(name: str, version: str = "", folder: str = VENV, *, error: str = "", missing: bool = False) -> Any:
@@ -44,7 +44,7 @@ def library(name: str, version: str = "", folder: str = VENV, *, error: str = ""
 
 
 LOADED = (
-    {"python": "3.11.2", "bits": 64, "prefix": "/opt/stadimeter"},
+    {"python": "3.11.2", "bits": 64, "prefix": "/home/maker/st", "runs": "/home/maker/st/bin/python"},
     library("numpy", "1.26.4"),
     library("cv2", "4.11.0"),
     library("simplejpeg", "1.8.2"),
@@ -124,7 +124,7 @@ PLACES = {
     "journald": "/etc/systemd/journald.conf.d/mine.conf",
     "mounts": "/proc/mounts",
     "passwd": "/etc/passwd",
-    "safe_conf": "/etc/stadimeter/safe-outputs.conf",
+    "safe_conf": "/run/stadimeter/safe-outputs.conf",
     "status": "/proc/self/status",
     "swaps": "/proc/swaps",
     "temp": "/sys/class/thermal/thermal_zone0/temp",

@@ -169,7 +169,12 @@ class TestLibraries:
         found = only(replace(PI_4, imports=imports), tmp_path, "libraries")
         assert found.severity is WRONG
         assert found.seen.startswith("picamera2 does not load beside numpy 2.2.6: it was built for another numpy")
-        assert found.remedy.endswith("-m pip install 'numpy<2' 'opencv-python-headless<4.12'")
+        assert found.remedy.endswith(
+            ": /home/maker/st/bin/python -m pip install 'numpy<2' 'opencv-python-headless<4.12'"
+        )
+        packaged = ({**LOADED[0], "prefix": "/opt/stadimeter/current"}, *imports[1:])
+        found = only(replace(PI_4, imports=packaged), tmp_path, "libraries")
+        assert found.remedy == "`sudo apt install --reinstall stadimeter`"
 
     def test_where_libraries_do_not_load_the_configuration_is_not_read(self, tmp_path: Path) -> None:
         imports = (LOADED[0], library("numpy", "2.2.6"), library("cv2", error=f"ImportError: {self.ABI}"))
@@ -323,6 +328,12 @@ class TestService:
         ("changed", "severity", "seen"),
         [
             ({}, FINE, "the service runs, 0 restarts"),
+            (
+                {"StatusText": "ball 1.20 m, 29 fps"},
+                FINE,
+                "the service runs, 0 restarts, and says: ball 1.20 m, 29 fps",
+            ),
+            ({"ActiveState": "activating"}, WARNING, "the service is starting, 0 restarts"),
             ({"NRestarts": "7"}, WARNING, "the service runs, after 7 restarts"),
             ({"UnitFileState": "disabled"}, WARNING, "the service runs, and is not started at boot"),
             ({"ActiveState": "inactive"}, WARNING, "the service is inactive"),
@@ -341,17 +352,26 @@ class TestService:
         found = only(PI_4.printing(self.SHOW, shown), tmp_path, "service")
         assert (found.severity, found.seen) == (severity, seen)
 
+    @staticmethod
+    def installed(captured: Captured) -> Captured:
+        return replace(captured, files={**captured.files, INSTALLED: (CONFIG / "appliance.toml").read_text()})
+
     def test_without_systemd_nothing_is_known(self, tmp_path: Path) -> None:
         assert only(PI_4.without("/run/systemd/system/here"), tmp_path, "service").severity is UNKNOWN
 
     @pytest.mark.parametrize(
-        ("lines", "severity"), [("pin 17\n", FINE), ("pin 17 high\n", WRONG), ("# pin 17\n", WRONG), ("", WRONG)]
+        ("lines", "severity"), [("pin 17 low\n", FINE), ("pin 17 high\n", WRONG), ("pin 18 low\n", WRONG), ("", WRONG)]
     )
     def test_the_safe_outputs_are_those_of_the_configuration(
         self, tmp_path: Path, lines: str, severity: Severity
     ) -> None:
-        found = only(PI_4.with_files(safe_conf=lines), tmp_path, "safe-outputs", CONFIG / "appliance.toml")
+        captured = self.installed(PI_4).with_files(safe_conf=lines)
+        found = only(captured, tmp_path, "safe-outputs")
         assert found.severity is severity
+
+    def test_before_the_first_start_there_is_no_list_of_outputs(self, tmp_path: Path) -> None:
+        assert only(self.installed(PI_4), tmp_path / "installed", "safe-outputs").severity is UNKNOWN
+        assert examine(PI_4, tmp_path / "other", "safe-outputs", config=CONFIG / "appliance.toml") == []
 
     def test_watchdogs_that_are_off_are_found(self, tmp_path: Path) -> None:
         off = PI_4.printing("systemctl show --property=RuntimeWatchdogUSec", "RuntimeWatchdogUSec=0\n").printing(

@@ -96,8 +96,8 @@ def _print_lines(examined: Examined) -> list[Diagnosis]:
             for line in _lines(diagnosis, glyphs, width):
                 console.print(line)
         every.extend(found)
-    console.print()
-    console.print(_summary(every))
+    for line in (Text(), *glyphs.hang(Text(), _summary(every), width)):
+        console.print(line)
     return every
 
 

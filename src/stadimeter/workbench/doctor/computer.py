@@ -66,6 +66,10 @@ class Computer:
         """Return whether there is such a file or folder."""
         return os.path.lexists(self._at(path))
 
+    def is_readable(self, path: str) -> bool:
+        """Return whether this user may read a file."""
+        return os.access(self._at(path), os.R_OK)
+
     def text(self, *paths: str) -> str:
         """Return the text of the first of these files that can be read, without spaces around it; else ``""``."""
         for path in paths:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:  # reading a configuration loads the libraries that may be bro
 INSTALLED = "/etc/stadimeter/appliance.toml"
 """The configuration of the service, which is looked at if no other is named."""
 
+SUDO = "call doctor with `sudo`"
+
 
 @dataclass(frozen=True)
 class Examined:
@@ -50,6 +52,11 @@ class Examined:
     def why_none(self) -> Diagnosis | None:
         """Why a configuration that is there, or was named, cannot be used."""
         return self._read[1]
+
+    @property
+    def is_of_service(self) -> bool:
+        """Whether the configuration is that of the service."""
+        return self.path is None or self.path.resolve() == Path(INSTALLED)
 
     @property
     def place(self) -> Path:
@@ -103,7 +110,7 @@ class Examined:
 
 
 def _not_yours(path: Path) -> Diagnosis:
-    return unknown(f"{path} is not yours to read", "call doctor with `sudo`")
+    return unknown(f"{path} is not yours to read", SUDO)
 
 
 def _first(error: StadimeterError) -> str:

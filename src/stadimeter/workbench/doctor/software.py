@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from stadimeter.config.extras import NUMPY_1
+from stadimeter.config.extras import NUMPY_1, PACKAGED
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, wrong
 
@@ -21,7 +21,8 @@ OPTIONAL = ("picamera2", "lgpio")
 
 PROBE = """
 import importlib, importlib.util, json, sys
-print(json.dumps({"python": sys.version.split()[0], "bits": 64 if sys.maxsize > 2**32 else 32, "prefix": sys.prefix}))
+bits = 64 if sys.maxsize > 2**32 else 32
+print(json.dumps({"python": sys.version.split()[0], "bits": bits, "prefix": sys.prefix, "runs": sys.executable}))
 for name in sys.argv[1:]:
     found = {"name": name, "version": "", "file": "", "error": "", "missing": importlib.util.find_spec(name) is None}
     if not found["missing"] and name != "lgpio":
@@ -43,8 +44,8 @@ _NUMPY_MIX = re.compile(
 
 
 def python_command() -> tuple[str, ...]:
-    """Return the command that runs the Python of this environment."""
-    return (sys.executable,)
+    """Return the command that runs the Python of this environment, as the one that runs now was begun."""
+    return (sys.executable, "-s") if sys.flags.no_user_site else (sys.executable,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +78,13 @@ def libraries(imports: Imports) -> Iterator[Diagnosis]:
     python, found = lines[0], [line for line in lines if "name" in line]
     if python["bits"] == 32:
         yield wrong("this is a 32-bit system", "install the 64-bit Raspberry Pi OS: OpenCV is to be had for that only")
-    yield from (_broken(each, found) for each in found if each["error"])
+    yield from (_broken(each, python, found) for each in found if each["error"])
     missing = [each["name"] for each in found if each["missing"] and each["name"] not in OPTIONAL]
     if missing:
-        yield wrong(f"{' and '.join(missing)} is not installed", _again())
+        yield wrong(f"{' and '.join(missing)} is not installed", _again(python))
     if (untried := _stopped_at(lines)) is not None:
         how = "takes too long" if imports.is_late else "crashes Python"
-        yield wrong(f"importing {untried} {how}", _again())
+        yield wrong(f"importing {untried} {how}", _again(python))
     loaded = [f"{each['name']} {each['version']}{_origin(each)}" for each in found if each["file"]]
     if not (missing or untried or any(each["error"] for each in found)):
         yield fine(f"Python {python['python']} in {python['prefix']}; {', '.join(loaded)} load together")
@@ -97,14 +98,15 @@ def _origin(library: dict[str, Any]) -> str:
     return " (apt)" if "/dist-packages/" in library["file"] else ""
 
 
-def _broken(library: dict[str, Any], found: list[dict[str, Any]]) -> Diagnosis:
+def _broken(library: dict[str, Any], python: dict[str, Any], found: list[dict[str, Any]]) -> Diagnosis:
     if not _NUMPY_MIX.search(library["error"]):
-        return wrong(f"{library['name']} does not load: {_short(library['error'])}", _again())
+        return wrong(f"{library['name']} does not load: {_short(library['error'])}", _again(python))
     numpy = next((each for each in found if each["name"] == "numpy"), None)
     beside = f" beside numpy {numpy['version']}{_origin(numpy)}" if numpy and numpy["version"] else ""
+    pip = f"where apt's libraries are for numpy 1: {_pip(python)} {NUMPY_1}"
     return wrong(
         f"{library['name']} does not load{beside}: it was built for another numpy ({_short(library['error'])})",
-        f"where apt's libraries are for numpy 1: {shlex.quote(sys.executable)} -m pip install {NUMPY_1}",
+        _again(python) if python["prefix"].startswith(PACKAGED) else pip,
     )
 
 
@@ -112,5 +114,11 @@ def _short(error: str) -> str:
     return " ".join(error.split())[:160]
 
 
-def _again() -> str:
-    return f"{shlex.quote(sys.executable)} -m pip install --force-reinstall stadimeter"
+def _again(python: dict[str, Any]) -> str:
+    if python["prefix"].startswith(PACKAGED):
+        return "`sudo apt install --reinstall stadimeter`"
+    return f"{_pip(python)} --force-reinstall stadimeter"
+
+
+def _pip(python: dict[str, Any]) -> str:
+    return f"{shlex.quote(python['runs'])} -m pip install"
