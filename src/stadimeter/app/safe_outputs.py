@@ -34,7 +34,10 @@ def safe_outputs_path(environ: Mapping[str, str] = os.environ) -> Path | None:
 
 def write_safe_outputs(configuration: Configuration, path: Path) -> list[str]:
     """Write the list, if it is not there already; return what nothing can switch off, a line each."""
-    text = "".join(f"{line}\n" for line in wanted_lines(configuration)).encode()
+    outputs = (*configuration.actuators, *((configuration.base,) if configuration.base else ()))
+    real = [output for output in outputs if not output.plugin.is_simulated(output.options)]
+    lines = [line for output in real for line in safe_lines(output)]
+    text = "".join(f"{line}\n" for line in lines).encode()
     try:
         if not path.is_file() or path.read_bytes() != text:
             write_atomically(path, text)
@@ -42,19 +45,9 @@ def write_safe_outputs(configuration: Configuration, path: Path) -> list[str]:
         return [f"{path} cannot be written, so nothing is switched off if this process is killed: {error.strerror}"]
     return [
         f"{each.name}: its driver does not say how it is stopped from outside: it goes on if this process is killed"
-        for each in _real_outputs(configuration)
+        for each in real
         if any(_ports(each)) and each.plugin.stop_frame(each.options) is None
     ]
-
-
-def wanted_lines(configuration: Configuration) -> list[str]:
-    """Return the lines of all outputs of a configuration."""
-    return [line for output in _real_outputs(configuration) for line in safe_lines(output)]
-
-
-def _real_outputs(configuration: Configuration) -> Iterator[DriverChoice]:
-    outputs = (*configuration.actuators, *((configuration.base,) if configuration.base else ()))
-    yield from (output for output in outputs if not output.plugin.is_simulated(output.options))
 
 
 def safe_lines(output: DriverChoice) -> Iterator[str]:
