@@ -36,17 +36,18 @@ def write_safe_outputs(configuration: Configuration, path: Path) -> list[str]:
     """Write the list, if it is not there already; return what nothing can switch off, a line each."""
     outputs = (*configuration.actuators, *((configuration.base,) if configuration.base else ()))
     real = [output for output in outputs if not output.plugin.is_simulated(output.options)]
-    lines = [line for output in real for line in safe_lines(output)]
-    text = "".join(f"{line}\n" for line in lines).encode()
+    lines = {output.name: tuple(safe_lines(output)) for output in real}
+    text = "".join(f"{line}\n" for each in lines.values() for line in each).encode()
     try:
         if not path.is_file() or path.read_bytes() != text:
             write_atomically(path, text)
     except OSError as error:
         return [f"{path} cannot be written, so nothing is switched off if this process is killed: {error.strerror}"]
+    on_ports = [output.name for output in real if any(marked_options(output.options, PortMark))]
     return [
-        f"{each.name}: its driver does not say how it is stopped from outside: it goes on if this process is killed"
-        for each in real
-        if any(_ports(each)) and each.plugin.stop_frame(each.options) is None
+        f"{name}: nothing but itself stops it if this process is killed: its driver gives no bytes that do"
+        for name in on_ports
+        if not any(line.startswith("serial") for line in lines[name])
     ]
 
 
@@ -57,7 +58,3 @@ def safe_lines(output: DriverChoice) -> Iterator[str]:
     stop = output.plugin.stop_frame(output.options)
     if stop is not None and 0 < len(stop.frame) <= FRAME_BYTES_MAX and _PORT.fullmatch(stop.port):
         yield f"serial {stop.port} {stop.baud} {stop.frame.hex()}"
-
-
-def _ports(output: DriverChoice) -> Iterator[object]:
-    yield from (port for _, port in marked_options(output.options, PortMark))

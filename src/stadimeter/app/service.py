@@ -4,10 +4,11 @@ systemd is told by datagrams, as ``sd_notify(3)`` describes them. A run is a ser
 ``NOTIFY_SOCKET``; else none of this is loaded.
 
 The watchdog is fed by the loop at the end of a cycle and by nothing else: a loop that hangs, for whatever reason, is
-killed within ``WatchdogSec``. A camera without pictures is no such hang. Its cycles go on, its outputs are at their
-safe values, and `app.capture` opens it again and again. Only when that has not helped for long does the process end
-itself, in order, for systemd to start it anew: what hangs may be a library in it. So that this is no loop of restarts,
-each process in a row that gets no pictures is more patient than the one before, and one that fails early waits first.
+killed within ``WatchdogSec``. A camera without pictures is no such hang. The cycles go on, the outputs are at their
+safe values, and `app.capture` opens the camera again and again. Only when that has not helped for long does the process
+end itself, in order, for systemd to start it anew: what hangs may be a library in it. So that this is no loop of
+restarts, each process in a row that gets no pictures is more patient than the one before, and one that fails early
+waits first.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import math
 import os
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,9 +28,11 @@ from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError
 
-FIRST_PATIENCE_S = 30.0
+PATIENCE_S = 300.0
+PATIENCE_IF_HUNG_S = 30.0
 LONGEST_PATIENCE_S = 3600.0
-"""Without a new frame for this long, the process restarts: the first at first, doubled with each start in a row."""
+"""Without a new frame for this long, the process restarts: after the first of these, or the second if nothing but
+another process can use the camera; doubled with each start in a row, up to the longest."""
 
 LONGEST_PAUSE_S = 30.0
 """From the third start in a row on, a process waits before it opens anything: 1 s, doubled each time, up to this."""
@@ -55,13 +58,15 @@ class NotifySocket:
 
     def __init__(self, address: str) -> None:
         self._address = "\0" + address[1:] if address.startswith("@") else address
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-        self._socket.setblocking(False)
 
-    def send(self, *lines: str) -> None:
-        """Send assignments such as ``READY=1``. Line breaks in their values become spaces."""
-        with suppress(OSError):
-            self._socket.sendto("\n".join(" ".join(line.split()) for line in lines).encode(), self._address)
+    def send(self, *lines: str) -> bool:
+        """Send assignments such as ``READY=1``; return whether they arrived. Line breaks in values become spaces."""
+        data = "\n".join(" ".join(line.split()) for line in lines).encode()
+        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.setblocking(False)
+            sender.sendto(data, self._address)
+            return True
+        return False
 
 
 def pause_s(failed: int) -> float:
@@ -69,9 +74,10 @@ def pause_s(failed: int) -> float:
     return min(2.0 ** (failed - 2), LONGEST_PAUSE_S) if failed > 1 else 0.0
 
 
-def patience_s(failed: int) -> float:
+def patience_s(failed: int, *, is_hung: bool) -> float:
     """Return how long a process may go without a new frame, after this many starts in a row like it."""
-    return min(FIRST_PATIENCE_S * 2.0 ** min(failed, 30), LONGEST_PATIENCE_S)
+    first_s = PATIENCE_IF_HUNG_S if is_hung else PATIENCE_S
+    return min(first_s * 2.0 ** min(failed, 30), LONGEST_PATIENCE_S)
 
 
 class FailedStarts:
@@ -121,7 +127,7 @@ class CameraWait:
     _newest_s: float | None = None
     _good_since_s: float = math.inf
 
-    def is_over(self, now_s: float, *, has_frame: bool) -> bool:
+    def is_over(self, now_s: float, *, has_frame: bool, is_hung: bool = False) -> bool:
         """Take in a cycle, and return whether the process should end."""
         if self._newest_s is None:
             self._newest_s = now_s
@@ -131,7 +137,7 @@ class CameraWait:
             self._newest_s = now_s
             if self.is_proven(now_s):
                 self.failed = 0
-        return now_s - self._newest_s > patience_s(self.failed)
+        return now_s - self._newest_s > patience_s(self.failed, is_hung=is_hung)
 
     def is_proven(self, now_s: float) -> bool:
         """Return whether there have been pictures for so long that this start was a good one."""
@@ -145,6 +151,7 @@ class Service:
         watchdog_s: The period of the watchdog; None for none.
         starts: What is known of earlier starts; None without a runtime folder.
         trouble: Says what is wrong outside the loop.
+        hung: Says why nothing but another process can use the camera; empty if that is not so.
         clock: Real time in seconds. On the clock of a simulation, a watchdog of real seconds could not be fed.
     """
 
@@ -155,9 +162,11 @@ class Service:
         watchdog_s: float | None = None,
         starts: FailedStarts | None = None,
         trouble: Callable[[], str] = str,
+        hung: Callable[[], str] = str,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.trouble = trouble
+        self.hung = hung
         self._notify = notify
         self._feed_every_s = watchdog_s / FEEDS if watchdog_s else math.inf
         self._starts = starts
@@ -182,21 +191,23 @@ class Service:
             CaptureTimeoutError: There was no picture for so long that only a new process can help.
         """
         now_s = self._clock()
-        if self._camera.is_over(now_s, has_frame=frame is not None):
+        is_hung = frame is None and bool(self.hung())
+        if self._camera.is_over(now_s, has_frame=frame is not None, is_hung=is_hung):
             raise CaptureTimeoutError(self._given_up())
         if self._starts is not None and self._camera.is_proven(now_s):
             self._starts.forget()
             self._starts = None
         self._frames += frame is not None
-        lines = [] if self._is_ready else ["READY=1"]
-        self._is_ready = True
-        if now_s - self._fed_s >= self._feed_every_s:
-            self._fed_s = now_s
-            lines.append("WATCHDOG=1")
+        self._feed(now_s)
         if now_s - self._told_s >= STATUS_EVERY_S:
-            lines += self._new_status(now_s, record.decision)
-        if lines:
-            self._notify.send(*lines)
+            self._tell_status(now_s, record.decision)
+
+    def _feed(self, now_s: float) -> None:
+        lines = [] if self._is_ready else ["READY=1"]
+        if now_s - self._fed_s >= self._feed_every_s < math.inf:
+            lines.append("WATCHDOG=1")
+        if lines and self._notify.send(*lines):  # else with the next cycle
+            self._is_ready, self._fed_s = True, now_s
 
     def reloading(self) -> None:
         """Say that another configuration is being applied; `reloaded` follows."""
@@ -215,35 +226,30 @@ class Service:
         if self._starts is not None:
             self._starts.forget()
 
-    def _new_status(self, now_s: float, decision: Decision) -> list[str]:
-        rate_hz = self._frames / (now_s - self._told_s)
+    def _tell_status(self, now_s: float, decision: Decision) -> None:
+        rate = f"{self._frames / (now_s - self._told_s):.0f} fps" if self._told_s > -math.inf else ""
         self._told_s, self._frames = now_s, 0
-        measured, safety = _in_words(decision, rate_hz)
+        safety = "" if decision.safety is SafetyMode.ACTIVE else f"outputs are safe: {decision.safety_reason}"
         trouble = self.trouble()
+        measured = ", ".join(words for words in (*_measured(decision), rate) if words)
         status = "; ".join(words for words in (measured, safety, trouble if trouble not in safety else "") if words)
-        if status == self._status:
-            return []
-        self._status = status
-        return [f"STATUS={status}"]
+        if status != self._status and self._notify.send(f"STATUS={status}"):
+            self._status = status
 
     def _given_up(self) -> str:
-        waited_s = patience_s(self._camera.failed)
-        next_s = patience_s(self._camera.failed + 1)
-        why = self.trouble() or "the camera delivers none"
+        hung = self.hung()
+        waits_s = [patience_s(self._camera.failed + more, is_hung=bool(hung)) for more in (0, 1)]
+        why = hung or self.trouble() or "the camera delivers none"
         return (
-            f"no new picture for {waited_s:g} s ({why}), though the camera was opened again; "
-            f"the service restarts, and waits up to {next_s:g} s then"
+            f"no new picture for {waits_s[0]:g} s ({why}): the service restarts; "
+            f"if that does not help, the next restart is after {waits_s[1]:g} s"
         )
 
 
-def _in_words(decision: Decision, rate_hz: float) -> tuple[str, str]:
-    """Return in one line what is measured, and why outputs may not act."""
-    seen = [
-        f"{track.target} {track.distance_m:.2f} m" if track.is_valid else f"{track.target} {track.status.value}"
-        for track in decision.tracks
-    ]
-    safety = "" if decision.safety is SafetyMode.ACTIVE else f"outputs are safe: {decision.safety_reason}"
-    return ", ".join([*seen, f"{rate_hz:.0f} fps"]), safety
+def _measured(decision: Decision) -> Iterator[str]:
+    for track in decision.tracks:
+        is_known = track.is_valid and track.distance_m is not None
+        yield f"{track.target} {track.distance_m:.2f} m" if is_known else f"{track.target} {track.status.value}"
 
 
 def is_service(environ: Mapping[str, str] = os.environ) -> bool:

@@ -232,7 +232,7 @@ def begun_service(configuration: Path) -> Service | None:
 
 @contextmanager
 def _as_service(loop: Loop, service: Service) -> Iterator[None]:
-    service.trouble = loop.trouble
+    service.trouble, service.hung = loop.trouble, loop.parts.capture.hung
     loop.services.service = service
     loop.listeners.append(service)
     yield
