@@ -77,7 +77,7 @@ class Examined:
             return {}
         from stadimeter.workbench.wiring.outputs import wired_outputs  # noqa: PLC0415 - reads options of drivers
 
-        return {output.gpio: output.active_high for output in wired_outputs(self.configuration.actuators)}
+        return {output.gpio: output.active_high for output in wired_outputs(self.configuration.driven)}
 
     @cached_property
     def ports(self) -> tuple[str, ...]:

@@ -55,9 +55,10 @@ def safe_outputs(examined: Examined) -> Iterator[Diagnosis]:
     computer = examined.computer
     if examined.configuration is None or not examined.is_of_service or not computer.has(SWITCHES_OFF):
         return
-    from stadimeter.app.safe_outputs import wanted_lines  # noqa: PLC0415 - loads the configuration's drivers
+    from stadimeter.app.safe_outputs import safe_lines  # noqa: PLC0415 - loads the configuration's drivers
 
-    wanted = wanted_lines(examined.configuration)
+    driven = examined.configuration.driven
+    wanted = [line for each in driven if not each.plugin.is_simulated(each.options) for line in safe_lines(each)]
     if not wanted:
         return
     if not computer.has(SAFE_OUTPUTS):
