@@ -50,7 +50,7 @@ LOADED = (
     library("simplejpeg", "1.8.2"),
     library("pydantic", "2.10.6"),
     library("picamera2", "0.3.30", APT),
-    library("lgpio", "", APT),
+    {**library("lgpio"), "file": ""},
 )
 
 

@@ -27,6 +27,7 @@ from support.captured_computers import (
     PI_5,
     PLACES,
     STATUS,
+    WEBCAM,
     ZERO_2,
     Captured,
     library,
@@ -64,7 +65,7 @@ def test_everything_that_a_newcomer_forgot_is_found(tmp_path: Path) -> None:
     assert [words.split(":")[0].split(",")[0] for words in found[WRONG]] == [
         "under-voltage and throttled now (vcgencmd get_throttled",
         "the user maker is in the group video since the last login only",
-        "no ribbon camera is found",
+        "no camera is found",
     ]
     assert [words.split(",")[0] for words in found[WARNING]] == [
         "the processor is at 74 °C; from 80 °C on it is slowed down",
@@ -266,12 +267,24 @@ class TestCameras:
 
     def test_a_camera_whose_detection_is_off_is_found(self, tmp_path: Path) -> None:
         off = replace(PI_4, cameras=()).with_files(config_txt="camera_auto_detect=0\n").without(PLACES["video0"])
-        assert "turns their detection off" in examine(off, tmp_path, "cameras")[0].seen
+        assert "turns the detection of the latter off" in examine(off, tmp_path, "cameras")[0].seen
 
     def test_a_configuration_without_such_a_camera_needs_none(self, tmp_path: Path) -> None:
         assert only(replace(PC, cameras=()), tmp_path, "cameras").severity is WRONG
         found = only(replace(PC, cameras=()), tmp_path, "cameras", CONFIG / "demo.toml")
         assert (found.severity, "needs none" in found.seen) == (FINE, True)
+
+    def test_only_who_wants_a_ribbon_camera_lacks_one(self, tmp_path: Path) -> None:
+        bare = replace(PI_4, cameras=()).without(PLACES["video0"])
+        on_usb = only(bare, tmp_path / "usb", "cameras", CONFIG / "distance-alert.toml")
+        assert on_usb.seen == "no camera is found on this computer"
+        config = tmp_path / "ribbon.toml"
+        lines = (CONFIG / "distance-alert.toml").read_text()
+        config.write_text(lines.replace('driver = "opencv"\ndevice = 0', 'driver = "picamera2"'))
+        with_webcam = replace(bare, cameras=(WEBCAM,))
+        assert only(with_webcam, tmp_path / "none", "cameras").severity is FINE
+        found = examine(with_webcam, tmp_path / "ribbon", "cameras", config=config)
+        assert found[-1].seen.startswith("no ribbon camera is found")
 
     def test_cameras_that_cannot_be_listed_are_not_known(self, tmp_path: Path) -> None:
         assert only(replace(PC, cameras=None), tmp_path, "cameras").severity is UNKNOWN

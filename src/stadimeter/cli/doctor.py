@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import socket
 import sys
@@ -145,8 +146,9 @@ def _private(examined: Examined) -> re.Pattern[str]:
     messenger = examined.configuration and examined.configuration.messenger
     of_broker = [getattr(messenger.options, key, None) for key in ("host", "username")] if messenger else []
     home = str(Path.home())
-    names = [socket.gethostname(), Path.home().name if home.startswith("/home/") else "", *of_broker]
-    words = [rf"\b{re.escape(name)}\b" for name in names if name and name not in {"localhost", "stadimeter"}]
+    users = (os.environ.get(key) for key in ("USER", "SUDO_USER"))
+    names = {socket.gethostname(), *users, *of_broker} - {None, "", "localhost", "root", "stadimeter"}
+    words = [rf"\b{re.escape(str(name))}\b" for name in names]
     return re.compile("|".join([r"(?<=://)[^\s'\"]+", *([re.escape(home)] if home != "/" else []), *words]))
 
 

@@ -20,6 +20,9 @@ from stadimeter.workbench.doctor.software import python_command
 
 GROUPS = {"video": "cameras", "dialout": "serial ports", "gpio": "pins"}
 LIST_S = 20.0
+ATTACHED = ("opencv", "picamera2")
+"""The drivers of cameras that are plugged in."""
+
 CONFIG_TXT = ("/boot/firmware/config.txt", "/boot/config.txt")
 ON_HEADER = ("ttyAMA0", "ttyS0")
 """The serial ports of GPIO 14 and 15. The console of a Pi 5 is on a connector of its own, as ttyAMA10."""
@@ -68,7 +71,9 @@ def _lacking(
 
 def _needed(examined: Examined) -> set[str]:
     configuration = examined.configuration
-    cameras = {"video"} if configuration and configuration.camera.driver in {"opencv", "picamera2"} else set()
+    if configuration is None or examined.is_of_service:  # the service has the groups of its unit
+        return set()
+    cameras = {"video"} if configuration.camera.driver in ATTACHED else set()
     return cameras | ({"dialout"} if examined.ports else set()) | ({"gpio"} if examined.pins else set())
 
 
@@ -122,9 +127,8 @@ def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[
         if _has_sensor(computer):
             yield _unseen(examined)
             return
-        wants = examined.configuration is not None and examined.configuration.camera.driver == "picamera2"
-        if wants or not has_any:
-            yield _no_sensor(config)
+        if _names(examined, "picamera2") or (examined.configuration is None and not has_any):
+            yield _no_sensor(config, has_any=has_any)
             return
     if has_any:
         return
@@ -136,10 +140,13 @@ def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[
 
 
 def _wants_attached(examined: Examined) -> bool:
-    if examined.configuration is None:
-        return True
-    options = examined.configuration.camera.options
-    return examined.configuration.camera.driver in {"opencv", "picamera2"} and not getattr(options, "is_stream", False)
+    configuration = examined.configuration
+    is_stream = configuration is not None and getattr(configuration.camera.options, "is_stream", False)
+    return configuration is None or (_names(examined, *ATTACHED) and not is_stream)
+
+
+def _names(examined: Examined, *drivers: str) -> bool:
+    return examined.configuration is not None and examined.configuration.camera.driver in drivers
 
 
 def _has_sensor(computer: Computer) -> bool:
@@ -159,14 +166,15 @@ def _unseen(examined: Examined) -> Diagnosis:
     return wrong("a ribbon camera is there, and the library picamera2 is not", f"{PICAMERA2}, and {SEE_SYSTEM}")
 
 
-def _no_sensor(config: str) -> Diagnosis:
+def _no_sensor(config: str, *, has_any: bool) -> Diagnosis:
+    seen = "no ribbon camera is found" if has_any else "no camera is found, on USB or on a ribbon cable"
     if re.search(r"^\s*camera_auto_detect\s*=\s*0", config, re.MULTILINE):
         return wrong(
-            "no ribbon camera is found, and config.txt turns their detection off",
+            f"{seen}, and config.txt turns the detection of the latter off",
             f"`camera_auto_detect=1` in {CONFIG_TXT[0]}, and restart",
         )
     return wrong(
-        "no ribbon camera is found: none is plugged in, or its cable is loose or the wrong way round",
+        f"{seen}: none is plugged in, or its cable is loose or the wrong way round",
         "switch off, plug the cable in anew (a Pi 5 and a Zero need the narrow one), `rpicam-hello --list-cameras`; "
         "a module that is not Raspberry Pi's own needs its `dtoverlay` in config.txt",
     )
@@ -205,7 +213,7 @@ def serial(examined: Examined) -> Iterator[Diagnosis]:
     console = re.search(r"console=(ttyAMA\d+|ttyS\d+)", computer.text("/proc/cmdline"))
     if computer.is_pi and console:
         is_used = console[1] in map(computer.node, examined.ports) or (
-            console[1] in ON_HEADER and {14, 15} & set(examined.pins)
+            console[1] in ON_HEADER and {14, 15} & examined.pins
         )
         where = f"{console[1]} (GPIO 14 and 15)" if console[1] in ON_HEADER else console[1]
         if is_used:
@@ -214,7 +222,7 @@ def serial(examined: Examined) -> Iterator[Diagnosis]:
                 "`sudo raspi-config nonint do_serial_cons 1`, and restart",
             )
         else:
-            yield fine(f"the system's console is on {where}; the configuration does not use that")
+            yield fine(f"the system's console is on {where}; leave that free")
     yield from _takers(computer, has_base=bool(examined.ports))
     found = computer.paths("/dev/serial/by-id/*")
     if found:

@@ -71,13 +71,13 @@ class Examined:
         return self.configuration is not None and goes_by_the_clock(self.configuration.plan)
 
     @cached_property
-    def pins(self) -> dict[int, bool]:
-        """The GPIOs of its outputs, and whether each is on when high."""
+    def pins(self) -> frozenset[int]:
+        """The GPIOs of its outputs and buttons."""
         if self.configuration is None:
-            return {}
-        from stadimeter.workbench.wiring.outputs import wired_outputs  # noqa: PLC0415 - reads options of drivers
+            return frozenset()
+        from stadimeter.workbench.wiring.outputs import parts_of, wired_outputs  # noqa: PLC0415 - loads numpy
 
-        return {output.gpio: output.active_high for output in wired_outputs(self.configuration.driven)}
+        return frozenset(output.gpio for output in wired_outputs(parts_of(self.configuration)))
 
     @cached_property
     def ports(self) -> tuple[str, ...]:
