@@ -49,7 +49,7 @@ def test_what_is_wrong_stands_above_its_remedy_and_exits_with_1(
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     at = lines.index(" ✗  under-voltage and throttled now (vcgencmd get_throttled: 0x50005)")
-    assert lines[at + 1].startswith("    → use the board's own supply")
+    assert lines[at + 1].startswith("    → use the supply for the board")
 
 
 @pytest.mark.parametrize(("glyphs", "marks"), [(UNICODE, "✓!✗?"), (ASCII, "ok!x?")])

@@ -15,7 +15,9 @@ from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import Examined
 
-SUPPLY = "use the board's own supply (5 V and 3 A; 5 A for a Pi 5) and a short, thick cable; motors get one of their own"
+SUPPLY = (
+    "use the supply for the board (5 V and 3 A; 5 A for a Pi 5) and a short, thick cable, and another one for motors"
+)
 COOL = "a heat sink or a fan, and air around the board"
 SCARCE_BYTES = 100e6
 LOW_BYTES = 500e6
