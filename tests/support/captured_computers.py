@@ -39,7 +39,7 @@ VENV, APT = "/home/maker/st/lib/python3.11/site-packages", "/usr/lib/python3/dis
 
 def library(name: str, version: str = "", folder: str = VENV, *, error: str = "", missing: bool = False) -> Any:
     """Return the line of a library, as a Python prints it that imports it."""
-    file = "" if error or missing else f"{folder}/{name}/__init__.py"
+    file = "None" if missing else f"{folder}/{name}/__init__.py"
     return {"name": name, "version": version, "file": file, "error": error, "missing": missing}
 
 
@@ -50,7 +50,7 @@ LOADED = (
     library("simplejpeg", "1.8.2"),
     library("pydantic", "2.10.6"),
     library("picamera2", "0.3.30", APT),
-    {**library("lgpio"), "file": ""},
+    library("lgpio", "", APT),
 )
 
 

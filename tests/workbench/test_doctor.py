@@ -17,6 +17,7 @@ from stadimeter.workbench.doctor.examination import CHECKS
 from stadimeter.workbench.doctor.examined import INSTALLED, Examined
 from stadimeter.workbench.doctor.software import PROBE
 from support.captured_computers import (
+    APT,
     GROUP,
     IMX219,
     LOADED,
@@ -166,13 +167,14 @@ class TestLibraries:
         [f"ValueError: {ABI}", "AttributeError: _ARRAY_API not found", "ImportError: numpy.core.multiarray failed"],
     )
     def test_a_library_for_another_numpy_is_named_with_both_versions(self, tmp_path: Path, error: str) -> None:
-        imports = (LOADED[0], library("numpy", "2.2.6"), *LOADED[2:5], library("picamera2", error=error))
+        imports = (LOADED[0], library("numpy", "2.2.6"), *LOADED[2:5], library("picamera2", "", APT, error=error))
         found = only(replace(PI_4, imports=imports), tmp_path, "libraries")
         assert found.severity is WRONG
         assert found.seen.startswith("picamera2 does not load beside numpy 2.2.6: it was built for another numpy")
-        assert found.remedy.endswith(
-            ": /home/maker/st/bin/python -m pip install 'numpy<2' 'opencv-python-headless<4.12'"
-        )
+        assert found.remedy.endswith("/home/maker/st/bin/python -m pip install 'numpy<2' 'opencv-python-headless<4.12'")
+        of_pip = (*imports[:-1], library("simplejpeg", error=error))
+        found = only(replace(PI_4, imports=of_pip), tmp_path, "libraries")
+        assert found.remedy.endswith("-m pip install --force-reinstall simplejpeg")
         packaged = ({**LOADED[0], "prefix": "/opt/stadimeter/current"}, *imports[1:])
         found = only(replace(PI_4, imports=packaged), tmp_path, "libraries")
         assert found.remedy == "`sudo apt install --reinstall stadimeter`"

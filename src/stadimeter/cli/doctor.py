@@ -44,7 +44,7 @@ def doctor(
     *,
     config: Annotated[
         Path | None,
-        typer.Argument(metavar="CONFIG", help="Look at what this configuration names. Else at that of the service."),
+        typer.Argument(metavar="CONFIG", readable=False, help="Look at what this names, and not at the service's."),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object, for programs and for reports of errors.")
@@ -69,9 +69,9 @@ def doctor(
     **Exit code**: 0 nothing is wrong; 1 something is; 2 there is no such configuration.
     """
     with plain_errors():
-        if config is not None and not config.exists():
-            raise ConfigError(f"there is no configuration {config}")
         examined = Examined(Computer(), config)
+        if config is not None and not os.path.lexists(config) and os.access(config.parent, os.X_OK):
+            raise ConfigError(f"there is no configuration {config}")
         found = _print_json(examined) if as_json else _print_lines(examined)
     raise typer.Exit(NOT_FOUND if any(each.severity is Severity.WRONG for each in found) else DONE)
 

@@ -93,11 +93,13 @@ class Examined:
     @cached_property
     def _read(self) -> tuple[Configuration | None, Diagnosis | None]:
         path = self.place
-        if path.parent.exists() and not os.access(path.parent, os.X_OK):
+        try:
+            path.stat()
+        except PermissionError:  # the folder of the service's is not for every eye
             return None, _not_yours(path)
-        if self.path is None and not path.exists():
+        except OSError:
             return None, None
-        if path.exists() and not os.access(path, os.R_OK):
+        if not os.access(path, os.R_OK):
             return None, _not_yours(path)
         if any(each.severity is Severity.WRONG for each in self.libraries):
             return None, unknown(f"{path} was not read, since libraries do not load", "mend those first")

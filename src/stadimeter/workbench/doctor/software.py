@@ -24,13 +24,13 @@ import importlib, importlib.util, json, sys
 bits = 64 if sys.maxsize > 2**32 else 32
 print(json.dumps({"python": sys.version.split()[0], "bits": bits, "prefix": sys.prefix, "runs": sys.executable}))
 for name in sys.argv[1:]:
-    found = {"name": name, "version": "", "file": "", "error": "", "missing": importlib.util.find_spec(name) is None}
-    if not found["missing"] and name != "lgpio":
+    spec = importlib.util.find_spec(name)
+    found = {"name": name, "version": "", "file": str(spec and spec.origin), "error": "", "missing": spec is None}
+    if spec is not None and name != "lgpio":
         print(json.dumps({"trying": name}), flush=True)
         try:
             module = importlib.import_module(name)
             found["version"] = str(getattr(module, "__version__", ""))
-            found["file"] = str(module.__file__)
         except BaseException as error:
             found["error"] = f"{type(error).__name__}: {error}"
     print(json.dumps(found), flush=True)
@@ -85,9 +85,10 @@ def libraries(imports: Imports) -> Iterator[Diagnosis]:
     if (untried := _stopped_at(lines)) is not None:
         how = "takes too long" if imports.is_late else "crashes Python"
         yield wrong(f"importing {untried} {how}", _again(python))
-    loaded = [f"{each['name']} {each['version']}{_origin(each)}" for each in found if each["file"]]
     if not (missing or untried or any(each["error"] for each in found)):
-        yield fine(f"Python {python['python']} in {python['prefix']}; {', '.join(loaded)} load together")
+        loaded = (each for each in found if each["name"] in LIBRARIES and not each["missing"])
+        names = ", ".join(f"{each['name']} {each['version']}".strip() + _origin(each) for each in loaded)
+        yield fine(f"Python {python['python']} in {python['prefix']}; {names} load together")
 
 
 def _stopped_at(lines: list[dict[str, Any]]) -> str | None:
@@ -103,21 +104,19 @@ def _broken(library: dict[str, Any], python: dict[str, Any], found: list[dict[st
         return wrong(f"{library['name']} does not load: {_short(library['error'])}", _again(python))
     numpy = next((each for each in found if each["name"] == "numpy"), None)
     beside = f" beside numpy {numpy['version']}{_origin(numpy)}" if numpy and numpy["version"] else ""
-    pip = f"where apt's libraries are for numpy 1: {_pip(python)} {NUMPY_1}"
-    return wrong(
-        f"{library['name']} does not load{beside}: it was built for another numpy ({_short(library['error'])})",
-        _again(python) if python["prefix"].startswith(PACKAGED) else pip,
-    )
+    seen = f"{library['name']} does not load{beside}: it was built for another numpy ({_short(library['error'])})"
+    is_of_apt = _origin(library) and not python["prefix"].startswith(PACKAGED)
+    return wrong(seen, f"{_pip(python)} {NUMPY_1}" if is_of_apt else _again(python, library["name"]))
 
 
 def _short(error: str) -> str:
     return " ".join(error.split())[:160]
 
 
-def _again(python: dict[str, Any]) -> str:
+def _again(python: dict[str, Any], library: str = "stadimeter") -> str:
     if python["prefix"].startswith(PACKAGED):
         return "`sudo apt install --reinstall stadimeter`"
-    return f"{_pip(python)} --force-reinstall stadimeter"
+    return f"{_pip(python)} --force-reinstall {library}"
 
 
 def _pip(python: dict[str, Any]) -> str:
