@@ -271,6 +271,11 @@ class TestCameras:
         off = replace(PI_4, cameras=()).with_files(config_txt="camera_auto_detect=0\n").without(PLACES["video0"])
         assert "turns the detection of the latter off" in examine(off, tmp_path, "cameras")[0].seen
 
+    def test_a_kernel_without_support_for_ribbon_cameras_is_found(self, tmp_path: Path) -> None:
+        plain = replace(PI_4, cameras=()).without(PLACES["video0"], "/dev/media0")
+        found = examine(plain, tmp_path, "cameras")[0]
+        assert (found.severity, "does not support ribbon cameras" in found.seen) == (WRONG, True)
+
     def test_a_configuration_without_such_a_camera_needs_none(self, tmp_path: Path) -> None:
         assert only(replace(PC, cameras=()), tmp_path, "cameras").severity is WRONG
         found = only(replace(PC, cameras=()), tmp_path, "cameras", CONFIG / "demo.toml")

@@ -128,7 +128,7 @@ def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[
             yield _unseen(examined)
             return
         if _names(examined, "picamera2") or (examined.configuration is None and not has_any):
-            yield _no_sensor(config, has_any=has_any)
+            yield _no_sensor(computer, config, has_any=has_any)
             return
     if has_any:
         return
@@ -166,8 +166,13 @@ def _unseen(examined: Examined) -> Diagnosis:
     return wrong("a ribbon camera is there, and the library picamera2 is not", f"{PICAMERA2}, and {SEE_SYSTEM}")
 
 
-def _no_sensor(config: str, *, has_any: bool) -> Diagnosis:
+def _no_sensor(computer: Computer, config: str, *, has_any: bool) -> Diagnosis:
     seen = "no ribbon camera is found" if has_any else "no camera is found, on USB or on a ribbon cable"
+    if not computer.paths("/dev/media*"):
+        return wrong(
+            f"{seen}: the system's kernel does not support ribbon cameras (there is no /dev/media0)",
+            "use a USB camera, or Raspberry Pi OS, whose kernel does",
+        )
     if re.search(r"^\s*camera_auto_detect\s*=\s*0", config, re.MULTILINE):
         return wrong(
             f"{seen}, and config.txt turns the detection of the latter off",
