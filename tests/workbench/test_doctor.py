@@ -12,6 +12,7 @@ import pytest
 
 from stadimeter.app.board_health import is_under_voltage, temperature_c, throttling
 from stadimeter.workbench.doctor.computer import Computer, run_command
+from stadimeter.workbench.doctor.devices import IN_USE
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, Severity
 from stadimeter.workbench.doctor.examination import CHECKS
 from stadimeter.workbench.doctor.examined import INSTALLED, Examined
@@ -34,6 +35,7 @@ from support.captured_computers import (
     library,
 )
 
+NOT_FREE = f"{IN_USE}: motion (412); close that one"
 CONFIG = Path(__file__).parents[2] / "config"
 FINE, WARNING, WRONG, UNKNOWN = Severity
 
@@ -228,6 +230,13 @@ class TestGroups:
         }  # fmt: skip
         assert "`sudo usermod -aG video maker`, then log out and in again" in {each.remedy for each in found}
 
+    def test_lines_of_the_group_file_that_are_no_groups_are_passed_over(self, tmp_path: Path) -> None:
+        odd = PI_4.with_files(group=f"+::::\n# mine\n{PI_4.files[PLACES['group']]}")
+        assert only(odd, tmp_path, "groups").severity is FINE
+
+    def test_a_kernel_that_hides_who_we_are_leaves_it_unknown(self, tmp_path: Path) -> None:
+        assert only(PI_4.without(PLACES["status"]), tmp_path, "groups").severity is UNKNOWN
+
     def test_root_is_asked_for_whoever_called_sudo(self, tmp_path: Path) -> None:
         root = PI_4.with_files(
             group=GROUP.format(dialout="maker", video="", gpio="maker"), status=STATUS.format(uid=0, groups="0")
@@ -243,9 +252,11 @@ class TestCameras:
         assert "by V4L2: /dev/v4l/by-id/" in only(PC, tmp_path / "pc", "cameras").seen
 
     def test_a_camera_that_is_in_use_says_so(self, tmp_path: Path) -> None:
-        busy = {**IMX219, "trouble": "another program is using it; close that one"}
-        found = only(replace(PI_4, cameras=(busy,)), tmp_path, "cameras")
-        assert (found.severity, found.remedy) == (WRONG, busy["trouble"])
+        busy = replace(PC, cameras=({**WEBCAM, "trouble": NOT_FREE},))
+        found = only(busy, tmp_path, "cameras")
+        assert (found.severity, found.remedy) == (WRONG, NOT_FREE)
+        serving = busy.printing("systemctl is-active stadimeter.service", "active\n")
+        assert only(serving, tmp_path, "cameras").seen.endswith("; it is in use, and the service runs")
 
     def test_the_legacy_stack_is_found_in_config_txt(self, tmp_path: Path) -> None:
         old = replace(PI_4, cameras=()).with_files(config_txt="start_x=1\ngpu_mem=128\n")
@@ -333,7 +344,7 @@ class TestSerial:
         assert (found.severity, "GPIO" in found.seen) == (FINE, False)
 
     def test_programs_that_take_ports_matter_where_there_are_any(self, tmp_path: Path) -> None:
-        taken = PC.printing("systemctl is-active ModemManager", "active\n")
+        taken = PC.printing("systemctl is-active ModemManager.service", "active\n")
         taken = replace(taken, files={**taken.files, "/usr/lib/udev/rules.d/85-brltty.rules": ""})
         assert examine(taken, tmp_path, "serial") == []
         (tmp_path / "dev").mkdir()

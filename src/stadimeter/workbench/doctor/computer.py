@@ -117,5 +117,9 @@ class Computer:
         words = ("systemctl", "show", *([name] if name else []), f"--property={','.join(properties)}")
         return dict(line.split("=", 1) for line in self.prints(*words).splitlines() if "=" in line)
 
+    def is_active(self, unit: str) -> bool:
+        """Return whether a unit of systemd is active."""
+        return self.prints("systemctl", "is-active", unit) == "active"
+
     def _at(self, path: str) -> Path:
         return self.root / path.lstrip("/")

@@ -15,11 +15,12 @@ from typing import Any
 from stadimeter.config.extras import LIBRARIES, PICAMERA2, PICAMERA2_UNSEEN, SEE_SYSTEM, install_line
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
-from stadimeter.workbench.doctor.examined import Examined
+from stadimeter.workbench.doctor.examined import UNIT, Examined
 from stadimeter.workbench.doctor.software import python_command
 
 GROUPS = {"video": "cameras", "dialout": "serial ports", "gpio": "pins"}
 LIST_S = 20.0
+IN_USE = "another program is using it"
 ATTACHED = ("opencv", "picamera2")
 """The drivers of cameras that are plugged in."""
 
@@ -32,12 +33,15 @@ def groups(examined: Examined) -> Iterator[Diagnosis]:
     """Tell whether this user may use cameras, serial ports and pins: by the group file, and by this process."""
     computer = examined.computer
     ids = _ids(computer)
-    sudo = computer.environment.get("SUDO_USER", "")
-    user = sudo if ids["Uid"][:1] == ["0"] else _name(computer, ids["Uid"][0])
-    if not user or user == "root":
+    if not ids["Uid"]:
+        yield unknown("which user this is: the kernel does not say")
+        return
+    sudo = computer.environment.get("SUDO_USER", "") if ids["Uid"][0] == "0" else ""
+    user = sudo or _name(computer, ids["Uid"][0])
+    if user == "root":
         yield fine("root may use every device; other users need the groups video, dialout and gpio")
         return
-    lines = [line.split(":") for line in computer.text("/etc/group").splitlines()]
+    lines = [line.split(":") for line in computer.text("/etc/group").splitlines() if line.count(":") == 3]
     table = {name: (number, members.split(",")) for name, _password, number, members in lines}
     troubles = [
         trouble
@@ -97,7 +101,9 @@ def cameras(examined: Examined) -> Iterator[Diagnosis]:
     for camera in found:
         stack = "libcamera" if camera["driver"] == "picamera2" else "V4L2"
         seen = f"{camera['name']}, by {stack}: {camera['device']}"
-        if camera["trouble"]:
+        if camera["trouble"].startswith(IN_USE) and examined.computer.is_active(UNIT):
+            yield fine(f"{seen}; it is in use, and the service runs")
+        elif camera["trouble"]:
             yield wrong(f"{seen}; it cannot be used", camera["trouble"])
         else:
             yield fine(seen)
@@ -238,7 +244,7 @@ def _takers(computer: Computer, *, has_base: bool) -> Iterator[Diagnosis]:
     is_threat = has_base or bool(computer.paths("/dev/tty[UA][SC][BM]*"))
     if not is_threat:
         return
-    if computer.prints("systemctl", "is-active", "ModemManager") == "active":
+    if computer.is_active("ModemManager.service"):
         yield warning(
             "ModemManager runs, and writes to serial ports that it does not know",
             "`sudo systemctl disable --now ModemManager`",

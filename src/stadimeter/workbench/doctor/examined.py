@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # reading a configuration loads the libraries that may be bro
 INSTALLED = "/etc/stadimeter/appliance.toml"
 """The configuration of the service, which is looked at if no other is named."""
 
+UNIT = "stadimeter.service"
 SUDO = "call doctor with `sudo`"
 
 

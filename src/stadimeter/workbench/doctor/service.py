@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
-from stadimeter.workbench.doctor.examined import SUDO, Examined
+from stadimeter.workbench.doctor.examined import SUDO, UNIT, Examined
 
-UNIT = "stadimeter.service"
 STATE = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "UnitFileState", "StatusText")
 RESTARTS_MANY = 3
 SAFE_OUTPUTS = "/run/stadimeter/safe-outputs.conf"
