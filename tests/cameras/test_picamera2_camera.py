@@ -3,6 +3,7 @@ from __future__ import annotations
 import importlib.machinery
 import sys
 import threading
+import tracemalloc
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
@@ -64,6 +65,27 @@ def test_padded_rows_become_a_picture_with_blue_first(sensor: Sensor) -> None:
     assert np.array_equal(image, frame_image(int(image[0, 0, 0]), 66, 48))
     assert image.flags["C_CONTIGUOUS"]
     assert image.flags["OWNDATA"], "it is copied once, and shows no buffer of the camera"
+
+
+def test_a_picture_is_copied_once_from_the_buffer_of_the_camera_to_who_looks_at_it() -> None:
+    sensor = Sensor(MonotonicClock())
+    capture = LiveCapture(camera_on(sensor, width_px=642, height_px=480), sensor.clock)
+    capture.open()
+    try:
+        image = capture.latest(5.0).image
+    finally:
+        capture.close()
+    assert image.base is None, "it is no part or view of another array"
+    camera = camera_on(sensor, width_px=642, height_px=480)
+    camera.open()
+    with camera._request(1.0) as request:
+        tracemalloc.start()
+        copied = camera._copied(request)
+        _, most_bytes = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert not np.shares_memory(copied, np.frombuffer(request.buffer, np.uint8))
+    camera.close()
+    assert most_bytes < 1.01 * copied.nbytes, "between the buffer and the picture there is no other copy"
 
 
 def test_the_capture_time_is_when_the_exposure_of_the_first_row_began(sensor: Sensor) -> None:
