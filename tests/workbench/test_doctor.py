@@ -181,6 +181,11 @@ class TestLibraries:
         found = only(replace(PI_4, imports=packaged), tmp_path, "libraries")
         assert found.remedy == "`sudo apt install --reinstall stadimeter`"
 
+    def test_picamera2_of_pip_lacks_what_only_apt_has(self, tmp_path: Path) -> None:
+        of_pip = library("picamera2", error="ModuleNotFoundError: No module named 'libcamera'")
+        found = only(replace(PI_4, imports=(*LOADED[:5], of_pip)), tmp_path, "libraries")
+        assert found.remedy.startswith("`sudo apt install python3-picamera2`, and make the environment anew")
+
     def test_where_libraries_do_not_load_the_configuration_is_not_read(self, tmp_path: Path) -> None:
         imports = (LOADED[0], library("numpy", "2.2.6"), library("cv2", error=f"ImportError: {self.ABI}"))
         found = only(replace(PI_4, imports=imports), tmp_path, "configuration", CONFIG / "demo.toml")

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from stadimeter.config.extras import NUMPY_1, PACKAGED
+from stadimeter.config.extras import NUMPY_1, PACKAGED, PICAMERA2, SEE_SYSTEM
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, wrong
 
@@ -101,7 +101,9 @@ def _origin(library: dict[str, Any]) -> str:
 
 def _broken(library: dict[str, Any], python: dict[str, Any], found: list[dict[str, Any]]) -> Diagnosis:
     if not _NUMPY_MIX.search(library["error"]):
-        return wrong(f"{library['name']} does not load: {_short(library['error'])}", _again(python))
+        is_of_pi = library["name"] == "picamera2"  # what it needs is not on pip
+        remedy = f"{PICAMERA2}, and {SEE_SYSTEM}" if is_of_pi else _again(python, library["name"])
+        return wrong(f"{library['name']} does not load: {_short(library['error'])}", remedy)
     numpy = next((each for each in found if each["name"] == "numpy"), None)
     beside = f" beside numpy {numpy['version']}{_origin(numpy)}" if numpy and numpy["version"] else ""
     seen = f"{library['name']} does not load{beside}: it was built for another numpy ({_short(library['error'])})"
