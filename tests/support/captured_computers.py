@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.workbench.doctor.computer import Answer, Computer
+from stadimeter.workbench.doctor.diagnosis import Diagnosis
+from stadimeter.workbench.doctor.examination import CHECKS
+from stadimeter.workbench.doctor.examined import Examined
 
 GROUP = "root:x:0:\ndialout:x:20:{dialout}\nvideo:x:44:{video}\ngpio:x:986:{gpio}\n"
 PASSWD = "root:x:0:0:root:/root:/bin/bash\nmaker:x:1000:1000:,,,:/home/maker:/bin/bash\n"
@@ -225,3 +228,15 @@ PC = Captured(
     cameras=(WEBCAM,),
 )
 """A computer with a webcam that is no Raspberry Pi."""
+
+
+def examine(captured: Captured, root: Path, *names: str, config: Path | None = None) -> list[Diagnosis]:
+    """Return what checks find: those that are named, or all."""
+    examined = Examined(captured.computer(root), config)
+    return [each for check in CHECKS if check.name in names or not names for each in check.find(examined)]
+
+
+def only(captured: Captured, root: Path, name: str, config: Path | None = None) -> Diagnosis:
+    """Return the one thing that a check finds."""
+    (found,) = examine(captured, root, name, config=config)
+    return found

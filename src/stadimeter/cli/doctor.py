@@ -53,8 +53,8 @@ def doctor(
     """Find what keeps stadimeter from working on this computer, with one remedy for each.
 
     Looks at the board (supply, heat, clock, disk), the libraries, groups, cameras, pins and serial ports, the
-    configuration with its broker, the service and the watchdogs. Reads only: no camera is opened, no pin is driven, and
-    no serial port is touched. The broker is asked once, under another name than that of a running instance.
+    configuration with its broker, the service and the watchdogs. Reads only: no picture is taken, no pin is driven, and
+    no serial port is opened. The broker is asked once, under another name than that of a running instance.
 
     Marks: ✓ fine, ! may become a problem, ✗ wrong, ? cannot be found out here.
 
