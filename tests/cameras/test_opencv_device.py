@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from stadimeter.app.clock import MonotonicClock
+from stadimeter.cameras.attached_devices import in_use
 from stadimeter.cameras.capture_time import GOOD_STAMPS_NEEDED
 from stadimeter.cameras.opencv_device import PLUGIN, OpenCvCamera
 from stadimeter.cameras.opencv_settings import OpenCvOptions
@@ -83,7 +84,7 @@ def test_a_device_that_is_not_ours_says_which_group_opens_it(
 @pytest.mark.parametrize(
     ("in_use", "words"),
     [
-        (True, r"another program is using it; close that one \(`fuser -v /dev/null`"),
+        (True, r"another program is using it: .+ \(process \d+\)"),
         (False, "does not answer as a camera"),
     ],
 )
@@ -93,6 +94,20 @@ def test_a_device_that_does_not_open_says_why(
     monkeypatch.setattr("stadimeter.cameras.opencv_device.is_in_use", lambda _node: in_use)
     with pytest.raises(DeviceOpenError, match=words):
         OpenCvCamera(OpenCvOptions(device="/dev/null"), clock).open()
+
+
+def test_a_device_that_another_program_has_open_is_in_use_by_that_program(tmp_path: Path) -> None:
+    node = tmp_path / "video0"
+    node.touch()
+    assert in_use(str(node)) == f"another program is using it; close that one (`sudo fuser -v {node}` names it)"
+    waits = [sys.executable, "-c", f"file = open({str(node)!r}); print(); import sys; sys.stdin.read()"]
+    with subprocess.Popen(waits, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        name = Path(f"/proc/{other.pid}/comm").read_text().strip()
+        words = f"another program is using it: {name} (process {other.pid}); close that one"
+        assert in_use(str(node)) == in_use(f"{tmp_path}/video*") == words
+        other.communicate()
 
 
 def test_a_stream_that_nobody_sends_is_refused_without_showing_the_password() -> None:
@@ -151,6 +166,30 @@ def test_settings_that_were_not_taken_are_told_and_do_no_harm(
     assert "30 frames a second" in rate
     assert "1280 × 720" in size
     assert camera.read().width_px == 640
+
+
+@pytest.mark.parametrize(
+    ("table", "fixed", "exposure_s"),
+    [
+        ({"exposure": "5 ms"}, {}, 0.005),
+        ({"exposure": "5 ms"}, {cv2.CAP_PROP_EXPOSURE: 156.0}, 0.0156),
+        ({"exposure": "5 ms"}, {cv2.CAP_PROP_AUTO_EXPOSURE: 3.0}, None),
+        ({}, {cv2.CAP_PROP_EXPOSURE: 156.0}, None),
+    ],
+)
+def test_frames_carry_the_exposure_that_the_device_holds_and_none_that_it_chooses(
+    device: FakeDevice,
+    node: Path,
+    clock: ManualClock,
+    table: dict[str, Any],
+    fixed: dict[int, float],
+    exposure_s: float | None,
+) -> None:
+    device.fixed |= set(fixed)
+    device.values |= fixed
+    camera = camera_of(device, node, clock, **table)
+    camera.open()
+    assert camera.read().exposure_s == (None if exposure_s is None else pytest.approx(exposure_s))
 
 
 def test_settings_are_applied_again_when_the_camera_is_opened_again(
@@ -239,6 +278,21 @@ def test_a_stamp_of_the_driver_is_the_capture_time(device: FakeDevice, node: Pat
         device.values[cv2.CAP_PROP_POS_MSEC] = 1e3 * (clock.now_s() - 0.03)
         frame = camera.read()
     assert frame.captured_at_s == pytest.approx(clock.now_s() - 0.03)
+
+
+def test_the_first_frame_has_its_true_age_where_the_driver_stamps_it_also_after_opening_again(
+    device: FakeDevice, node: Path, clock: ManualClock
+) -> None:
+    def wait() -> None:
+        clock.advance_s(0.033)
+        device.values[cv2.CAP_PROP_POS_MSEC] = 1e3 * (clock.now_s() - 0.08)
+
+    device.wait = wait
+    camera = camera_of(device, node, clock)
+    for _ in range(2):
+        camera.open()
+        captured_at_s = camera.read().captured_at_s
+        assert clock.now_s() - captured_at_s == pytest.approx(0.08)
 
 
 def test_a_stream_s_position_is_never_taken_for_a_stamp(device: FakeDevice, clock: ManualClock) -> None:

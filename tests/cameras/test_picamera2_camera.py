@@ -3,6 +3,8 @@ from __future__ import annotations
 import importlib.machinery
 import sys
 import threading
+import tracemalloc
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -65,11 +67,47 @@ def test_padded_rows_become_a_picture_with_blue_first(sensor: Sensor) -> None:
     assert image.flags["OWNDATA"], "it is copied once, and shows no buffer of the camera"
 
 
+def test_a_picture_is_copied_once_from_the_buffer_of_the_camera_to_who_looks_at_it() -> None:
+    sensor = Sensor(MonotonicClock())
+    capture = LiveCapture(camera_on(sensor, width_px=642, height_px=480), sensor.clock)
+    capture.open()
+    try:
+        image = capture.latest(5.0).image
+    finally:
+        capture.close()
+    assert image.base is None, "it is no part or view of another array"
+    camera = camera_on(sensor, width_px=642, height_px=480)
+    camera.open()
+    with camera._request(1.0) as request:
+        tracemalloc.start()
+        copied = camera._copied(request)
+        _, most_bytes = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert not np.shares_memory(copied, np.frombuffer(request.buffer, np.uint8))
+    camera.close()
+    assert most_bytes < 1.01 * copied.nbytes, "between the buffer and the picture there is no other copy"
+
+
 def test_the_capture_time_is_when_the_exposure_of_the_first_row_began(sensor: Sensor) -> None:
     camera = camera_on(sensor, exposure="8 ms", gain=2)
     camera.open()
     # A frame is completed `way_s` after its read-out began, which is at the end of the exposure.
     assert age_of_next_s(camera, sensor) == pytest.approx(sensor.way_s + 0.008, abs=0.006)
+
+
+def test_frames_carry_the_exposure_of_each_of_them(sensor: Sensor) -> None:
+    camera = camera_on(sensor)
+    camera.open()
+    assert camera.read().exposure_s == pytest.approx(0.00999)
+    sensor.keeps = {"ExposureTime": 25_000}
+    assert camera.read().exposure_s == pytest.approx(0.025)
+
+
+def test_how_old_frames_are_on_arrival_follows_from_rate_and_exposure(sensor: Sensor) -> None:
+    camera = camera_on(sensor, exposure="8 ms", rate="30 Hz")
+    camera.open()
+    latency_s = PLUGIN.latency(Picamera2Options.model_validate({"exposure": "8 ms", "rate": "30 Hz"}))
+    assert age_of_next_s(camera, sensor) == pytest.approx(latency_s, abs=0.01)
 
 
 def test_every_frame_is_read_where_nothing_waits(sensor: Sensor) -> None:
@@ -252,7 +290,7 @@ def test_settings_are_given_again_to_a_camera_that_comes_back_with_others(sensor
 
 def test_a_camera_that_another_program_holds_is_said_to_be_in_use(sensor: Sensor) -> None:
     camera_on(sensor).open()
-    with pytest.raises(DeviceOpenError, match="cannot be opened: another program is using it; close that one"):
+    with pytest.raises(DeviceOpenError, match=r"cannot be opened: another program is using it.*busy"):
         camera_on(sensor).open()
 
 
@@ -472,6 +510,12 @@ def test_without_the_package_nothing_is_attached_and_what_is_missing_is_told(
         Picamera2Camera(Picamera2Options(), clock).open()
     (tmp_path / "picamera2").mkdir()
     assert "installed, but not seen" in PLUGIN.lacks(Picamera2Options())[0]
+    from_pip = ModuleSpec("picamera2", None)
+    monkeypatch.setattr(picamera2_package, "find_spec", lambda name: from_pip if name == "picamera2" else None)
+    assert (
+        "picamera2 is there without libcamera, which pip does not have: `sudo apt"
+        in PLUGIN.lacks(Picamera2Options())[0]
+    )
 
 
 def test_a_package_for_another_numpy_or_of_old_is_told_from_one_that_is_missing(

@@ -49,7 +49,7 @@ def test_what_is_wrong_stands_above_its_remedy_and_exits_with_1(
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     at = lines.index(" ✗  under-voltage and throttled now (vcgencmd get_throttled: 0x50005)")
-    assert lines[at + 1].startswith("    → use the board's own supply")
+    assert lines[at + 1].startswith("    → use the supply for the board")
 
 
 @pytest.mark.parametrize(("glyphs", "marks"), [(UNICODE, "✓!✗?"), (ASCII, "ok!x?")])
@@ -96,10 +96,12 @@ def test_a_broker_that_does_not_answer_is_found(tmp_path: Path, monkeypatch: pyt
 
 def test_a_report_names_no_secret_no_computer_and_no_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("USER", "maker")
     config = with_broker(tmp_path, free_port(), username="gatekeeper", password_file="password.txt")
     config.write_text(config.read_text().replace("device = 0", 'device = "rtsp://me:pw@attic/1"', 1))
-    result = run(PC, tmp_path, monkeypatch, config, "--json")
-    for private in ("gatekeeper", "me:pw", "attic", str(tmp_path), socket.gethostname()):
+    result = run(ZERO_2, tmp_path, monkeypatch, config, "--json")
+    assert "the user … is not in the group gpio" in result.stdout
+    for private in ("gatekeeper", "maker", "me:pw", "attic", str(tmp_path), socket.gethostname()):
         assert private not in result.stdout
     assert result.exit_code == 1
     assert "rtsp://me:pw@attic" in config.read_text()

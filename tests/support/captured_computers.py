@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.workbench.doctor.computer import Answer, Computer
+from stadimeter.workbench.doctor.diagnosis import Diagnosis
+from stadimeter.workbench.doctor.examination import CHECKS
+from stadimeter.workbench.doctor.examined import Examined
 
 GROUP = "root:x:0:\ndialout:x:20:{dialout}\nvideo:x:44:{video}\ngpio:x:986:{gpio}\n"
 PASSWD = "root:x:0:0:root:/root:/bin/bash\nmaker:x:1000:1000:,,,:/home/maker:/bin/bash\n"
@@ -24,7 +27,7 @@ MOUNTS = (
 )
 CONFIG_TXT = "dtparam=audio=on\ncamera_auto_detect=1\ndisplay_auto_detect=1\ndtoverlay=vc4-kms-v3d\n[all]\n"
 SWAPS = "Filename\t\t\t\tType\t\tSize\t\tUsed\t\tPriority\n"
-OF_UNIT = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState"
+OF_UNIT = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState,StatusText"
 RUNNING = "LoadState=loaded\nActiveState=active\nSubState=running\nResult=success\nNRestarts=0\nUnitFileState=enabled\n"
 IMX219 = {
     "name": "imx219", "driver": "picamera2", "device": "/base/soc/i2c0mux/i2c@1/imx219@10", "node": "camera 0",
@@ -34,17 +37,17 @@ WEBCAM = {
     "name": "HD Webcam C615", "driver": "opencv", "device": "/dev/v4l/by-id/usb-046d_HD_Webcam_C615-video-index0",
     "node": "/dev/video0", "trouble": "",
 }  # fmt: skip
-VENV, APT = "/opt/stadimeter/lib/python3.11/site-packages", "/usr/lib/python3/dist-packages"
+VENV, APT = "/home/maker/st/lib/python3.11/site-packages", "/usr/lib/python3/dist-packages"
 
 
 def library(name: str, version: str = "", folder: str = VENV, *, error: str = "", missing: bool = False) -> Any:
     """Return the line of a library, as a Python prints it that imports it."""
-    file = "" if error or missing else f"{folder}/{name}/__init__.py"
+    file = "None" if missing else f"{folder}/{name}/__init__.py"
     return {"name": name, "version": version, "file": file, "error": error, "missing": missing}
 
 
 LOADED = (
-    {"python": "3.11.2", "bits": 64, "prefix": "/opt/stadimeter"},
+    {"python": "3.11.2", "bits": 64, "prefix": "/home/maker/st", "runs": "/home/maker/st/bin/python"},
     library("numpy", "1.26.4"),
     library("cv2", "4.11.0"),
     library("simplejpeg", "1.8.2"),
@@ -124,7 +127,7 @@ PLACES = {
     "journald": "/etc/systemd/journald.conf.d/mine.conf",
     "mounts": "/proc/mounts",
     "passwd": "/etc/passwd",
-    "safe_conf": "/etc/stadimeter/safe-outputs.conf",
+    "safe_conf": "/run/stadimeter/safe-outputs.conf",
     "status": "/proc/self/status",
     "swaps": "/proc/swaps",
     "temp": "/sys/class/thermal/thermal_zone0/temp",
@@ -148,6 +151,7 @@ def _pi(model: str, name: str, cmdline: str, **files: str) -> Captured:
         "/run/systemd/system/here": "",
         "/usr/lib/stadimeter/safe-outputs": "",
         "/dev/gpiochip0": "",
+        "/dev/media0": "",
     }
     commands = {
         "vcgencmd get_throttled": "throttled=0x0\n",
@@ -224,3 +228,15 @@ PC = Captured(
     cameras=(WEBCAM,),
 )
 """A computer with a webcam that is no Raspberry Pi."""
+
+
+def examine(captured: Captured, root: Path, *names: str, config: Path | None = None) -> list[Diagnosis]:
+    """Return what checks find: those that are named, or all."""
+    examined = Examined(captured.computer(root), config)
+    return [each for check in CHECKS if check.name in names or not names for each in check.find(examined)]
+
+
+def only(captured: Captured, root: Path, name: str, config: Path | None = None) -> Diagnosis:
+    """Return the one thing that a check finds."""
+    (found,) = examine(captured, root, name, config=config)
+    return found

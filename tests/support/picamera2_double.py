@@ -69,6 +69,7 @@ class Sensor:
         waiting_s: The ages of frames that have waited in the queue from before.
         is_silent: It completes no more frames.
         let_go: Closing ends only when this is set.
+        opens_in_s: How long opening takes.
     """
 
     clock: Clock
@@ -87,6 +88,7 @@ class Sensor:
     is_stamped: bool = True
     turns: bool = True
     let_go: threading.Event = field(default_factory=threading.Event)
+    opens_in_s: float = 0.0
     cameras: list[Camera] = field(default_factory=list)
     configurations: list[dict[str, Any]] = field(default_factory=list)
 
@@ -106,6 +108,7 @@ class Sensor:
     def acquire(self) -> None:
         if self.cameras:
             raise RuntimeError("Failed to acquire camera: Device or resource busy")
+        self.clock.sleep_until_s(self.clock.now_s() + self.opens_in_s)
 
     def package(self) -> Package:
         """Return what the driver imports."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,39 +12,25 @@ import pytest
 from stadimeter.app.board_health import is_under_voltage, temperature_c, throttling
 from stadimeter.workbench.doctor.computer import Computer, run_command
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, Severity
-from stadimeter.workbench.doctor.examination import CHECKS
 from stadimeter.workbench.doctor.examined import INSTALLED, Examined
 from stadimeter.workbench.doctor.software import PROBE
 from support.captured_computers import (
-    GROUP,
-    IMX219,
+    APT,
     LOADED,
     MOUNTS,
     OF_UNIT,
     PC,
     PI_4,
     PI_5,
-    PLACES,
-    STATUS,
     ZERO_2,
     Captured,
+    examine,
     library,
+    only,
 )
 
 CONFIG = Path(__file__).parents[2] / "config"
 FINE, WARNING, WRONG, UNKNOWN = Severity
-
-
-def examine(captured: Captured, root: Path, *names: str, config: Path | None = None) -> list[Diagnosis]:
-    """Return what checks find: those that are named, or all."""
-    examined = Examined(captured.computer(root), config)
-    return [each for check in CHECKS if check.name in names or not names for each in check.find(examined)]
-
-
-def only(captured: Captured, root: Path, name: str, config: Path | None = None) -> Diagnosis:
-    """Return the one thing that a check finds."""
-    (found,) = examine(captured, root, name, config=config)
-    return found
 
 
 def worst(found: list[Diagnosis]) -> dict[Severity, list[str]]:
@@ -64,7 +49,7 @@ def test_everything_that_a_newcomer_forgot_is_found(tmp_path: Path) -> None:
     assert [words.split(":")[0].split(",")[0] for words in found[WRONG]] == [
         "under-voltage and throttled now (vcgencmd get_throttled",
         "the user maker is in the group video since the last login only",
-        "no ribbon camera is found",
+        "no camera is found",
     ]
     assert [words.split(",")[0] for words in found[WARNING]] == [
         "the processor is at 74 °C; from 80 °C on it is slowed down",
@@ -165,11 +150,22 @@ class TestLibraries:
         [f"ValueError: {ABI}", "AttributeError: _ARRAY_API not found", "ImportError: numpy.core.multiarray failed"],
     )
     def test_a_library_for_another_numpy_is_named_with_both_versions(self, tmp_path: Path, error: str) -> None:
-        imports = (LOADED[0], library("numpy", "2.2.6"), *LOADED[2:5], library("picamera2", error=error))
+        imports = (LOADED[0], library("numpy", "2.2.6"), *LOADED[2:5], library("picamera2", "", APT, error=error))
         found = only(replace(PI_4, imports=imports), tmp_path, "libraries")
         assert found.severity is WRONG
         assert found.seen.startswith("picamera2 does not load beside numpy 2.2.6: it was built for another numpy")
-        assert found.remedy.endswith("-m pip install 'numpy<2' 'opencv-python-headless<4.12'")
+        assert found.remedy.endswith("/home/maker/st/bin/python -m pip install 'numpy<2' 'opencv-python-headless<4.12'")
+        of_pip = (*imports[:-1], library("simplejpeg", error=error))
+        found = only(replace(PI_4, imports=of_pip), tmp_path, "libraries")
+        assert found.remedy.endswith("-m pip install --force-reinstall simplejpeg")
+        packaged = ({**LOADED[0], "prefix": "/opt/stadimeter/current"}, *imports[1:])
+        found = only(replace(PI_4, imports=packaged), tmp_path, "libraries")
+        assert found.remedy == "`sudo apt install --reinstall stadimeter`"
+
+    def test_picamera2_of_pip_lacks_what_only_apt_has(self, tmp_path: Path) -> None:
+        of_pip = library("picamera2", error="ModuleNotFoundError: No module named 'libcamera'")
+        found = only(replace(PI_4, imports=(*LOADED[:5], of_pip)), tmp_path, "libraries")
+        assert found.remedy.startswith("`sudo apt install python3-picamera2`, and make the environment anew")
 
     def test_where_libraries_do_not_load_the_configuration_is_not_read(self, tmp_path: Path) -> None:
         imports = (LOADED[0], library("numpy", "2.2.6"), library("cv2", error=f"ImportError: {self.ABI}"))
@@ -200,122 +196,6 @@ class TestLibraries:
         assert answer.output.splitlines()[-1] == '{"trying": "ends"}'
 
 
-class TestGroups:
-    def test_a_group_since_this_login_needs_another_login(self, tmp_path: Path) -> None:
-        stale = PI_4.with_files(status=STATUS.format(uid=1000, groups="44 1000"))
-        found = examine(stale, tmp_path, "groups")
-        assert [each.severity for each in found] == [WRONG, WRONG]
-        assert found[0].seen.startswith("the user maker is in the group dialout since the last login only")
-        assert found[0].remedy == "log out and in again, or restart"
-
-    def test_a_group_that_the_configuration_needs_is_wrong_to_lack(self, tmp_path: Path) -> None:
-        none = PI_4.with_files(
-            group=GROUP.format(dialout="", video="", gpio=""), status=STATUS.format(uid=1000, groups="1000")
-        )
-        severities = {each.seen.split()[8].rstrip(","): each.severity for each in examine(none, tmp_path, "groups")}
-        assert set(severities.values()) == {WARNING}
-        found = examine(none, tmp_path, "groups", config=CONFIG / "distance-alert.toml")
-        assert {each.seen.split()[8].rstrip(","): each.severity for each in found} == {
-            "video": WRONG, "gpio": WRONG, "dialout": WARNING,
-        }  # fmt: skip
-        assert "`sudo usermod -aG video maker`, then log out and in again" in {each.remedy for each in found}
-
-    def test_root_is_asked_for_whoever_called_sudo(self, tmp_path: Path) -> None:
-        root = PI_4.with_files(
-            group=GROUP.format(dialout="maker", video="", gpio="maker"), status=STATUS.format(uid=0, groups="0")
-        )
-        assert only(root, tmp_path, "groups").seen.startswith("root may use every device")
-        found = only(replace(root, environment={"SUDO_USER": "maker"}), tmp_path, "groups")
-        assert found.seen.startswith("the user maker is not in the group video")
-
-
-class TestCameras:
-    def test_each_camera_is_named_with_its_stack(self, tmp_path: Path) -> None:
-        assert only(PI_4, tmp_path / "pi", "cameras").seen == f"imx219, by libcamera: {IMX219['device']}"
-        assert "by V4L2: /dev/v4l/by-id/" in only(PC, tmp_path / "pc", "cameras").seen
-
-    def test_a_camera_that_is_in_use_says_so(self, tmp_path: Path) -> None:
-        busy = {**IMX219, "trouble": "another program is using it; close that one"}
-        found = only(replace(PI_4, cameras=(busy,)), tmp_path, "cameras")
-        assert (found.severity, found.remedy) == (WRONG, busy["trouble"])
-
-    def test_the_legacy_stack_is_found_in_config_txt(self, tmp_path: Path) -> None:
-        old = replace(PI_4, cameras=()).with_files(config_txt="start_x=1\ngpu_mem=128\n")
-        assert "legacy camera stack (start_x=1)" in examine(old, tmp_path, "cameras")[0].seen
-
-    def test_a_ribbon_camera_without_its_library_is_found(self, tmp_path: Path) -> None:
-        bare = replace(PI_4, cameras=(), imports=(*LOADED[:5], library("picamera2", missing=True)))
-        found = examine(bare, tmp_path, "cameras")[0]
-        assert found.seen == "a ribbon camera is there, and the library picamera2 is not"
-        assert found.remedy.startswith("`sudo apt install python3-picamera2`")
-
-    def test_a_library_that_this_environment_does_not_see_is_found(self, tmp_path: Path) -> None:
-        hidden = replace(PI_5, cameras=(), imports=(*LOADED[:5], library("picamera2", missing=True)))
-        (tmp_path / "usr/lib/python3/dist-packages/picamera2").mkdir(parents=True)
-        found = examine(hidden, tmp_path, "cameras")[0]
-        assert "does not see picamera2" in found.seen
-        assert "--system-site-packages" in found.remedy
-
-    def test_what_the_kernel_knows_and_libcamera_does_not_is_not_known(self, tmp_path: Path) -> None:
-        assert examine(replace(PI_4, cameras=()), tmp_path, "cameras")[0].severity is UNKNOWN
-
-    def test_a_camera_whose_detection_is_off_is_found(self, tmp_path: Path) -> None:
-        off = replace(PI_4, cameras=()).with_files(config_txt="camera_auto_detect=0\n").without(PLACES["video0"])
-        assert "turns their detection off" in examine(off, tmp_path, "cameras")[0].seen
-
-    def test_a_configuration_without_such_a_camera_needs_none(self, tmp_path: Path) -> None:
-        assert only(replace(PC, cameras=()), tmp_path, "cameras").severity is WRONG
-        found = only(replace(PC, cameras=()), tmp_path, "cameras", CONFIG / "demo.toml")
-        assert (found.severity, "needs none" in found.seen) == (FINE, True)
-
-    def test_cameras_that_cannot_be_listed_are_not_known(self, tmp_path: Path) -> None:
-        assert only(replace(PC, cameras=None), tmp_path, "cameras").severity is UNKNOWN
-
-
-class TestPins:
-    def test_the_chip_is_the_one_that_gpiozero_takes(self, tmp_path: Path) -> None:
-        assert only(PI_4, tmp_path / "4", "pins").seen.endswith("by /dev/gpiochip0")
-        assert only(PI_5, tmp_path / "5", "pins").seen.endswith("by /dev/gpiochip4")
-
-    @pytest.mark.parametrize(("factory", "severity"), [("lgpio", FINE), ("mock", WARNING), ("rpigpio", WRONG)])
-    def test_another_factory_is_found(self, tmp_path: Path, factory: str, severity: Severity) -> None:
-        captured = replace(PI_4, environment={"GPIOZERO_PIN_FACTORY": factory})
-        assert only(captured, tmp_path, "pins").severity is severity
-
-    def test_a_pi_without_chips_is_found(self, tmp_path: Path) -> None:
-        assert only(PI_4.without("/dev/gpiochip0"), tmp_path, "pins").seen == "there is no /dev/gpiochip0"
-
-    def test_pins_of_a_configuration_need_a_pi(self, tmp_path: Path) -> None:
-        assert examine(PC, tmp_path, "pins") == []
-        assert only(PC, tmp_path, "pins", CONFIG / "distance-alert.toml").severity is WRONG
-
-
-def a_base(folder: Path, port: str) -> Path:
-    config = folder / "base.toml"
-    lines = (CONFIG / "follow-ball.toml").read_text()
-    config.write_text(re.sub(r'^port = "[^"]+"', f'port = "{port}"', lines, flags=re.MULTILINE))
-    return config
-
-
-class TestSerial:
-    def test_a_base_on_the_port_of_the_console_is_found(self, tmp_path: Path) -> None:
-        wired = replace(PI_4, links={"/dev/serial0": "ttyS0"})
-        found = only(wired, tmp_path, "serial", a_base(tmp_path, "/dev/serial0"))
-        assert (found.severity, found.remedy.split(",")[0]) == (WRONG, "`sudo raspi-config nonint do_serial_cons 1`")
-
-    def test_the_console_of_a_pi_5_is_on_no_pin(self, tmp_path: Path) -> None:
-        found = only(PI_5, tmp_path, "serial", a_base(tmp_path, "/dev/ttyAMA0"))
-        assert (found.severity, "GPIO" in found.seen) == (FINE, False)
-
-    def test_programs_that_take_ports_matter_where_there_are_any(self, tmp_path: Path) -> None:
-        taken = PC.printing("systemctl is-active ModemManager", "active\n")
-        taken = replace(taken, files={**taken.files, "/usr/lib/udev/rules.d/85-brltty.rules": ""})
-        assert examine(taken, tmp_path, "serial") == []
-        (tmp_path / "dev").mkdir()
-        (tmp_path / "dev/ttyUSB0").touch()
-        assert [each.seen.split()[0] for each in examine(taken, tmp_path, "serial")] == ["ModemManager", "brltty"]
-
-
 class TestService:
     SHOW = f"systemctl show stadimeter.service --property={OF_UNIT}"
 
@@ -323,6 +203,12 @@ class TestService:
         ("changed", "severity", "seen"),
         [
             ({}, FINE, "the service runs, 0 restarts"),
+            (
+                {"StatusText": "ball 1.20 m, 29 fps"},
+                FINE,
+                "the service runs, 0 restarts, and says: ball 1.20 m, 29 fps",
+            ),
+            ({"ActiveState": "activating"}, WARNING, "the service is starting, 0 restarts"),
             ({"NRestarts": "7"}, WARNING, "the service runs, after 7 restarts"),
             ({"UnitFileState": "disabled"}, WARNING, "the service runs, and is not started at boot"),
             ({"ActiveState": "inactive"}, WARNING, "the service is inactive"),
@@ -341,17 +227,26 @@ class TestService:
         found = only(PI_4.printing(self.SHOW, shown), tmp_path, "service")
         assert (found.severity, found.seen) == (severity, seen)
 
+    @staticmethod
+    def installed(captured: Captured) -> Captured:
+        return replace(captured, files={**captured.files, INSTALLED: (CONFIG / "appliance.toml").read_text()})
+
     def test_without_systemd_nothing_is_known(self, tmp_path: Path) -> None:
         assert only(PI_4.without("/run/systemd/system/here"), tmp_path, "service").severity is UNKNOWN
 
     @pytest.mark.parametrize(
-        ("lines", "severity"), [("pin 17\n", FINE), ("pin 17 high\n", WRONG), ("# pin 17\n", WRONG), ("", WRONG)]
+        ("lines", "severity"), [("pin 17 low\n", FINE), ("pin 17 high\n", WRONG), ("pin 18 low\n", WRONG), ("", WRONG)]
     )
     def test_the_safe_outputs_are_those_of_the_configuration(
         self, tmp_path: Path, lines: str, severity: Severity
     ) -> None:
-        found = only(PI_4.with_files(safe_conf=lines), tmp_path, "safe-outputs", CONFIG / "appliance.toml")
+        captured = self.installed(PI_4).with_files(safe_conf=lines)
+        found = only(captured, tmp_path, "safe-outputs")
         assert found.severity is severity
+
+    def test_before_the_first_start_there_is_no_list_of_outputs(self, tmp_path: Path) -> None:
+        assert only(self.installed(PI_4), tmp_path / "installed", "safe-outputs").severity is UNKNOWN
+        assert examine(PI_4, tmp_path / "other", "safe-outputs", config=CONFIG / "appliance.toml") == []
 
     def test_watchdogs_that_are_off_are_found(self, tmp_path: Path) -> None:
         off = PI_4.printing("systemctl show --property=RuntimeWatchdogUSec", "RuntimeWatchdogUSec=0\n").printing(

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -48,6 +49,17 @@ def test_a_real_picture_of_a_fifth_of_the_light_is_dark(name: str) -> None:
 def test_a_real_picture_of_too_much_light_is_clipped(name: str) -> None:
     overexposed = np.clip(_real(name).astype(float) * 2.5, 0, 255).astype(np.uint8)
     assert "is clipped to white" in " ".join(picture_remarks(overexposed))
+
+
+@pytest.mark.parametrize(("light", "proposed_s"), [(0.2, (0.012, 0.033)), (2.5, (0.004, 0.006)), (1.0, None)])
+def test_where_the_exposure_is_known_another_is_proposed(light: float, proposed_s: tuple[float, float] | None) -> None:
+    image = np.clip(_real(PICTURES[0]).astype(float) * light, 0, 255).astype(np.uint8)
+    words = " ".join(picture_remarks(image, 0.010))
+    found = re.search(r'exposure = "(.+) ms" in \[camera\]; it was 10 ms', words)
+    assert (found is not None) == (proposed_s is not None), words
+    if found is not None and proposed_s is not None:
+        assert proposed_s[0] <= float(found[1]) / 1e3 <= proposed_s[1]
+    assert "exposure =" not in " ".join(picture_remarks(image))
 
 
 def test_a_covered_lens_gives_a_black_picture() -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from stadimeter.cameras.protocol import AttachedCamera
@@ -15,8 +17,34 @@ from stadimeter.cameras.v4l2 import Ioctl, ask_node, is_in_use
 NOT_OURS = (
     "it is not ours to open; add this user to the group 'video' (`sudo usermod -aG video $USER`), then log in anew"
 )
-IN_USE = "another program is using it; close that one (`fuser -v {node}` names it)"
+NAMED_MAX = 3
 _NOT_THERE = "the kernel knows it, but {node} is missing; a container has to be given it (--device {node})"
+
+
+def in_use(*devices: str, proc: Path = Path("/proc")) -> str:
+    """Return that a device is in use, in a sentence, with the programs that have it open as far as this user may see.
+
+    Args:
+        devices: Paths of nodes, or patterns such as ``/dev/media*``.
+        proc: Where ``/proc`` is found; another one is for tests.
+    """
+    holders = sorted(
+        f"{_read(process / 'comm')} (process {process.name})"
+        for process in proc.glob("[0-9]*")
+        if process.name != str(os.getpid()) and _has_open(process, devices)
+    )
+    if not holders:
+        return f"another program is using it; close that one (`sudo fuser -v {' '.join(devices)}` names it)"
+    more = ", …" if len(holders) > NAMED_MAX else ""
+    return f"another program is using it: {', '.join(holders[:NAMED_MAX])}{more}; close that one"
+
+
+def _has_open(process: Path, devices: tuple[str, ...]) -> bool:
+    try:
+        files = [str(file.readlink()) for file in (process / "fd").iterdir()]
+    except OSError:  # it is another user's, or has ended
+        return False
+    return any(fnmatchcase(file, device) for file in files for device in devices)
 
 
 def attached_devices(root: Path = Path("/"), ioctl: Ioctl = fcntl.ioctl) -> tuple[AttachedCamera, ...]:
@@ -56,7 +84,7 @@ def _camera(system: Path, node: Path, ioctl: Ioctl) -> AttachedCamera | None:
         return replace(plain, trouble=_trouble(error, node)) if _is_likely_camera(system) else None
     if not answer.gives_pictures:
         return None
-    trouble = IN_USE.format(node=node) if is_in_use(node, ioctl) else ""
+    trouble = in_use(str(node)) if is_in_use(node, ioctl) else ""
     return replace(plain, name=answer.name or name, modes=answer.modes, trouble=trouble)
 
 
@@ -79,7 +107,7 @@ def _trouble(error: OSError, node: Path) -> str:
     if error.errno in {errno.ENOENT, errno.ENXIO, errno.ENODEV}:
         return _NOT_THERE.format(node=node)
     if error.errno == errno.EBUSY:
-        return IN_USE.format(node=node)
+        return in_use(str(node))
     return f"it does not answer: {error.strerror}"
 
 

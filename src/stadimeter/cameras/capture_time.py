@@ -234,7 +234,8 @@ class FrameStamp:
 
     A stamp is sane if it lies on the run's clock: not after the frame's arrival, at most a second before it, and after
     the stamp before. Stamps are used after three sane ones in a row, and until one is not. A driver that has no stamps
-    (it returns 0), or has them on another clock, is never trusted.
+    (it returns 0), or has them on another clock, is never trusted. The first two sane ones after opening say nothing
+    yet, and the frame's arrival would make it look fresher than it is: these frames are to be passed over.
 
     Two cases keep to the stamp on purpose, since arrival would make old data look fresh. A trusted stamp that is older
     than a second belongs to a frame that waited unread in the driver's queue. A trusted stamp that stays
@@ -247,9 +248,8 @@ class FrameStamp:
 
     def __init__(self, latency_s: float = 0.0) -> None:
         self._latency_s = latency_s
-        self._good_in_a_row = 0
-        self._last_stamp_s = -math.inf
         self._last_captured_s = -math.inf
+        self.restart()
 
     @property
     def is_trusted(self) -> bool:
@@ -260,10 +260,17 @@ class FrameStamp:
         """Judge anew, for a device that was opened again. Capture times still never go back."""
         self._good_in_a_row = 0
         self._last_stamp_s = -math.inf
+        self._is_settling = True
 
-    def captured_at_s(self, stamp_s: float, arrived_at_s: float) -> float:
-        """Return when a frame was captured, on the run's clock, never before the last one; no stamp is 0."""
+    def captured_at_s(self, stamp_s: float, arrived_at_s: float) -> float | None:
+        """Return when a frame was captured, on the run's clock, never before the last one; None if it is too soon.
+
+        No stamp is 0.
+        """
         self._judge(stamp_s, arrived_at_s)
+        self._is_settling = self._is_settling and 0 < self._good_in_a_row < GOOD_STAMPS_NEEDED
+        if self._is_settling:
+            return None
         chosen_s = stamp_s if self.is_trusted else arrived_at_s - self._latency_s
         self._last_captured_s = max(self._last_captured_s, chosen_s)
         return self._last_captured_s

@@ -57,7 +57,7 @@ class ImageFilesCamera(RecordedCamera):
         if path is None:
             raise EndOfFramesError("every picture has been shown")
         picture = load_picture(path)
-        self._subsampling = picture.subsampling
+        self._subsampling, self._optics = picture.subsampling, picture.optics
         return picture.image, str(path)
 
     def _end(self) -> None:

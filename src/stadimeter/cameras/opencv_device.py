@@ -16,7 +16,7 @@ os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 import cv2
 import numpy as np
 
-from stadimeter.cameras.attached_devices import IN_USE, NOT_OURS, attached_devices
+from stadimeter.cameras.attached_devices import NOT_OURS, attached_devices, in_use
 from stadimeter.cameras.capture_time import FrameStamp, KernelTime, Pace, StreamTime
 from stadimeter.cameras.live_camera import LiveCamera, Picture
 from stadimeter.cameras.opencv_settings import (
@@ -193,7 +193,7 @@ class OpenCvCamera(LiveCamera):
             return self._stream_time.captured_at_s(arrived_at_s, stamp_s, pictures)
         captured_at_s = self._stamp.captured_at_s(self._kernel_time.on_run_clock(stamp_s, arrived_at_s), arrived_at_s)
         waited = self._pace.waited(arrived_at_s, pictures)
-        return None if waited and not self._stamp.is_trusted else captured_at_s
+        return captured_at_s if self._stamp.is_trusted or not waited else None
 
     def _pictures(self, capture: CaptureLike) -> int:
         """Return how many frames have come since the last one that was grabbed."""
@@ -212,7 +212,7 @@ def _why_not(node: Path) -> str:
     if node.is_file():
         return "it is a file; the driver 'video' plays video files, 'images' shows pictures"
     if is_in_use(node):
-        return IN_USE.format(node=node)
+        return in_use(str(node.resolve()))
     with suppress(OSError):
         if not ask_node(node).gives_pictures:
             return "it is not the node that gives pictures; `stadimeter cameras` lists those that do"

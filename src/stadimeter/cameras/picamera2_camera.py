@@ -48,6 +48,10 @@ LATE_S = 0.05
 """A frame that arrives later than this many frame durations, and this, after its read-out began has waited: reading out
 takes up to one frame, the image processor up to another, and a busy computer a little."""
 
+WAY_FRAMES = 1.5
+"""From the beginning of its read-out to its arrival a frame takes this many frame durations: one to be read out, and a
+part of another in the image processor. The stamps of a run say exactly how long; this is for `check`."""
+
 FIRST_FRAME_S = 3.0
 """Time limit for the first frames, beside the time that they last."""
 
@@ -268,4 +272,9 @@ def _lacks(_options: Picamera2Options) -> tuple[str, ...]:
     return tuple(filter(None, (lack(),)))
 
 
-PLUGIN = Plugin(Picamera2Options, _build, lacks=_lacks, attached=attached_cameras)
+def _latency_s(options: Picamera2Options) -> float:
+    """Return about how old a frame is when it arrives: its exposure, its read-out and what is made of it."""
+    return (options.exposure or options.frame_duration_s / 2) + WAY_FRAMES * options.frame_duration_s
+
+
+PLUGIN = Plugin(Picamera2Options, _build, lacks=_lacks, latency=_latency_s, attached=attached_cameras)

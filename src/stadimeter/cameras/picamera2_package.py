@@ -10,11 +10,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from stadimeter.cameras.attached_devices import in_use
 from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.extras import NUMPY_1, PICAMERA2, PICAMERA2_UNSEEN, SEE_SYSTEM
 from stadimeter.errors import DriverUnavailableError, StadimeterError
 
 SYSTEM_PACKAGES = Path(PICAMERA2_UNSEEN).parent
+DEVICES = ("/dev/media*", "/dev/video*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +70,9 @@ def load_package() -> Package:
 def lack() -> str:
     """Return why picamera2 cannot be loaded here, in a sentence, or an empty string; loads nothing."""
     if find_spec("picamera2") is not None:
-        return ""
+        if find_spec("libcamera") is not None:
+            return ""
+        return f"picamera2 is there without libcamera, which pip does not have: {PICAMERA2}, and {SEE_SYSTEM}"
     if (SYSTEM_PACKAGES / "picamera2").is_dir():
         return f"picamera2 is installed, but not seen from this Python environment: {SEE_SYSTEM}"
     anew = "" if str(SYSTEM_PACKAGES) in sys.path else f", and {SEE_SYSTEM}"
@@ -82,7 +86,7 @@ def why(error: BaseException) -> str:
         root = before
     words = " ".join(str(root).split()) or type(root).__name__
     if "busy" in words.lower() or "acquire" in words.lower():
-        return f"another program is using it; close that one (libcamera says: {words})"
+        return f"{in_use(*DEVICES)} (libcamera says: {words})"
     return words
 
 

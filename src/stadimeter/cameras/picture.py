@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from stadimeter.cameras.picture_header import subsampling_of
+from stadimeter.config.picture_optics import optics_in
 from stadimeter.config.untrusted_file import (
     HEAD_BYTES,
     KINDS,
@@ -21,7 +22,7 @@ from stadimeter.config.untrusted_file import (
     open_untrusted,
     read_untrusted,
 )
-from stadimeter.core.frame import Image, Subsampling
+from stadimeter.core.frame import Image, Optics, Subsampling
 from stadimeter.errors import PictureError, UnreadableError
 
 PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
@@ -37,6 +38,7 @@ class Picture:
 
     image: Image  # 8 bits a channel, blue first, shape ``(height, width, 3)``
     subsampling: Subsampling  # how coarsely the file stores colour
+    optics: Optics | None = None  # how the camera was set, if the file says it
 
 
 def load_picture(path: Path | str) -> Picture:
@@ -53,9 +55,9 @@ def load_picture(path: Path | str) -> Picture:
             and the cause.
     """
     path = Path(path)
-    data = _bytes_of(path)
+    file = _bytes_of(path)
     try:
-        data = checked_picture(data)
+        data = checked_picture(file)
     except PictureError as error:
         raise PictureError(f"the picture {path} {error}") from error
     try:
@@ -67,7 +69,7 @@ def load_picture(path: Path | str) -> Picture:
         raise PictureError(f"the picture {path} cannot be decoded: {error.err}") from error
     if image is None:
         raise PictureError(f"the picture {path} is damaged and cannot be decoded; copy it again")
-    return Picture(image=np.asarray(image, np.uint8), subsampling=subsampling_of(data))
+    return Picture(image=np.asarray(image, np.uint8), subsampling=subsampling_of(data), optics=optics_in(file))
 
 
 def decode_whole_jpeg(data: bytes) -> Image:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 from stadimeter.core.clock import Clock
-from stadimeter.core.frame import Frame, Image, Subsampling
+from stadimeter.core.frame import Frame, Image, Optics, Subsampling
 from stadimeter.errors import DeviceClosedError
 
 
@@ -27,6 +27,7 @@ class RecordedCamera(ABC):
         self._index = 0
         self._delivered = 0
         self._subsampling: Subsampling = "4:4:4"
+        self._optics: Optics | None = None
 
     @property
     def is_live(self) -> bool:
@@ -73,7 +74,7 @@ class RecordedCamera(ABC):
         image, source = self._next()
         self._clock.sleep_until_s(captured_at_s)
         self._delivered += 1
-        return Frame(image, captured_at_s, self._delivered - 1, source, self._subsampling)
+        return Frame(image, captured_at_s, self._delivered - 1, source, self._subsampling, self._optics)
 
     def close(self) -> None:
         """Let go of the recording."""

@@ -125,7 +125,7 @@ def _from_pictures(pictures: Sequence[Path], wanted: Board) -> tuple[BoardCalibr
     if not found.views:
         _never_found("the board was found in no picture")
     with working("calibrating"):
-        made = calibrate_board(found.views, found.width_px, found.height_px, date=today())
+        made = calibrate_board(found.views, found.width_px, found.height_px, date=today(), optics=found.optics)
     return made, not found.missed and not any(view.was_left_out for view in made.views)
 
 

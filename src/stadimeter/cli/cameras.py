@@ -118,7 +118,7 @@ def _looked_at(camera: AttachedCamera, like: DriverChoice | None, picture: Path 
     if isinstance(shot, str):
         return _Seen(camera=camera, trouble=shot)
     if picture is not None:
-        write_picture(picture, shot.frame.image)
+        write_picture(picture, shot.frame.image, shot.frame.optics)
     return _Seen(camera=camera, trouble="", shot=shot, picture=picture)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import socket
 import sys
@@ -43,7 +44,7 @@ def doctor(
     *,
     config: Annotated[
         Path | None,
-        typer.Argument(metavar="CONFIG", help="Look at what this configuration names. Else at that of the service."),
+        typer.Argument(metavar="CONFIG", readable=False, help="Look at what this names, and not at the service's."),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object, for programs and for reports of errors.")
@@ -52,8 +53,8 @@ def doctor(
     """Find what keeps stadimeter from working on this computer, with one remedy for each.
 
     Looks at the board (supply, heat, clock, disk), the libraries, groups, cameras, pins and serial ports, the
-    configuration with its broker, the service and the watchdogs. Reads only: no camera is opened, no pin is driven, and
-    no serial port is touched. The broker is asked once, under another name than that of a running instance.
+    configuration with its broker, the service and the watchdogs. Reads only: no picture is taken, no pin is driven, and
+    no serial port is opened. The broker is asked once, under another name than that of a running instance.
 
     Marks: ✓ fine, ! may become a problem, ✗ wrong, ? cannot be found out here.
 
@@ -68,9 +69,9 @@ def doctor(
     **Exit code**: 0 nothing is wrong; 1 something is; 2 there is no such configuration.
     """
     with plain_errors():
-        if config is not None and not config.exists():
-            raise ConfigError(f"there is no configuration {config}")
         examined = Examined(Computer(), config)
+        if config is not None and not os.path.lexists(config) and os.access(config.parent, os.X_OK):
+            raise ConfigError(f"there is no configuration {config}")
         found = _print_json(examined) if as_json else _print_lines(examined)
     raise typer.Exit(NOT_FOUND if any(each.severity is Severity.WRONG for each in found) else DONE)
 
@@ -96,8 +97,8 @@ def _print_lines(examined: Examined) -> list[Diagnosis]:
             for line in _lines(diagnosis, glyphs, width):
                 console.print(line)
         every.extend(found)
-    console.print()
-    console.print(_summary(every))
+    for line in (Text(), *glyphs.hang(Text(), _summary(every), width)):
+        console.print(line)
     return every
 
 
@@ -145,8 +146,9 @@ def _private(examined: Examined) -> re.Pattern[str]:
     messenger = examined.configuration and examined.configuration.messenger
     of_broker = [getattr(messenger.options, key, None) for key in ("host", "username")] if messenger else []
     home = str(Path.home())
-    names = [socket.gethostname(), Path.home().name if home.startswith("/home/") else "", *of_broker]
-    words = [rf"\b{re.escape(name)}\b" for name in names if name and name not in {"localhost", "stadimeter"}]
+    users = (os.environ.get(key) for key in ("USER", "SUDO_USER"))
+    names = {socket.gethostname(), *users, *of_broker} - {None, "", "localhost", "root", "stadimeter"}
+    words = [rf"\b{re.escape(str(name))}\b" for name in names]
     return re.compile("|".join([r"(?<=://)[^\s'\"]+", *([re.escape(home)] if home != "/" else []), *words]))
 
 

@@ -153,7 +153,8 @@ def _say_end(loop: Loop, showing: Showing) -> None:
     if showing.view == "json":
         typer.echo(json.dumps(summary))
     else:
-        typer.echo("\n".join([in_words(summary), *_never_seen(loop, summary["tracks"])]))
+        advice = (*_never_seen(loop, summary["tracks"]), *loop.parts.cycle.perceiver.motion_blur.advice())
+        typer.echo("\n".join([in_words(summary), *advice]))
     if showing.last:
         typer.echo(f"\n{showing.last}")
 

@@ -63,7 +63,7 @@ def snapshot(
         with closing(snapshots(choice, apart_s=_seconds(every))) as taken:
             for number, each in enumerate(islice(taken, count), start=1):
                 path = output if count == 1 else output.with_stem(f"{output.stem}-{number}")
-                write_picture(path, each.frame.image)
+                write_picture(path, each.frame.image, each.frame.optics)
                 typer.echo(f"wrote {path}: {each.frame.width_px} × {each.frame.height_px} pixels")
                 for words in (*(each.settings if number == 1 else ()), *each.faults):
                     typer.echo(f"note: {words}", err=True)

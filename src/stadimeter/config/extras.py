@@ -21,8 +21,16 @@ NUMPY_1 = "'numpy<2' 'opencv-python-headless<4.12'"
 """What pip has to install beside libraries from apt that were built for numpy 1, as on Raspberry Pi OS 12."""
 
 
+PACKAGED = "/opt/stadimeter"
+"""Where the Debian package has its environment, which has no pip and sees the system's packages."""
+
+_OF_DEBIAN = {"pi": "python3-lgpio", "plots": "python3-matplotlib"}
+
+
 def install_line(extra: str) -> str:
     """Return the command that installs an extra for the Python that runs, which need not be the first of the path."""
+    if sys.prefix.startswith(PACKAGED) and extra in _OF_DEBIAN:
+        return f"sudo apt install {_OF_DEBIAN[extra]}"
     return f"{shlex.quote(sys.executable)} -m pip install 'stadimeter[{extra}]'"
 
 

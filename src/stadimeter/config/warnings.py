@@ -127,7 +127,10 @@ def _late_frames(draft: Draft) -> Iterator[Finding]:
     latency_s, longest_s = draft.camera.plugin.latency(draft.camera.options), draft.safety.max_frame_age
     left_s = longest_s - latency_s
     message = f"pictures are {1e3 * latency_s:.0f} ms old when they arrive, and safety.max_frame_age is"
-    hint = "a faster stream helps; a longer max_frame_age, and a lease, mean that it drives on for longer after a stop"
+    hint = (
+        "a faster stream or a shorter exposure helps; a longer max_frame_age, and a lease, mean that it drives on for"
+        " longer after a stop"
+    )
     if latency_s > 0 and left_s <= 0:
         yield Finding(at, f"{message} {1e3 * longest_s:.0f} ms: nothing will ever move", hint, "latency-too-long")
     elif latency_s > 0 and left_s < LEFT_FOR_FRAMES_S:

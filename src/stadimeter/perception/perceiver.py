@@ -26,6 +26,7 @@ from stadimeter.core.measurement import Measurement
 from stadimeter.core.target import TargetShape
 from stadimeter.core.track import Track
 from stadimeter.detectors.protocol import Detector
+from stadimeter.perception.motion_blur import MotionBlur
 from stadimeter.ranging.measure import measure
 
 SEARCH_EVERY_S = 1.0
@@ -77,6 +78,7 @@ class Perceiver:
         self._optics: Optics | None = None
         self._sightings: dict[str, Sighting] = {}
         self.expectations = Expectations()
+        self.motion_blur = MotionBlur()
 
     def look(
         self, frame: Frame, tracks: Mapping[str, Track] | None = None
@@ -97,6 +99,7 @@ class Perceiver:
             measured = measure(found, shape, lens, at_s)
             if shape.has_corners and measured.depth_m is not None:
                 self._sightings[name] = Sighting(found.outline_px, found.centre_px, measured.depth_m)
+            self.motion_blur.add(frame, found, measured, lens.fx_px)
             detections.append(found)
             measurements.append(measured)
         return tuple(detections), tuple(measurements)

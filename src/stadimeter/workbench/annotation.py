@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 
 from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.picture_optics import with_optics
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
-from stadimeter.core.frame import Image
+from stadimeter.core.frame import Image, Optics
 from stadimeter.errors import PictureError
 from stadimeter.workbench.label_placement import USEFUL, Box, LabelRoom
 from stadimeter.workbench.text_panel import DARK, Colour, Panel
@@ -81,8 +82,11 @@ def annotate(image: Image, marks: Sequence[Mark]) -> Image:
     return canvas
 
 
-def write_picture(path: Path, image: Image) -> None:
+def write_picture(path: Path, image: Image, optics: Optics | None = None) -> None:
     """Write a picture whole or not at all; the ending of the path says the kind.
+
+    Args:
+        optics: How the camera was set, to be kept in a PNG.
 
     Raises:
         PictureError: It cannot be written there.
@@ -95,7 +99,7 @@ def write_picture(path: Path, image: Image) -> None:
     if not done:
         raise PictureError(f"the picture {path} cannot be encoded")
     try:
-        write_atomically(path, data.tobytes())
+        write_atomically(path, with_optics(data.tobytes(), optics))
     except OSError as error:
         raise PictureError(f"the picture {path} cannot be written: {(error.strerror or str(error)).lower()}") from error
 

@@ -37,23 +37,48 @@ OWN_VARIANCE_PX2 = 1.0
 """What smoothing against noise and taking differences adds to the blur."""
 
 
-def picture_remarks(image: Image) -> tuple[str, ...]:
-    """Return what is wrong with a picture, a sentence each, with what to do about it; nothing if it is good."""
+ENOUGH_LEVEL = 150
+GAMMA = 2.2
+"""A longer exposure is proposed that would bring the brightest parts to this level, with the usual gamma of cameras."""
+
+LONGEST_EXPOSURE_S = 0.033
+"""Longer exposures halve the frame rate, and blur what moves."""
+
+
+def picture_remarks(image: Image, exposure_s: float | None = None) -> tuple[str, ...]:
+    """Return what is wrong with a picture, a sentence each, with what to do about it; nothing if it is good.
+
+    Args:
+        exposure_s: For how long it was exposed, to propose another; None if that is not known.
+    """
     brightest = float(np.quantile(image.max(axis=2), 1 - BRIGHTEST_SHARE))
     if brightest <= BLACK_LEVEL:
         return ("the picture is black: take the cover off the lens, switch the light on, or set a longer exposure",)
     remarks: list[str] = []
     if brightest <= DARK_LEVEL:
-        remarks.append(f"the picture is dark, hardly a level above {brightest:.0f} of 255: more light, longer exposure")
+        longer_s = None if exposure_s is None else exposure_s * (ENOUGH_LEVEL / brightest) ** GAMMA
+        remarks.append(
+            f"the picture is dark, hardly a level above {brightest:.0f} of 255: more light, longer exposure"
+            + _proposed(exposure_s, longer_s and min(longer_s, LONGEST_EXPOSURE_S))
+        )
     clipped = float(np.mean(image.min(axis=2) >= CLIPPED_LEVEL))
     if clipped > CLIPPED_SHARE:
-        remarks.append(f"{clipped:.0%} of the picture is clipped to white: set a shorter exposure, or less light")
+        remarks.append(
+            f"{clipped:.0%} of the picture is clipped to white: set a shorter exposure, or less light"
+            + _proposed(exposure_s, exposure_s and exposure_s / 2)
+        )
     blur_px = blur_sigma_px(image)
     if blur_px is not None and blur_px > BLURRED_SIGMA_PX:
         remarks.append(
             f"the picture is blurred, its sharpest edges by {blur_px:.1f} px: clean and focus the lens, and hold still"
         )
     return tuple(remarks)
+
+
+def _proposed(now_s: float | None, wanted_s: float | None) -> str:
+    if now_s is None or wanted_s is None or 0.8 < wanted_s / now_s < 1.25:
+        return ""
+    return f' (try exposure = "{1e3 * wanted_s:.2g} ms" in [camera]; it was {1e3 * now_s:.3g} ms)'
 
 
 def blur_sigma_px(image: Image) -> float | None:

@@ -51,4 +51,8 @@ def snapshots(choice: DriverChoice, *, apart_s: float = 0.0) -> Generator[Snapsh
                 return
             if frame.captured_at_s >= next_s:
                 next_s = frame.captured_at_s + apart_s
-                yield Snapshot(frame=frame, settings=source.capture.remarks(), faults=picture_remarks(frame.image))
+                yield Snapshot(
+                    frame=frame,
+                    settings=source.capture.remarks(),
+                    faults=picture_remarks(frame.image, frame.exposure_s),
+                )

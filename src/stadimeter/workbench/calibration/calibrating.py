@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stadimeter.config.untrusted_file import open_untrusted
+from stadimeter.core.frame import Optics
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardView
 from stadimeter.workbench.calibration.board_session import Board
@@ -26,12 +27,14 @@ class BoardPictures:
 
     Attributes:
         missed: Picture and reason, for each in which it was not.
+        optics: How the camera was set, if a picture says it.
     """
 
     views: tuple[BoardView, ...]
     missed: tuple[tuple[str, str], ...]
     width_px: int
     height_px: int
+    optics: Optics | None = None
 
 
 def find_boards(
@@ -44,11 +47,11 @@ def find_boards(
 
     Raises:
         PictureError: A picture cannot be read.
-        CalibrationError: The pictures differ in resolution.
+        CalibrationError: The pictures differ in resolution, or in how the camera was set.
     """
     views: list[BoardView] = []
     missed: list[tuple[str, str]] = []
-    shape = (0, 0)
+    shape, optics = (0, 0), None
     for path in watched(paths):
         frame = open_picture(path)
         here = (frame.width_px, frame.height_px)
@@ -58,12 +61,15 @@ def find_boards(
                 f"{paths[0]} has {shape[0]}x{shape[1]} px, {path} has {here[0]}x{here[1]}; calibrate from pictures of "
                 "one resolution, all held the same way"
             )
+        optics = optics or frame.optics
+        if optics and frame.optics and (change := optics.change_to(frame.optics)):
+            raise CalibrationError(f"{path}: {change}; calibrate from pictures of one setting")
         found = board.find(str(path), frame.image)
         if isinstance(found, BoardView):
             views.append(found)
         else:
             missed.append((str(path), found))
-    return BoardPictures(views=tuple(views), missed=tuple(missed), width_px=shape[0], height_px=shape[1])
+    return BoardPictures(views=tuple(views), missed=tuple(missed), width_px=shape[0], height_px=shape[1], optics=optics)
 
 
 def check_lens_settings(paths: Sequence[Path]) -> tuple[str, ...]:

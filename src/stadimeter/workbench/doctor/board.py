@@ -16,7 +16,7 @@ from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warn
 from stadimeter.workbench.doctor.examined import Examined
 
 SUPPLY = (
-    "use the board's own supply (5 V 3 A, for a Pi 5 5 A) and a short, thick cable; give motors a supply of their own"
+    "use the supply for the board (5 V and 3 A; 5 A for a Pi 5) and a short, thick cable, and another one for motors"
 )
 COOL = "a heat sink or a fan, and air around the board"
 SCARCE_BYTES = 100e6

@@ -66,6 +66,10 @@ class Computer:
         """Return whether there is such a file or folder."""
         return os.path.lexists(self._at(path))
 
+    def is_readable(self, path: str) -> bool:
+        """Return whether this user may read a file."""
+        return os.access(self._at(path), os.R_OK)
+
     def text(self, *paths: str) -> str:
         """Return the text of the first of these files that can be read, without spaces around it; else ``""``."""
         for path in paths:
@@ -112,6 +116,10 @@ class Computer:
         """Return properties of a unit of systemd, or of systemd itself for ``""``; nothing where it does not answer."""
         words = ("systemctl", "show", *([name] if name else []), f"--property={','.join(properties)}")
         return dict(line.split("=", 1) for line in self.prints(*words).splitlines() if "=" in line)
+
+    def is_active(self, unit: str) -> bool:
+        """Return whether a unit of systemd is active."""
+        return self.prints("systemctl", "is-active", unit) == "active"
 
     def _at(self, path: str) -> Path:
         return self.root / path.lstrip("/")

@@ -27,10 +27,9 @@ def configuration(examined: Examined) -> Iterator[Diagnosis]:
     if not problems:
         yield fine(f"{found.path} can be used, and `check` finds nothing")
         return
-    is_wrong = any(problem.code in ELSEWHERE for problem in problems)
-    count = f"{len(problems)} warning{'s' * (len(problems) > 1)} of `check`, the first: {problems[0].message}"
-    judged, how = (wrong, "will not work here") if is_wrong else (warning, "can be used")
-    yield judged(f"{found.path} {how}; {count}", f"`stadimeter check {found.path}` shows each with what to do")
+    more = f"; and {len(problems) - 1} more" if len(problems) > 1 else ""
+    judged = wrong if any(problem.code in ELSEWHERE for problem in problems) else warning
+    yield judged(f"{found.path}: {problems[0].message}{more}", f"`stadimeter check {found.path}` shows all")
 
 
 def broker(examined: Examined) -> Iterator[Diagnosis]:

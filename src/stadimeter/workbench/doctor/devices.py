@@ -15,11 +15,15 @@ from typing import Any
 from stadimeter.config.extras import LIBRARIES, PICAMERA2, PICAMERA2_UNSEEN, SEE_SYSTEM, install_line
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
-from stadimeter.workbench.doctor.examined import Examined
+from stadimeter.workbench.doctor.examined import UNIT, Examined
 from stadimeter.workbench.doctor.software import python_command
 
 GROUPS = {"video": "cameras", "dialout": "serial ports", "gpio": "pins"}
 LIST_S = 20.0
+IN_USE = "another program is using it"
+ATTACHED = ("opencv", "picamera2")
+"""The drivers of cameras that are plugged in."""
+
 CONFIG_TXT = ("/boot/firmware/config.txt", "/boot/config.txt")
 ON_HEADER = ("ttyAMA0", "ttyS0")
 """The serial ports of GPIO 14 and 15. The console of a Pi 5 is on a connector of its own, as ttyAMA10."""
@@ -29,12 +33,15 @@ def groups(examined: Examined) -> Iterator[Diagnosis]:
     """Tell whether this user may use cameras, serial ports and pins: by the group file, and by this process."""
     computer = examined.computer
     ids = _ids(computer)
-    sudo = computer.environment.get("SUDO_USER", "")
-    user = sudo if ids["Uid"][:1] == ["0"] else _name(computer, ids["Uid"][0])
-    if not user or user == "root":
+    if not ids["Uid"]:
+        yield unknown("which user this is: the kernel does not say")
+        return
+    sudo = computer.environment.get("SUDO_USER", "") if ids["Uid"][0] == "0" else ""
+    user = sudo or _name(computer, ids["Uid"][0])
+    if user == "root":
         yield fine("root may use every device; other users need the groups video, dialout and gpio")
         return
-    lines = [line.split(":") for line in computer.text("/etc/group").splitlines()]
+    lines = [line.split(":") for line in computer.text("/etc/group").splitlines() if line.count(":") == 3]
     table = {name: (number, members.split(",")) for name, _password, number, members in lines}
     troubles = [
         trouble
@@ -68,7 +75,9 @@ def _lacking(
 
 def _needed(examined: Examined) -> set[str]:
     configuration = examined.configuration
-    cameras = {"video"} if configuration and configuration.camera.driver in {"opencv", "picamera2"} else set()
+    if configuration is None or examined.is_of_service:  # the service has the groups of its unit
+        return set()
+    cameras = {"video"} if configuration.camera.driver in ATTACHED else set()
     return cameras | ({"dialout"} if examined.ports else set()) | ({"gpio"} if examined.pins else set())
 
 
@@ -92,7 +101,9 @@ def cameras(examined: Examined) -> Iterator[Diagnosis]:
     for camera in found:
         stack = "libcamera" if camera["driver"] == "picamera2" else "V4L2"
         seen = f"{camera['name']}, by {stack}: {camera['device']}"
-        if camera["trouble"]:
+        if camera["trouble"].startswith(IN_USE) and examined.computer.is_active(UNIT):
+            yield fine(f"{seen}; it is in use, and the service runs")
+        elif camera["trouble"]:
             yield wrong(f"{seen}; it cannot be used", camera["trouble"])
         else:
             yield fine(seen)
@@ -122,9 +133,8 @@ def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[
         if _has_sensor(computer):
             yield _unseen(examined)
             return
-        wants = examined.configuration is not None and examined.configuration.camera.driver == "picamera2"
-        if wants or not has_any:
-            yield _no_sensor(config)
+        if _names(examined, "picamera2") or (examined.configuration is None and not has_any):
+            yield _no_sensor(computer, config, has_any=has_any)
             return
     if has_any:
         return
@@ -136,10 +146,13 @@ def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[
 
 
 def _wants_attached(examined: Examined) -> bool:
-    if examined.configuration is None:
-        return True
-    options = examined.configuration.camera.options
-    return examined.configuration.camera.driver in {"opencv", "picamera2"} and not getattr(options, "is_stream", False)
+    configuration = examined.configuration
+    is_stream = configuration is not None and getattr(configuration.camera.options, "is_stream", False)
+    return configuration is None or (_names(examined, *ATTACHED) and not is_stream)
+
+
+def _names(examined: Examined, *drivers: str) -> bool:
+    return examined.configuration is not None and examined.configuration.camera.driver in drivers
 
 
 def _has_sensor(computer: Computer) -> bool:
@@ -159,14 +172,20 @@ def _unseen(examined: Examined) -> Diagnosis:
     return wrong("a ribbon camera is there, and the library picamera2 is not", f"{PICAMERA2}, and {SEE_SYSTEM}")
 
 
-def _no_sensor(config: str) -> Diagnosis:
+def _no_sensor(computer: Computer, config: str, *, has_any: bool) -> Diagnosis:
+    seen = "no ribbon camera is found" if has_any else "no camera is found, on USB or on a ribbon cable"
+    if not computer.paths("/dev/media*"):
+        return wrong(
+            f"{seen}: the system's kernel does not support ribbon cameras (there is no /dev/media0)",
+            "use a USB camera, or Raspberry Pi OS, whose kernel does",
+        )
     if re.search(r"^\s*camera_auto_detect\s*=\s*0", config, re.MULTILINE):
         return wrong(
-            "no ribbon camera is found, and config.txt turns their detection off",
+            f"{seen}, and config.txt turns the detection of the latter off",
             f"`camera_auto_detect=1` in {CONFIG_TXT[0]}, and restart",
         )
     return wrong(
-        "no ribbon camera is found: none is plugged in, or its cable is loose or the wrong way round",
+        f"{seen}: none is plugged in, or its cable is loose or the wrong way round",
         "switch off, plug the cable in anew (a Pi 5 and a Zero need the narrow one), `rpicam-hello --list-cameras`; "
         "a module that is not Raspberry Pi's own needs its `dtoverlay` in config.txt",
     )
@@ -205,7 +224,7 @@ def serial(examined: Examined) -> Iterator[Diagnosis]:
     console = re.search(r"console=(ttyAMA\d+|ttyS\d+)", computer.text("/proc/cmdline"))
     if computer.is_pi and console:
         is_used = console[1] in map(computer.node, examined.ports) or (
-            console[1] in ON_HEADER and {14, 15} & set(examined.pins)
+            console[1] in ON_HEADER and {14, 15} & examined.pins
         )
         where = f"{console[1]} (GPIO 14 and 15)" if console[1] in ON_HEADER else console[1]
         if is_used:
@@ -214,7 +233,7 @@ def serial(examined: Examined) -> Iterator[Diagnosis]:
                 "`sudo raspi-config nonint do_serial_cons 1`, and restart",
             )
         else:
-            yield fine(f"the system's console is on {where}; the configuration does not use that")
+            yield fine(f"the system's console is on {where}; leave that free")
     yield from _takers(computer, has_base=bool(examined.ports))
     found = computer.paths("/dev/serial/by-id/*")
     if found:
@@ -225,7 +244,7 @@ def _takers(computer: Computer, *, has_base: bool) -> Iterator[Diagnosis]:
     is_threat = has_base or bool(computer.paths("/dev/tty[UA][SC][BM]*"))
     if not is_threat:
         return
-    if computer.prints("systemctl", "is-active", "ModemManager") == "active":
+    if computer.is_active("ModemManager.service"):
         yield warning(
             "ModemManager runs, and writes to serial ports that it does not know",
             "`sudo systemctl disable --now ModemManager`",

@@ -19,6 +19,9 @@ if TYPE_CHECKING:  # reading a configuration loads the libraries that may be bro
 INSTALLED = "/etc/stadimeter/appliance.toml"
 """The configuration of the service, which is looked at if no other is named."""
 
+UNIT = "stadimeter.service"
+SUDO = "call doctor with `sudo`"
+
 
 @dataclass(frozen=True)
 class Examined:
@@ -52,6 +55,11 @@ class Examined:
         return self._read[1]
 
     @property
+    def is_of_service(self) -> bool:
+        """Whether the configuration is that of the service."""
+        return self.path is None or self.path.resolve() == Path(INSTALLED)
+
+    @property
     def place(self) -> Path:
         """Where the configuration is, or would be."""
         return self.path or self.computer.root / INSTALLED.lstrip("/")
@@ -64,13 +72,13 @@ class Examined:
         return self.configuration is not None and goes_by_the_clock(self.configuration.plan)
 
     @cached_property
-    def pins(self) -> dict[int, bool]:
-        """The GPIOs of its outputs, and whether each is on when high."""
+    def pins(self) -> frozenset[int]:
+        """The GPIOs of its outputs and buttons."""
         if self.configuration is None:
-            return {}
-        from stadimeter.workbench.wiring.outputs import wired_outputs  # noqa: PLC0415 - reads options of drivers
+            return frozenset()
+        from stadimeter.workbench.wiring.outputs import parts_of, wired_outputs  # noqa: PLC0415 - loads numpy
 
-        return {output.gpio: output.active_high for output in wired_outputs(self.configuration.driven)}
+        return frozenset(output.gpio for output in wired_outputs(parts_of(self.configuration)))
 
     @cached_property
     def ports(self) -> tuple[str, ...]:
@@ -86,11 +94,13 @@ class Examined:
     @cached_property
     def _read(self) -> tuple[Configuration | None, Diagnosis | None]:
         path = self.place
-        if path.parent.exists() and not os.access(path.parent, os.X_OK):
+        try:
+            path.stat()
+        except PermissionError:  # the folder of the service's is not for every eye
             return None, _not_yours(path)
-        if self.path is None and not path.exists():
+        except OSError:
             return None, None
-        if path.exists() and not os.access(path, os.R_OK):
+        if not os.access(path, os.R_OK):
             return None, _not_yours(path)
         if any(each.severity is Severity.WRONG for each in self.libraries):
             return None, unknown(f"{path} was not read, since libraries do not load", "mend those first")
@@ -103,7 +113,7 @@ class Examined:
 
 
 def _not_yours(path: Path) -> Diagnosis:
-    return unknown(f"{path} is not yours to read", "call doctor with `sudo`")
+    return unknown(f"{path} is not yours to read", SUDO)
 
 
 def _first(error: StadimeterError) -> str:

@@ -6,16 +6,15 @@ Sources: systemctl(1), systemd.service(5) and systemd-system.conf(5) for the pro
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
-from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
-from stadimeter.workbench.doctor.examined import Examined
+from stadimeter.workbench.doctor.examined import SUDO, UNIT, Examined
 
-UNIT = "stadimeter.service"
+STATE = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "UnitFileState", "StatusText")
 RESTARTS_MANY = 3
-SAFE_OUTPUTS = ("/run/stadimeter/safe-outputs.conf", "/etc/stadimeter/safe-outputs.conf")
+SAFE_OUTPUTS = "/run/stadimeter/safe-outputs.conf"
+SWITCHES_OFF = "/usr/lib/stadimeter/safe-outputs"
 LOG = f"`sudo journalctl -eu {UNIT}`"
 
 
@@ -25,7 +24,7 @@ def service(examined: Examined) -> Iterator[Diagnosis]:
     if not computer.has_systemd:
         yield unknown("the service: systemd does not run this computer")
         return
-    state = computer.unit(UNIT, "LoadState", "ActiveState", "SubState", "Result", "NRestarts", "UnitFileState")
+    state = computer.unit(UNIT, *STATE)
     if not state:
         yield unknown("the service: systemctl does not answer")
     elif state.get("LoadState") != "loaded":
@@ -36,38 +35,45 @@ def service(examined: Examined) -> Iterator[Diagnosis]:
 
 def _judged(state: dict[str, str]) -> Diagnosis:
     active, restarts = state.get("ActiveState", ""), int(state.get("NRestarts") or 0)
+    says = f", and says: {state['StatusText']}" if state.get("StatusText") else ""
     if active == "failed" or state.get("SubState") == "auto-restart":
-        return wrong(f"the service has failed ({state.get('Result', 'no result')}), {restarts} restarts", LOG)
+        return wrong(f"the service has failed ({state.get('Result', 'no result')}), {restarts} restarts{says}", LOG)
+    if active == "activating":
+        return warning(f"the service is starting, {restarts} restarts{says}", LOG)
     if active != "active":
         return warning(f"the service is {active or 'in no known state'}", "`sudo systemctl enable --now stadimeter`")
     if restarts > RESTARTS_MANY:
-        return warning(f"the service runs, after {restarts} restarts", LOG)
+        return warning(f"the service runs, after {restarts} restarts{says}", LOG)
     if state.get("UnitFileState") != "enabled":
         return warning("the service runs, and is not started at boot", "`sudo systemctl enable stadimeter`")
-    return fine(f"the service runs, {restarts} restarts")
+    return fine(f"the service runs, {restarts} restarts{says}")
 
 
 def safe_outputs(examined: Examined) -> Iterator[Diagnosis]:
     """Compare the outputs that are switched off after the service with those of the configuration."""
     computer = examined.computer
-    if not examined.pins or not computer.has("/usr/lib/stadimeter/safe-outputs"):
+    if examined.configuration is None or not examined.is_of_service or not computer.has(SWITCHES_OFF):
         return
-    listed = _listed(computer)
-    wanted = {gpio: "low" if active_high else "high" for gpio, active_high in examined.pins.items()}
-    lacking = [f"{gpio} {level}" for gpio, level in wanted.items() if listed.get(gpio) != level]
+    from stadimeter.app.safe_outputs import safe_lines  # noqa: PLC0415 - loads the configuration's drivers
+
+    driven = examined.configuration.driven
+    wanted = [line for each in driven if not each.plugin.is_simulated(each.options) for line in safe_lines(each)]
+    if not wanted:
+        return
+    if not computer.has(SAFE_OUTPUTS):
+        yield unknown("which outputs are switched off after the service: it lists them when it starts")
+        return
+    if not computer.is_readable(SAFE_OUTPUTS):
+        yield unknown(f"{SAFE_OUTPUTS} is not yours to read", SUDO)
+        return
+    lacking = set(wanted) - set(computer.text(SAFE_OUTPUTS).splitlines())
     if lacking:
         yield wrong(
-            f"after the service has ended, these pins are not switched off: {', '.join(lacking)}",
-            "`sudo systemctl restart stadimeter` writes their list from the configuration",
+            f"after the service has ended, these are not switched off: {', '.join(sorted(lacking))}",
+            "`sudo systemctl restart stadimeter`, which lists the outputs of /etc/stadimeter/appliance.toml",
         )
     else:
-        yield fine(f"after the service has ended, {len(wanted)} pins are switched off, as in the configuration")
-
-
-def _listed(computer: Computer) -> dict[int, str]:
-    """Return the GPIOs that are switched off, each with its safe level: lines ``pin 18`` or ``pin 5 high``."""
-    lines = re.findall(r"^\s*pin\s+(\d+)(?:\s+(low|high))?", computer.text(*SAFE_OUTPUTS), re.MULTILINE)
-    return {int(pin): level or "low" for pin, level in lines}
+        yield fine(f"{len(wanted)} {'output is' if len(wanted) == 1 else 'outputs are'} switched off after the service")
 
 
 def watchdogs(examined: Examined) -> Iterator[Diagnosis]:

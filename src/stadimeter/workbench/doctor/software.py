@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from stadimeter.config.extras import NUMPY_1
+from stadimeter.config.extras import NUMPY_1, PACKAGED, PICAMERA2, SEE_SYSTEM
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, wrong
 
@@ -21,15 +21,16 @@ OPTIONAL = ("picamera2", "lgpio")
 
 PROBE = """
 import importlib, importlib.util, json, sys
-print(json.dumps({"python": sys.version.split()[0], "bits": 64 if sys.maxsize > 2**32 else 32, "prefix": sys.prefix}))
+bits = 64 if sys.maxsize > 2**32 else 32
+print(json.dumps({"python": sys.version.split()[0], "bits": bits, "prefix": sys.prefix, "runs": sys.executable}))
 for name in sys.argv[1:]:
-    found = {"name": name, "version": "", "file": "", "error": "", "missing": importlib.util.find_spec(name) is None}
-    if not found["missing"] and name != "lgpio":
+    spec = importlib.util.find_spec(name)
+    found = {"name": name, "version": "", "file": str(spec and spec.origin), "error": "", "missing": spec is None}
+    if spec is not None and name != "lgpio":
         print(json.dumps({"trying": name}), flush=True)
         try:
             module = importlib.import_module(name)
             found["version"] = str(getattr(module, "__version__", ""))
-            found["file"] = str(module.__file__)
         except BaseException as error:
             found["error"] = f"{type(error).__name__}: {error}"
     print(json.dumps(found), flush=True)
@@ -43,8 +44,8 @@ _NUMPY_MIX = re.compile(
 
 
 def python_command() -> tuple[str, ...]:
-    """Return the command that runs the Python of this environment."""
-    return (sys.executable,)
+    """Return the command that runs the Python of this environment, as the one that runs now was begun."""
+    return (sys.executable, "-s") if sys.flags.no_user_site else (sys.executable,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,16 +78,17 @@ def libraries(imports: Imports) -> Iterator[Diagnosis]:
     python, found = lines[0], [line for line in lines if "name" in line]
     if python["bits"] == 32:
         yield wrong("this is a 32-bit system", "install the 64-bit Raspberry Pi OS: OpenCV is to be had for that only")
-    yield from (_broken(each, found) for each in found if each["error"])
+    yield from (_broken(each, python, found) for each in found if each["error"])
     missing = [each["name"] for each in found if each["missing"] and each["name"] not in OPTIONAL]
     if missing:
-        yield wrong(f"{' and '.join(missing)} is not installed", _again())
+        yield wrong(f"{' and '.join(missing)} is not installed", _again(python))
     if (untried := _stopped_at(lines)) is not None:
         how = "takes too long" if imports.is_late else "crashes Python"
-        yield wrong(f"importing {untried} {how}", _again())
-    loaded = [f"{each['name']} {each['version']}{_origin(each)}" for each in found if each["file"]]
+        yield wrong(f"importing {untried} {how}", _again(python))
     if not (missing or untried or any(each["error"] for each in found)):
-        yield fine(f"Python {python['python']} in {python['prefix']}; {', '.join(loaded)} load together")
+        loaded = (each for each in found if each["name"] in LIBRARIES and not each["missing"])
+        names = ", ".join(f"{each['name']} {each['version']}".strip() + _origin(each) for each in loaded)
+        yield fine(f"Python {python['python']} in {python['prefix']}; {names} load together")
 
 
 def _stopped_at(lines: list[dict[str, Any]]) -> str | None:
@@ -97,20 +99,27 @@ def _origin(library: dict[str, Any]) -> str:
     return " (apt)" if "/dist-packages/" in library["file"] else ""
 
 
-def _broken(library: dict[str, Any], found: list[dict[str, Any]]) -> Diagnosis:
+def _broken(library: dict[str, Any], python: dict[str, Any], found: list[dict[str, Any]]) -> Diagnosis:
     if not _NUMPY_MIX.search(library["error"]):
-        return wrong(f"{library['name']} does not load: {_short(library['error'])}", _again())
+        is_of_pi = library["name"] == "picamera2"  # what it needs is not on pip
+        remedy = f"{PICAMERA2}, and {SEE_SYSTEM}" if is_of_pi else _again(python, library["name"])
+        return wrong(f"{library['name']} does not load: {_short(library['error'])}", remedy)
     numpy = next((each for each in found if each["name"] == "numpy"), None)
     beside = f" beside numpy {numpy['version']}{_origin(numpy)}" if numpy and numpy["version"] else ""
-    return wrong(
-        f"{library['name']} does not load{beside}: it was built for another numpy ({_short(library['error'])})",
-        f"where apt's libraries are for numpy 1: {shlex.quote(sys.executable)} -m pip install {NUMPY_1}",
-    )
+    seen = f"{library['name']} does not load{beside}: it was built for another numpy ({_short(library['error'])})"
+    is_of_apt = _origin(library) and not python["prefix"].startswith(PACKAGED)
+    return wrong(seen, f"{_pip(python)} {NUMPY_1}" if is_of_apt else _again(python, library["name"]))
 
 
 def _short(error: str) -> str:
     return " ".join(error.split())[:160]
 
 
-def _again() -> str:
-    return f"{shlex.quote(sys.executable)} -m pip install --force-reinstall stadimeter"
+def _again(python: dict[str, Any], library: str = "stadimeter") -> str:
+    if python["prefix"].startswith(PACKAGED):
+        return "`sudo apt install --reinstall stadimeter`"
+    return f"{_pip(python)} --force-reinstall {library}"
+
+
+def _pip(python: dict[str, Any]) -> str:
+    return f"{shlex.quote(python['runs'])} -m pip install"

@@ -206,7 +206,7 @@ def _picture_now(known: Known, text: str) -> tuple[list[str], tuple[str, ...]]:
         raise ConfigError(f"{error}; or give pictures, such as near.jpg@50cm") from error
     frame, seen = _taken_live(known, distance_m) if known.is_live else _shown(known)
     picture = f"{PICTURES}/at-{distance_m:g}m.png"
-    write_picture(known.path(picture), frame.image)
+    write_picture(known.path(picture), frame.image, frame.optics)
     return [f"{picture}@{distance_m + _limb_radius_m(known):.5g}m"], (seen,)
 
 

@@ -137,7 +137,7 @@ def _try(known: Known, camera: AttachedCamera, number: int) -> str:
         frame = settled_frame(known.chosen(CAMERA, ("camera",), camera_table(camera.choice)))
     except StadimeterError as error:
         return str(error)
-    write_picture(known.path(name), frame.image)
+    write_picture(known.path(name), frame.image, frame.optics)
     return f"its picture is {name}"
 
 
