@@ -104,6 +104,14 @@ def test_other_rules_over_a_recording_show_where_they_differ(tmp_path):
     assert [event.source for event in result.recorded_events if event.kind == "raised"] == []
 
 
+@pytest.mark.parametrize("left", [b'{"stadi', b'{"stadimeter_journal":1,"ver', b"\0" * 500])
+def test_a_journal_that_a_power_cut_ended_in_its_first_line_keeps_no_run_from_recording(tmp_path, left):
+    (tmp_path / "run.jsonl").write_bytes(left)
+    recorded(tmp_path / "run.jsonl", 5, 4)
+    assert len(list(records_of(read_journal(tmp_path / "run.jsonl")))) > 2
+    assert (tmp_path / "run-1.jsonl").read_bytes() == left
+
+
 def test_a_recording_that_was_cut_off_is_read_as_far_as_it_is_whole(tmp_path):
     path = tmp_path / "run.jsonl"
     recorded(path, 5, 4, 3)

@@ -245,6 +245,17 @@ def refusing(path):
     assert error is None or str(path) in str(error)
 
 
+@pytest.mark.parametrize("length", [3, 8, 17, 25, 40])
+def test_a_recording_that_a_cut_ended_in_its_beginning_keeps_no_run_from_recording(tmp_path, length):
+    path = tmp_path / "run.mcap"
+    recorded(path, 5)
+    left = path.read_bytes()[:length]
+    path.write_bytes(left)
+    recorded(path, 5, 4)
+    assert len(list(records_of(read_mcap(path)))) > 2
+    assert (tmp_path / "run-1.mcap").read_bytes() == left
+
+
 def test_a_recording_that_was_not_finished_loses_no_more_than_its_last_second(tmp_path):
     recording = Recording(tmp_path / "run.mcap")
     recording.see(*[5] * 45)

@@ -179,23 +179,21 @@ class AlarmStore:
     def _opened(self) -> Memory | None:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            is_new = self._is_new()
+            self._look()
             with suppress(FileExistsError):  # SQLite would let everybody read a new file, and what it keeps beside it
                 os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
             self._database = _connected(self.path)
-            return self._read(self._database, is_new=is_new)
+            return self._read(self._database)
         except Exception as error:
             self.close()
             raise self._converted(error) from error
 
-    def _is_new(self) -> bool:
-        """Whether there is no file yet. SQLite sees no file before this has."""
-        kind = kind_of(self.path)
-        if kind is Kind.FOREIGN:
+    def _look(self) -> None:
+        """See that a file is ours, if there is one. SQLite sees no file before this has."""
+        if kind_of(self.path) is Kind.FOREIGN:
             raise _DamagedError("it is no state file")
         if too_large(self.path):
             raise _DamagedError("it is larger than any that was written here")
-        return kind is Kind.NOTHING
 
     def _converted(self, error: Exception) -> Exception:
         """Tell a file that cannot be used as it is from one that cannot be used at all."""
@@ -218,11 +216,10 @@ class AlarmStore:
             os.access(each, os.W_OK) for each in (self.path, self.path.parent)
         )
 
-    def _read(self, database: sqlite3.Connection, *, is_new: bool) -> Memory | None:
+    def _read(self, database: sqlite3.Connection) -> Memory | None:
         database.execute("PRAGMA locking_mode = EXCLUSIVE")
-        if (
-            is_new
-        ):  # before there is a log: else the file would not be known as ours until the log is taken over into it
+        if not _pragma(database, "page_count"):  # new, or cut while it was begun, which SQLite has just undone
+            # Before there is a log: else the file would not be known as ours until the log is taken over into it.
             database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = NORMAL")  # the rest is `flush`

@@ -91,7 +91,7 @@ class JournalWriter:
             configuration_sha256=sha256_of(configuration.text),
             files=configuration.files,
         )
-        self._file = RecordFile(path, self.kind, lambda head: head.startswith(_FIRST_BYTES))
+        self._file = RecordFile(path, self.kind, lambda head: head[: len(_FIRST_BYTES)] == _FIRST_BYTES[: len(head)])
 
     def write(self, record: CycleRecord, _frame: Frame | None = None) -> None:
         """Add one cycle; `JournalError` if its line could not be written whole. Earlier ones are intact."""

@@ -37,7 +37,8 @@ class RecordFile:
 
     Args:
         kind: Its name in messages, such as ``journal``.
-        is_ours: Decides from the first bytes of a file, up to 4 KiB, whether it is of that kind.
+        is_ours: Decides from the first bytes of a file, up to 4 KiB, whether it is of that kind, or may have become
+            one if a power cut had not ended it.
 
     Attributes:
         kept_as: The new name of the older file; None if there was none.
@@ -108,7 +109,7 @@ class RecordFile:
             raise self._failure(error, "", f"the {self._kind} cannot be written: ") from error
         if stat.S_ISCHR(mode):
             os.set_blocking(file.fileno(), True)
-        elif not stat.S_ISREG(mode) or (head and not self._is_ours(head)):
+        elif not stat.S_ISREG(mode) or not (self._is_ours(head) or _holds_nothing(head)):
             file.close()
             raise JournalError(f"{path} holds something else than a {self._kind}; choose another file")
         return file
@@ -149,6 +150,11 @@ class RecordFile:
         self._file.close()
 
 
+def _holds_nothing(head: bytes) -> bool:
+    """Return whether a file is empty, or has a length only: some file systems leave zeros after a power cut."""
+    return not head.strip(b"\0")
+
+
 def _set_aside(path: Path) -> Path:
     """Give a file the next free name with a number, ``run-1.jsonl`` for ``run.jsonl``, and return that.
 
@@ -184,6 +190,9 @@ MAGIC = b"\x89MCAP0\r\n"
 LIBRARY = "stadimeter"
 """How the name of the program begins that recordings say they were written by."""
 
+HEADER_BYTES_MIN = len(MAGIC) + 1 + 8 + 4 + 4 + len(LIBRARY)
+"""Up to the end of the program's name: before it, an opcode and the lengths of record, profile and name."""
+
 _HEADER = 1
 """The opcode of the first record of an MCAP file."""
 
@@ -203,5 +212,7 @@ def writer_of(head: bytes) -> str | None:
 
 
 def is_ours(head: bytes) -> bool:
-    """Return whether a file is a recording of ours."""
+    """Return whether a file is a recording of ours, or the beginning of one that a cut ended too early to tell."""
+    if len(head) < HEADER_BYTES_MIN:
+        return MAGIC.startswith(head[: len(MAGIC)])
     return (writer_of(head) or "").startswith(LIBRARY)

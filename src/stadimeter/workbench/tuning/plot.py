@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.extras import require
 from stadimeter.core.rule import OnDelay
 from stadimeter.errors import PictureError
@@ -43,8 +45,10 @@ def draw_plot(proposal: Proposal, path: Path) -> None:
     _draw_tried(axes, proposal.beginnings)
     _draw_marks(axes, proposal)
     _label(axes, proposal)
+    drawn = BytesIO()
+    figure.savefig(drawn, format="png", metadata={"Software": "stadimeter"})
     try:
-        figure.savefig(path, format="png", metadata={"Software": "stadimeter"})
+        write_atomically(path, drawn.getvalue())
     except OSError as error:
         raise PictureError(f"{path}: the plot cannot be written: {error.strerror or error}") from error
 
