@@ -91,7 +91,9 @@ def measure_all(processes: int = PROCESSES) -> list[StartUp]:
 def commands_in(folder: Path) -> dict[str, list[str]]:
     """Return each command by its name, and write the files that they need into a folder."""
     room = np.full((480, 640, 3), 90, np.uint8)
-    cv2.circle(room, (320, 240), 40, (60, 200, 120), -1, cv2.LINE_AA)  # one not found costs a search for its colour
+    cv2.circle(
+        room, (320, 240), 40, (60, 200, 120), -1, cv2.LINE_AA
+    )  # not found, it would cost a search for its colour
     cv2.imwrite(str(folder / "room.png"), room)
     save_camera_model(folder / "camera.toml", CameraModel.with_focal_length(600.0, 640, 480))
     (folder / "run.toml").write_text(CONFIGURATION)

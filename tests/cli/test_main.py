@@ -63,6 +63,10 @@ def test_measuring_a_picture_loads_no_rules():
     assert among(loaded, ["stadimeter.core.rule", "stadimeter.core.conditions", "stadimeter.app.capture"]) == []
 
 
+def test_the_doctor_begins_without_the_libraries_that_may_be_broken():
+    assert among(loaded_by("import stadimeter.cli.doctor"), ["cv2", "numpy", "pydantic", "simplejpeg"]) == []
+
+
 def test_built_in_drivers_are_found_without_reading_the_record_of_every_installed_package(monkeypatch):
     monkeypatch.setattr(plugins, "installed", lambda group: pytest.fail(f"looked for {group} everywhere"))
     assert plugins.load_plugin(plugins.CAMERAS, "images").options

@@ -22,6 +22,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 import stadimeter
+from stadimeter.app.board_health import temperature_c
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, read_untrusted
 from stadimeter.errors import UnreadableError
 
@@ -209,11 +210,7 @@ def this_computer(cgroups: Path = CGROUPS) -> Computer:
 
 def heat() -> Heat:
     """Return how warm this computer is, and whether it was slowed for heat or for its supply."""
-    try:
-        temperature_c = int(Path("/sys/class/thermal/thermal_zone0/temp").read_text(encoding="ascii")) / 1000
-    except (OSError, ValueError):
-        temperature_c = None
-    return Heat(temperature_c=temperature_c, throttled=_throttled())
+    return Heat(temperature_c=temperature_c(), throttled=_throttled())
 
 
 def _throttled() -> str | None:
