@@ -37,6 +37,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return
     for item in items:
         test = getattr(item, "obj", None)
+        test = getattr(test, "__func__", test)  # of a method, the function that bears the settings
         own = getattr(test, "_hypothesis_internal_use_settings", None)
         if own is not None and own.max_examples > settings.default.max_examples:
             test._hypothesis_internal_use_settings = settings(own, max_examples=settings.default.max_examples)

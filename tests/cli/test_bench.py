@@ -1,11 +1,10 @@
 """The command ``bench``."""
 
-import json
-
 import pytest
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
+from stadimeter.workbench.board_figures import read_figures
 
 
 @pytest.fixture(scope="module")
@@ -24,17 +23,18 @@ def test_it_names_the_computer_and_tells_latency_and_memory(shown):
     assert "OpenCV threads" in shown.output
     assert "stadimeter 0" in shown.output
     assert "Latency from frame to actuator: median " in shown.output
-    assert "Memory: " in shown.output
+    assert "A run of the program: first command " in shown.output
 
 
 @pytest.mark.long
-def test_json_is_one_object_with_the_same_figures():
-    result = CliRunner().invoke(app, ["bench", "--seconds", "0.3", "--json"])
+def test_json_is_the_file_to_send_with_its_note(tmp_path):
+    result = CliRunner().invoke(app, ["bench", "--seconds", "0.3", "--note", "in a drawer", "--json"])
     assert result.exit_code == 0
-    figures = json.loads(result.stdout)
-    assert list(figures) == ["computer", "detectors", "latency", "peak_memory_mb"]
-    assert len(figures["detectors"]) == 12
-    assert figures["latency"]["p50_ms"] <= figures["latency"]["p99_ms"]
+    (tmp_path / "board.json").write_text(result.stdout)
+    figures = read_figures(tmp_path / "board.json")
+    assert figures.note == "in a drawer"
+    assert len(figures.detectors) == 12
+    assert figures.latency.p50_ms <= figures.latency.p99_ms
 
 
 def test_no_time_at_all_is_refused():

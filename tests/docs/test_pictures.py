@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
+import boards_table
 import camera_table
 import make_pictures
 import pytest
@@ -19,6 +21,27 @@ def test_the_tables_of_cameras_are_those_that_are_computed_now() -> None:
     page = camera_table.PAGE.read_text(encoding="utf-8")
     assert page.count("<!-- table: ") == len(camera_table.TABLES)
     assert camera_table.with_tables(page) == page, "run python docs/pictures/camera_table.py"
+
+
+def test_the_tables_of_boards_are_those_of_the_files_beside_them() -> None:
+    page = boards_table.PAGE.read_text(encoding="utf-8")
+    figures = boards_table.all_figures()
+    assert page.count("<!-- table: ") == len(boards_table.TABLES)
+    assert boards_table.with_tables(page, figures) == page, "run python docs/pictures/boards_table.py"
+
+
+def test_a_limited_processor_is_marked_in_the_tables_of_boards() -> None:
+    limited = [each for each in boards_table.all_figures().values() if each.computer.processor_limit is not None]
+    table = boards_table.computers_table(boards_table.all_figures())
+    assert 0 < len(limited) == table.count("**limited to ")
+    assert all("emulated" in each.note for each in limited)
+
+
+def test_what_somebody_writes_into_a_file_of_a_board_stays_text() -> None:
+    name, figures = next(iter(boards_table.all_figures().items()))
+    hostile = dataclasses.replace(figures, note="a | b <script>[x](javascript:y)\n# z")
+    row = boards_table.computers_table({name: hostile}).splitlines()[-1]
+    assert r"a \| b \<script\>\[x\](javascript:y) \# z" in row
 
 
 def test_a_camera_by_its_angle_by_its_diagonal_and_by_its_lens_is_the_same() -> None:

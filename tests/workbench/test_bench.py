@@ -6,7 +6,8 @@ import platform
 import cv2
 import pytest
 
-from stadimeter.workbench.bench import exercises, lens_for, measure, room_frames, this_computer, with_patch
+from stadimeter.workbench.bench import exercises, lens_for, measure, room_frames, with_patch
+from stadimeter.workbench.board_figures import read_figures, this_computer, to_json
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +28,8 @@ def test_every_detector_finds_what_it_is_measured_on(figures):
 
 
 def test_speeds_are_positive_and_tracking_was_measured(figures):
-    assert all(speed.search_fps > 0 for speed in figures.detectors)
-    assert all(speed.track_fps is not None and speed.track_fps > 0 for speed in figures.detectors if speed.found)
+    assert all(speed.search.median_ms > 0 for speed in figures.detectors)
+    assert all(speed.track is not None and speed.track.median_ms > 0 for speed in figures.detectors if speed.found)
 
 
 def test_the_latency_is_that_of_a_run(figures):
@@ -37,8 +38,15 @@ def test_the_latency_is_that_of_a_run(figures):
     assert 0 < latency.p50_ms <= latency.p95_ms <= latency.p99_ms
 
 
-def test_the_memory_is_that_of_a_program_with_opencv(figures):
-    assert 20 < figures.peak_memory_mb < 4000
+def test_a_run_of_the_program_acts_and_takes_the_memory_of_a_program_with_opencv(figures):
+    assert figures.run.first_command_s > 0
+    assert 40 < figures.run.peak_memory_mb < 4000
+
+
+def test_what_was_measured_can_be_sent(figures, tmp_path):
+    file = tmp_path / "board.json"
+    file.write_text(to_json(figures))
+    assert read_figures(file).computer == figures.computer
 
 
 def test_what_was_measured_on_is_named():

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import time
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from stadimeter.app.cycle_record import CycleRecord
 
@@ -26,6 +29,7 @@ class Health:
         events: How many events of each kind.
         data_ages_s: For the newest cycles, the age of the frame when its commands had been applied.
         cycle_times_s: For the newest cycles, the computing time without waiting for the frame.
+        first_command_s: How old the program was when the commands of its first frame had been applied; None before.
     """
 
     cycles: int = 0
@@ -34,6 +38,7 @@ class Health:
     events: Counter[str] = field(default_factory=Counter)
     data_ages_s: deque[float] = field(default_factory=_latest)
     cycle_times_s: deque[float] = field(default_factory=_latest)
+    first_command_s: float | None = None
 
     def add(self, record: CycleRecord) -> None:
         """Take in one cycle."""
@@ -44,6 +49,8 @@ class Health:
         if stamp is None:
             return
         self.frames += 1
+        if self.first_command_s is None:
+            self.first_command_s = program_age_s()
         busy_s = sum(record.timings_s.values()) - record.timings_s.get("capture", 0.0)
         self.cycle_times_s.append(busy_s)
         self.data_ages_s.append(record.observation.now_s - stamp.captured_at_s + busy_s)
@@ -59,3 +66,19 @@ def percentile(ordered: Sequence[float], share: float) -> float | None:
     if not ordered:
         return None
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+
+
+def program_age_s() -> float:
+    """Return how long ago this process was started, by the system's own record, to a hundredth of a second."""
+    after_name = Path("/proc/self/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+    started_ticks = int(after_name[19])  # field 22, "starttime"; the second, the program's name, may contain spaces
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - started_ticks / os.sysconf("SC_CLK_TCK")
+
+
+def peak_memory_mb() -> float:
+    """Return the most memory that this program has had, in 10⁶ bytes.
+
+    Not from `resource`: that counts the memory of the process which started this one, if it had more.
+    """
+    status = Path("/proc/self/status").read_text(encoding="utf-8", errors="replace")
+    return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / 1e6

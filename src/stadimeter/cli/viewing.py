@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, TextIO
 import typer
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.health import Health, percentile
+from stadimeter.app.health import Health, peak_memory_mb, percentile
 from stadimeter.app.loop import Loop
 from stadimeter.cli.formatting import (
     format_best,
@@ -347,6 +347,8 @@ def summarise(health: Health, ending: str) -> dict[str, Any]:
         "events": dict(health.events),
         "data_age_ms": _milliseconds(health.data_ages_s),
         "cycle_ms": _milliseconds(health.cycle_times_s),
+        "first_command_s": None if health.first_command_s is None else round(health.first_command_s, 3),
+        "peak_memory_mb": round(peak_memory_mb(), 1),
     }
 
 

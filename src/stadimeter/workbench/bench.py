@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import platform
-import resource
-import statistics
+import json
+import subprocess
+import sys
+import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import cv2
-import numpy as np
 
-import stadimeter
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle_record import CycleRecord
@@ -37,6 +34,17 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import TargetShape
 from stadimeter.detectors.protocol import Detector
+from stadimeter.errors import StadimeterError
+from stadimeter.workbench.board_figures import (
+    SCHEMA_VERSION,
+    DetectorSpeed,
+    Figures,
+    Latency,
+    OwnRun,
+    Times,
+    heat,
+    this_computer,
+)
 
 SIZES_PX = ((640, 480), (1280, 720), (1920, 1080))
 SHARE_OF_RUN = 0.3
@@ -45,92 +53,78 @@ EXPECTED_WITHIN = 0.03
 """A tracked target is expected within this share of its size."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Computer:
-    """Computer and versions that were measured.
+OWN_RUN_FRAMES = 300
+OWN_RUN = """
+[camera]
+driver = "images"
+paths = [{paths}]
 
-    Attributes:
-        board: The board, or the processor where there is no board to name.
-    """
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+fy_px = 600.0
+cx_px = 319.5
+cy_px = 239.5
 
-    board: str
-    cores: int
-    opencv_threads: int
-    stadimeter: str
-    python: str
-    opencv: str
-    numpy: str
+[targets.ball]
+detector = "ball"
+diameter = "20 cm"
+hsv = "29,86,6:64,255,255"
 
+[actuators.buzzer]
+driver = "simulated"
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DetectorSpeed:
-    """How fast one detector is on pictures of one size.
-
-    Attributes:
-        search_fps: Pictures in a second when nothing is known of where the target is.
-        track_fps: Pictures in a second when the target is expected where it is; None if it found none.
-        found: In which share of the pictures it found its target.
-    """
-
-    detector: str
-    width_px: int
-    height_px: int
-    search_fps: float
-    track_fps: float | None
-    found: float
+[rules.near]
+actuator = "buzzer"
+when = {{ below = "2 m" }}
+"""
+"""A run of the program as a user starts it. It reads its pictures: to draw a room takes more memory than a camera."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Latency:
-    """Latency from the arrival of a frame until every actuator has its command, in the demonstration's run."""
-
-    frames: int
-    p50_ms: float | None
-    p95_ms: float | None
-    p99_ms: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Figures:
-    """All figures of a computer.
-
-    Attributes:
-        peak_memory_mb: The most memory that this program had in the demonstration's run, in 10⁶ bytes.
-    """
-
-    computer: Computer
-    detectors: tuple[DetectorSpeed, ...]
-    latency: Latency
-    peak_memory_mb: float
-
-
-def measure(seconds: float, sizes_px: Sequence[tuple[int, int]] = SIZES_PX) -> Figures:
+def measure(seconds: float, sizes_px: Sequence[tuple[int, int]] = SIZES_PX, note: str = "") -> Figures:
     """Measure this computer.
 
     Args:
-        seconds: For about how long; drawing the pictures comes on top.
+        seconds: For about how long; drawing the pictures and a run of the program come on top.
+        note: What to keep with the figures.
 
     Raises:
-        StadimeterError: A driver cannot be built.
+        StadimeterError: A driver cannot be built, or the program's own run failed.
     """
+    before, own = heat(), own_run()
     latency = _latency(seconds * SHARE_OF_RUN)
-    peak_memory_mb = _peak_memory_mb()  # before the large pictures are drawn, which no run keeps
     each_s = seconds * (1 - SHARE_OF_RUN) / (max(1, len(exercises())) * len(sizes_px))
-    speeds = tuple(speed for size_px in sizes_px for speed in _detector_speeds(size_px, each_s))
-    return Figures(computer=this_computer(), detectors=speeds, latency=latency, peak_memory_mb=peak_memory_mb)
-
-
-def this_computer() -> Computer:
-    """Return what this program runs on."""
-    return Computer(
-        board=_board(),
-        cores=len(os.sched_getaffinity(0)),
-        opencv_threads=cv2.getNumThreads(),
-        stadimeter=stadimeter.__version__,
-        python=platform.python_version(),
-        opencv=cv2.__version__,
-        numpy=np.__version__,
+    return Figures(
+        schema_version=SCHEMA_VERSION,
+        note=note,
+        computer=this_computer(),
+        before=before,
+        run=own,
+        latency=latency,
+        detectors=tuple(speed for size_px in sizes_px for speed in _detector_speeds(size_px, each_s)),
+        after=heat(),
     )
+
+
+def own_run(frames: int = OWN_RUN_FRAMES) -> OwnRun:
+    """Start the program on pictures of a ball, and return how soon it acted and how much memory it took.
+
+    Raises:
+        StadimeterError: It failed; the message is its own.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for number, frame in enumerate(room_frames(lens_for(640, 480))):
+            cv2.imwrite(str(folder / f"{number}.jpg"), frame.image)
+        paths = ", ".join(f'"{number % PICTURES}.jpg"' for number in range(frames))
+        (folder / "run.toml").write_text(OWN_RUN.format(paths=paths), encoding="utf-8")
+        program = [sys.executable, "-m", "stadimeter", "run", str(folder / "run.toml"), "--json", "--speed", "0"]
+        ran = subprocess.run(program, capture_output=True, text=True, check=False)  # noqa: S603
+    if ran.returncode:
+        raise StadimeterError(f"the program's own run failed: {ran.stderr.strip()}")
+    summary = json.loads(ran.stdout)
+    return OwnRun(first_command_s=summary["first_command_s"], peak_memory_mb=summary["peak_memory_mb"])
 
 
 def exercises() -> dict[str, tuple[Plugin[Any], Exercise]]:
@@ -162,8 +156,8 @@ def _detector_speed(
         detector=name,
         width_px=frames[0].width_px,
         height_px=frames[0].height_px,
-        search_fps=_rate_hz(detector, lens, [(frame, None) for frame in frames], each_s / 2),
-        track_fps=_rate_hz(detector, lens, seen, each_s / 2) if seen else None,
+        search=_times(detector, lens, [(frame, None) for frame in frames], each_s / 2),
+        track=_times(detector, lens, seen, each_s / 2) if seen else None,
         found=len(seen) / len(frames),
     )
 
@@ -178,10 +172,9 @@ def _expected(found: Detection, shape: TargetShape) -> Prediction:
     )
 
 
-def _rate_hz(
+def _times(
     detector: Detector, lens: CameraModel, work: Sequence[tuple[Frame, Prediction | None]], for_s: float
-) -> float:
-    """Return how many pictures in a second, by the median, so that another program's second does not count."""
+) -> Times:
     times_s: list[float] = []
     until_s = perf_counter() + for_s
     while not times_s or perf_counter() < until_s:
@@ -189,7 +182,7 @@ def _rate_hz(
             began_s = perf_counter()
             detector.detect(frame, prediction, lens=lens)
             times_s.append(perf_counter() - began_s)
-    return 1 / statistics.median(times_s)
+    return Times.of(times_s)
 
 
 def _latency(for_s: float) -> Latency:
@@ -210,26 +203,6 @@ def _latency(for_s: float) -> Latency:
 
 def _milliseconds(seconds: float | None) -> float | None:
     return None if seconds is None else seconds * 1e3
-
-
-def _peak_memory_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6  # Linux counts in KiB
-
-
-def _board() -> str:
-    try:
-        return Path("/proc/device-tree/model").read_text(encoding="utf-8").rstrip("\0")
-    except OSError:
-        return _processor()
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.machine())
 
 
 FIELD_OF_VIEW_FACTOR = 0.94
