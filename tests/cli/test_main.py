@@ -36,9 +36,9 @@ def test_the_help_loads_no_command():
     assert among(loaded_by(code), HEAVY) == []
 
 
-@pytest.mark.parametrize("name", list(Commands.LAZY))
-def test_a_command_loads_no_driver_that_nobody_named(name):
-    assert among(loaded_by(f"import {Commands.LAZY[name].module}"), OF_DRIVERS) == []
+@pytest.mark.parametrize("module", sorted({each.module for each in Commands.LAZY.values()}))
+def test_a_command_loads_no_driver_that_nobody_named(module):
+    assert among(loaded_by(f"import {module}"), OF_DRIVERS) == []
 
 
 def test_a_run_loads_no_warnings_no_rule_tests_and_no_descriptions(tmp_path):
