@@ -4,6 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 OLD_VENV := .venv-opencv-4.10
 ARGS ?=
+# Bytecode is kept whatever the environment says: else each program that a test starts compiles all of it again, and
+# pytest rewrites the assertions of every test file each time.
+unexport PYTHONDONTWRITEBYTECODE
 # On every core, the tests of one file together: they share what is costly to prepare.
 SPREAD := -n auto --dist loadfile
 UNIT := tests/core tests/config tests/ranging

@@ -25,8 +25,10 @@ settings.load_profile(PROFILE)
 # Programs that tests start find `support` as well.
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
 
-# Programs that tests start inherit what becomes of a hangup; `nohup make test` must not change what they see.
+# Programs that tests start inherit what becomes of a hangup and of Ctrl-C; `nohup make test &` must not
+# change what they see.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 REAL_PICTURES = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -4,7 +4,7 @@ import threading
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.clock import MonotonicClock
@@ -283,7 +283,6 @@ steps = st.sampled_from(
 )
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.lists(steps, min_size=10, max_size=60))
 def test_whatever_fails_when_nothing_moves_before_a_whole_rest_without_a_fault(steps):
     clock = ManualClock(start_s=100.0)

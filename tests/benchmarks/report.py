@@ -34,10 +34,10 @@ def write_report(parts: Sequence[Part], folder: Path, took_s: float, *, plots: b
         The path of the report.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    facts = facts_of(parts)
-    sections = [f"Goals\n\n{goals_table(facts)}", *(_section(part, folder, plots=plots) for part in parts)]
+    facts, measured = facts_of(parts), commit()  # before the first chart changes a file that is kept
+    sections = [f"Goals\n\n{goals_table(facts)}", *(_section(part, folder, measured, plots=plots) for part in parts)]
     path = folder / REPORT
-    path.write_text(SECTION.join([_head(facts, took_s), *sections]), encoding="utf-8")
+    path.write_text(SECTION.join([_head(facts, took_s, measured), *sections]), encoding="utf-8")
     return path
 
 
@@ -47,20 +47,20 @@ def replace_parts(parts: Sequence[Part], folder: Path, *, plots: bool) -> None:
     Raises:
         ValueError: The report has no such part.
     """
-    path, facts = folder / REPORT, facts_of(parts)
+    path, facts, measured = folder / REPORT, facts_of(parts), commit()
     head, goals, *others = path.read_text(encoding="utf-8").split(SECTION)
     sections = {each.partition("\n")[0]: each for each in others}
     for part in parts:
         if part.title not in sections:
             raise ValueError(f"{path} has no part {part.title!r}: run all parts once")
-        sections[part.title] = _section(part, folder, plots=plots)
+        sections[part.title] = _section(part, folder, measured, plots=plots)
     if REAL in facts:
         head = re.sub(r"^\*\*On real pictures:.*\n\n", lambda _found: _real_pictures(facts), head, flags=re.MULTILINE)
     path.write_text(SECTION.join([head, with_new_goals(goals, facts), *sections.values()]), encoding="utf-8")
 
 
-def _section(part: Part, folder: Path, *, plots: bool) -> str:
-    text = f"{part.title}\n\nMeasured at commit {commit()}.\n\n{part.text}"
+def _section(part: Part, folder: Path, measured: str, *, plots: bool) -> str:
+    text = f"{part.title}\n\nMeasured at commit {measured}.\n\n{part.text}"
     if plots:
         from plots import draw_chart  # without charts, matplotlib is not needed
 
@@ -86,7 +86,7 @@ def _real_pictures(facts: dict[str, float]) -> str:
     )
 
 
-def _head(facts: dict[str, float], took_s: float) -> str:
+def _head(facts: dict[str, float], took_s: float, measured: str) -> str:
     return (
         "# Benchmarks\n\n"
         f"{_real_pictures(facts)}"
@@ -96,7 +96,7 @@ def _head(facts: dict[str, float], took_s: float) -> str:
         f"them: thresholds and constants were chosen on seeds below {draw.TUNING_SEEDS.stop}.\n\n"
         "Bias is the median of the signed error in pixels of apparent size: above zero the target was measured too "
         "large, so too near. The 95 % interval is ± 1.96 of the standard deviation that came with the measurement.\n\n"
-        f"This run: commit {commit()}, {took_s / 60:.0f} min on {os.cpu_count()} cores of {platform.machine()}, "
+        f"This run: commit {measured}, {took_s / 60:.0f} min on {os.cpu_count()} cores of {platform.machine()}, "
         f"Python {platform.python_version()}, OpenCV {cv2.__version__}, numpy {np.__version__}.\n"
     )
 

@@ -212,3 +212,15 @@ def test_a_part_takes_its_place_in_the_report_with_its_goals_and_its_commit(tmp_
     assert new.count("Measured at commit ") == 2
     with pytest.raises(ValueError, match="no part 'Speed'"):
         replace_parts([Part(title="Speed", text="")], tmp_path, plots=False)
+
+
+def test_a_report_names_the_commit_as_it_was_before_its_own_charts(tmp_path, monkeypatch) -> None:
+    import report
+    from part import Chart, Part
+
+    monkeypatch.setattr(report, "commit", lambda: "abc-dirty" if list(tmp_path.glob("*.svg")) else "abc")
+    charts = [Chart(name=name, title=name, axis="m", rows=["clean"], series={"ours": [1.0]}) for name in ("one", "two")]
+    parts = [Part(title=chart.name, text="", charts=[chart]) for chart in charts]
+    written = report.write_report(parts, tmp_path, 60.0, plots=True).read_text(encoding="utf-8")
+    assert len(list(tmp_path.glob("*.svg"))) == 2
+    assert (written.count("ommit abc"), written.count("dirty")) == (3, 0)

@@ -84,7 +84,7 @@ def _is_ordinary(detection: Detection) -> bool:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("picture", PICTURES)
 def test_a_picture_with_nothing_in_it_has_a_reason(picture: str, target: str, with_camera: bool) -> None:
-    detection = _seen(target, PICTURES[picture](480, 640), with_camera=with_camera)
+    detection = _seen(target, PICTURES[picture](240, 320), with_camera=with_camera)
     assert detection.status is DetectionStatus.NOT_FOUND
     assert _is_ordinary(detection)
 

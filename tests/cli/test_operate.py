@@ -7,15 +7,13 @@ import socket
 import subprocess
 import sys
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from stadimeter.cli.main import app
 from stadimeter.testing.eventually import eventually
 from support.broker import free_port
+from support.command_line import typed
 from support.simulated_run import SIMULATED_BALL
 
 NEAR = """
@@ -60,12 +58,8 @@ class Terminal:
         self.config.write_text("".join((SIMULATED_BALL, *rules, WORLD)))
 
     def type(self, *words):
-        """Type a command and wait for its end. Only a run has a process of its own: that takes a second to start."""
-        if words[0] == "run":
-            command = [sys.executable, "-m", "stadimeter", *map(str, words)]
-            return subprocess.run(command, capture_output=True, text=True, check=False, env=self.environ)
-        done = CliRunner().invoke(app, list(map(str, words)), env=self.environ)
-        return Typed(done.exit_code, done.stdout, done.stderr)
+        """Type a command and wait for its end."""
+        return typed(*words, env=self.environ)
 
     def start(self, config=None, *words):
         """Start a run, and wait until its rule is active."""
@@ -82,15 +76,6 @@ class Terminal:
         self.started.append(instance)
         instance.wait_for("near raised")
         return instance
-
-
-@dataclass
-class Typed:
-    """What came of a command."""
-
-    returncode: int
-    stdout: str
-    stderr: str
 
 
 class Instance:
@@ -302,12 +287,12 @@ def test_alarms_go_on_after_a_kill(terminal):
 
 def test_a_damaged_state_file_is_a_warning_and_the_run_goes_on(terminal):
     state = terminal.folder / "door.sqlite3"
-    typed = ("run", terminal.config, "--state", state, "--seconds", 1, "--speed", 0)
-    assert terminal.type(*typed).stderr == ""
+    words = ("run", terminal.config, "--state", state, "--seconds", 1, "--speed", 0)
+    assert terminal.type(*words).stderr == ""
     whole = state.read_bytes()
     damaged = whole[:68] + b"\xff" + whole[69:4096] + bytes(len(whole) - 4096)
     state.write_bytes(damaged)
-    done = terminal.type(*typed)
+    done = terminal.type(*words)
     assert done.returncode == 0
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"warning: {state} is damaged: ")

@@ -17,6 +17,7 @@ import pytest
 
 from stadimeter.testing.eventually import eventually
 from stadimeter.workbench.replay.opening import read_recording
+from support.command_line import typed
 from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL
 
@@ -28,7 +29,7 @@ def command(*words: object) -> list[str]:
     return [sys.executable, "-m", "stadimeter", "run", *map(str, words)]
 
 
-def stadimeter(*words: object, limit_bytes: int = resource.RLIM_INFINITY) -> subprocess.CompletedProcess[str]:
+def run_on_a_small_disk(*words: object, limit_bytes: int) -> subprocess.CompletedProcess[str]:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, resource.RLIM_INFINITY))
 
@@ -48,7 +49,7 @@ def test_a_disk_that_fills_up_ends_the_file_intact_and_the_run_goes_on(
 ) -> None:
     """A limit on the size of files stands in for the disk: the system cuts a write short in the same way."""
     path = tmp_path / name
-    done = stadimeter(config, "--seconds", 60, "--speed", 0, option, path, limit_bytes=400_000)
+    done = run_on_a_small_disk(config, "--seconds", 60, "--speed", 0, option, path, limit_bytes=400_000)
     assert done.returncode == 0, done.stderr
     assert "Ended: 60 s, as asked for. 1800 frames" in done.stdout
     first, last = done.stderr.splitlines()
@@ -68,7 +69,7 @@ def test_a_restart_replaces_no_record_of_an_earlier_run_and_says_where_that_is(
     path = tmp_path / name
     counts = {}
     for frames in (20, 30, 40):
-        done = stadimeter(config, "--frames", frames, "--speed", 0, option, path)
+        done = typed("run", config, "--frames", frames, "--speed", 0, option, path)
         assert done.returncode == 0, done.stderr
         counts[frames] = done.stderr
     assert counts[20] == ""
@@ -84,24 +85,24 @@ def test_the_journal_of_a_run_that_was_killed_is_still_there_after_the_restart(c
         eventually(lambda: path.exists() and path.read_bytes().count(b"\n") > 20, within_s=60)
         killed.kill()
     crashed = path.read_bytes()
-    assert stadimeter(config, "--frames", 3, "--speed", 0, "--journal", path).returncode == 0
+    assert typed("run", config, "--frames", 3, "--speed", 0, "--journal", path).returncode == 0
     assert (tmp_path / "run-1.jsonl").read_bytes() == crashed
 
 
 def test_a_run_that_begins_no_cycle_leaves_an_older_journal_where_it_is(config: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
-    assert stadimeter(config, "--frames", 3, "--speed", 0, "--journal", path).returncode == 0
+    assert typed("run", config, "--frames", 3, "--speed", 0, "--journal", path).returncode == 0
     before = path.read_bytes()
     camera = '[camera]\ndriver = "opencv"\ndevice = "/dev/video-none"\n'
     config.write_text(SIMULATED.replace(SIMULATED[: SIMULATED.index("[camera.model]")], camera))
-    assert stadimeter(config, "--no-state", "--journal", path).returncode == 2
+    assert typed("run", config, "--no-state", "--journal", path).returncode == 2
     assert path.read_bytes() == before
     assert sorted(each.name for each in tmp_path.glob("run*")) == ["run.jsonl"]
 
 
 def test_a_pipe_is_refused_at_once(config: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    done = stadimeter(config, "--journal", tmp_path / "pipe")
+    done = typed("run", config, "--journal", tmp_path / "pipe")
     assert done.returncode == 2
     assert "holds something else than a journal" in done.stderr
 
@@ -137,7 +138,7 @@ def test_a_run_that_did_not_open_leaves_no_file_behind(tmp_path: Path) -> None:
     old = tmp_path / "old.jsonl"
     old.touch()
     for journal in (tmp_path / "run.jsonl", old):
-        done = stadimeter(tmp_path / "config.toml", "--journal", journal, "--state", tmp_path / "state")
+        done = typed("run", tmp_path / "config.toml", "--journal", journal, "--state", tmp_path / "state")
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert "there is no camera" in done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.toml", "old.jsonl"]

@@ -3,12 +3,11 @@
 import json
 import os
 import pty
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from support.command_line import typed
 from support.simulated_run import SIMULATED_BALL
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -24,17 +23,6 @@ ramp = { from = "0.5 m", to = "1 m" }
 )
 
 
-def stadimeter(*words, cwd=None, env=None):
-    return subprocess.run(
-        [sys.executable, "-m", "stadimeter", *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=cwd,
-        env={**os.environ, "NO_COLOR": "1", "COLUMNS": "100", **(env or {})},
-    )
-
-
 @pytest.fixture
 def simulated(tmp_path):
     path = tmp_path / "simulated.toml"
@@ -43,7 +31,7 @@ def simulated(tmp_path):
 
 
 def test_a_run_prints_lines_and_a_summary_and_ends_with_0(simulated):
-    done = stadimeter("run", simulated, "--seconds", 3, "--speed", 0)
+    done = typed("run", simulated, "--seconds", 3, "--speed", 0)
     assert done.returncode == 0, done.stderr
     assert "ball target seen" in done.stdout
     assert "motor 100 %" in done.stdout
@@ -57,12 +45,12 @@ def test_a_ball_whose_colour_is_nowhere_is_said_at_the_end_with_what_to_try(tmp_
     )
     path = tmp_path / "blue.toml"
     path.write_text(world.replace("render = false\n", ""))
-    done = stadimeter("run", path, "--frames", 5, "--speed", 0, "--no-state")
+    done = typed("run", path, "--frames", 5, "--speed", 0, "--no-state")
     assert f"ball was never seen. `stadimeter colour --live {path}`" in done.stdout
 
 
 def test_json_prints_one_object_and_nothing_else(simulated):
-    done = stadimeter("run", simulated, "--frames", 30, "--speed", 0, "--json")
+    done = typed("run", simulated, "--frames", 30, "--speed", 0, "--json")
     figures = json.loads(done.stdout)
     assert figures["frames"] == 30
     assert figures["ended"] == "30 frames, as asked for"
@@ -71,18 +59,18 @@ def test_json_prints_one_object_and_nothing_else(simulated):
 
 def test_a_journal_replays_to_identical_decisions(simulated, tmp_path):
     journal = tmp_path / "run.jsonl"
-    assert stadimeter("run", simulated, "--seconds", 2, "--speed", 0, "--journal", journal).returncode == 0
-    done = stadimeter("replay", journal, "--config", simulated, "--strict")
+    assert typed("run", simulated, "--seconds", 2, "--speed", 0, "--journal", journal).returncode == 0
+    done = typed("replay", journal, "--config", simulated, "--strict")
     assert done.returncode == 0, done.stdout
     assert "60 cycles, 60 decisions identical, with the configuration of the recording." in done.stdout
 
 
 def test_changed_rules_show_where_they_differ(simulated, tmp_path):
     journal = tmp_path / "run.jsonl"
-    stadimeter("run", simulated, "--seconds", 2, "--speed", 0, "--journal", journal)
+    typed("run", simulated, "--seconds", 2, "--speed", 0, "--journal", journal)
     changed = tmp_path / "changed.toml"
     changed.write_text(SIMULATED.replace("0.5 m", "4 m").replace('to = "1 m"', 'to = "9 m"'))
-    done = stadimeter("replay", journal, "--config", changed, "--strict", "--json")
+    done = typed("replay", journal, "--config", changed, "--strict", "--json")
     figures = json.loads(done.stdout)
     assert done.returncode == 1
     assert figures["identical"] < figures["cycles"] == 60
@@ -92,15 +80,15 @@ def test_changed_rules_show_where_they_differ(simulated, tmp_path):
 
 def test_a_journal_that_was_cut_off_is_used_as_far_as_it_goes_and_said_so(simulated, tmp_path):
     journal = tmp_path / "run.jsonl"
-    stadimeter("run", simulated, "--seconds", 1, "--speed", 0, "--journal", journal)
+    typed("run", simulated, "--seconds", 1, "--speed", 0, "--journal", journal)
     journal.write_bytes(journal.read_bytes()[:-30])
-    done = stadimeter("replay", journal, "--config", simulated)
+    done = typed("replay", journal, "--config", simulated)
     assert done.returncode == 0
     assert "the last line is cut off; the 29 whole cycles are used" in done.stderr
 
 
 def test_the_demo_shows_rules_acting_without_hardware():
-    done = stadimeter("demo", "--plain", "--seconds", 10, "--speed", 0)
+    done = typed("demo", "--plain", "--seconds", 10, "--speed", 0)
     assert done.returncode == 0, done.stderr
     assert "ACTIVE follow" in done.stdout
     assert "ACTIVE far" in done.stdout
@@ -109,14 +97,14 @@ def test_the_demo_shows_rules_acting_without_hardware():
 
 def test_without_a_terminal_the_demo_and_a_watched_run_print_lines(simulated):
     for command in (["demo"], ["run", simulated, "--watch"]):
-        done = stadimeter(*command, "--seconds", 2, "--speed", 0)
+        done = typed(*command, "--seconds", 2, "--speed", 0)
         assert done.returncode == 0, done.stderr
         assert "\x1b" not in done.stdout
         assert "1.0 s  ball" in done.stdout
 
 
 def test_the_demo_ends_with_what_to_do_next():
-    done = stadimeter("demo", "--seconds", 0.1, "--speed", 0)
+    done = typed("demo", "--seconds", 0.1, "--speed", 0)
     commands = [line.split()[1] for line in done.stdout.splitlines() if line.startswith("  stadimeter ")]
     assert commands == ["init", "calibrate", "check"]
     assert max(map(len, done.stdout.splitlines()[-4:])) < 80
@@ -124,7 +112,7 @@ def test_the_demo_ends_with_what_to_do_next():
 
 @pytest.mark.parametrize("name", ["distance-alert", "follow-ball", "appliance"])
 def test_a_configuration_for_real_hardware_says_plainly_that_there_is_none(name):
-    done = stadimeter("run", CONFIG / f"{name}.toml", "--seconds", 1)
+    done = typed("run", CONFIG / f"{name}.toml", "--seconds", 1)
     assert done.returncode == 2
     assert "error: camera: " in done.stderr
     assert "Traceback" not in done.stderr
@@ -151,7 +139,7 @@ def bad(path, old, new):
     ],
 )
 def test_a_mistake_in_the_configuration_is_one_clear_line_and_2(tmp_path, old, new, expected):
-    done = stadimeter("run", bad(tmp_path / "simulated.toml", old, new), "--seconds", 1, "--speed", 0)
+    done = typed("run", bad(tmp_path / "simulated.toml", old, new), "--seconds", 1, "--speed", 0)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith("error: ")
@@ -160,14 +148,14 @@ def test_a_mistake_in_the_configuration_is_one_clear_line_and_2(tmp_path, old, n
 
 def test_a_configuration_that_is_missing_or_a_directory_is_one_clear_line_and_2(tmp_path):
     for path in (tmp_path / "none.toml", tmp_path):
-        done = stadimeter("run", path)
+        done = typed("run", path)
         assert done.returncode == 2
         assert len(done.stderr.splitlines()) == 1
         assert str(path) in done.stderr
 
 
 def test_a_full_disk_under_the_journal_is_told_at_once_and_at_the_end_and_ends_no_run(simulated):
-    done = stadimeter("run", simulated, "--seconds", 5, "--speed", 0, "--journal", "/dev/full")
+    done = typed("run", simulated, "--seconds", 5, "--speed", 0, "--journal", "/dev/full")
     assert done.returncode == 0
     why = "/dev/full: No space left on device; the journal ends here, intact"
     assert done.stderr.splitlines() == [
@@ -179,7 +167,7 @@ def test_a_full_disk_under_the_journal_is_told_at_once_and_at_the_end_and_ends_n
 
 
 def test_a_journal_in_a_folder_that_is_not_there_is_one_clear_line_and_2(simulated, tmp_path):
-    done = stadimeter("run", simulated, "--journal", tmp_path / "no" / "run.jsonl", "--speed", 0)
+    done = typed("run", simulated, "--journal", tmp_path / "no" / "run.jsonl", "--speed", 0)
     assert done.returncode == 2
     assert "the journal cannot be written: No such file or directory" in done.stderr
 
@@ -201,7 +189,7 @@ follow = {{ distance = "1 m" }}
 def test_a_serial_port_that_is_absent_is_one_clear_line_and_2(tmp_path):
     path = tmp_path / "simulated.toml"
     path.write_text(SIMULATED + BASE.format(port="/dev/ttyNONE7"))
-    done = stadimeter("run", path, "--seconds", 1, "--speed", 0)
+    done = typed("run", path, "--seconds", 1, "--speed", 0)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert "/dev/ttyNONE7" in line
@@ -216,7 +204,7 @@ def test_a_serial_port_that_is_already_open_is_one_clear_line_and_2(tmp_path):
         fcntl.flock(slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
         path = tmp_path / "simulated.toml"
         path.write_text(SIMULATED + BASE.format(port=os.ttyname(slave)))
-        done = stadimeter("run", path, "--seconds", 1, "--speed", 0)
+        done = typed("run", path, "--seconds", 1, "--speed", 0)
         assert termios.tcgetattr(slave)
     finally:
         os.close(master)
@@ -229,20 +217,20 @@ def test_a_serial_port_that_is_already_open_is_one_clear_line_and_2(tmp_path):
 def test_a_broker_that_is_away_is_said_in_words_and_does_not_stop_the_run(tmp_path):
     path = tmp_path / "simulated.toml"
     path.write_text(SIMULATED + '[messenger]\ndriver = "mqtt"\nhost = "127.0.0.1"\nport = 9\n')
-    done = stadimeter("run", path, "--seconds", 1, "--speed", 1)
+    done = typed("run", path, "--seconds", 1, "--speed", 1)
     assert done.returncode == 0
     assert "127.0.0.1:9 refused the connection" in done.stdout
     assert "30 frames" in done.stdout
 
 
 def test_the_version_and_the_help_are_there():
-    assert stadimeter("--version").stdout.startswith("stadimeter 0.")
-    shown = stadimeter("--help").stdout
+    assert typed("--version").stdout.startswith("stadimeter 0.")
+    shown = typed("--help").stdout
     assert all(f" {command} " in shown for command in ("run", "demo", "measure", "calibrate", "check", "replay"))
-    assert stadimeter("run", "--help").returncode == 0
+    assert typed("run", "--help").returncode == 0
 
 
 def test_bad_usage_ends_with_2():
-    assert stadimeter("run").returncode == 2
-    assert stadimeter("run", "x.toml", "--frames", 0).returncode == 2
-    assert stadimeter("fly").returncode == 2
+    assert typed("run").returncode == 2
+    assert typed("run", "x.toml", "--frames", 0).returncode == 2
+    assert typed("fly").returncode == 2

@@ -61,9 +61,9 @@ def quick(monkeypatch):
     monkeypatch.setattr(tuning, "HOVER_FRAMES", 300)
 
 
-@pytest.fixture
-def recording(tmp_path):
-    return write_noisy_journal(tmp_path / "quiet.jsonl", lambda _: 3.0, KnownNoise(), seconds=40)
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return write_noisy_journal(tmp_path_factory.mktemp("tune") / "quiet.jsonl", lambda _: 3.0, KnownNoise(), seconds=40)
 
 
 def run(app, *arguments):

@@ -127,14 +127,12 @@ def situations(draw: st.DrawFn) -> RuleInputs:
     )
 
 
-@settings(max_examples=150, deadline=None)
 @given(condition=trees(), inputs=situations())
 def test_what_can_never_hold_is_never_judged_to_hold(condition: Condition, inputs: RuleInputs) -> None:
     if judge(condition, inputs, (), is_active=False).value is True:
         assert Logic(targets=TARGETS).can_be((beginning_of(condition), Wanted.TRUE))
 
 
-@settings(max_examples=150, deadline=None)
 @given(first=trees(), second=trees(), inputs=situations())
 def test_two_that_were_judged_together_can_be_so_together(
     first: Condition, second: Condition, inputs: RuleInputs

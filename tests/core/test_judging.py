@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.condition import DistanceCondition, PresenceCondition
@@ -93,7 +93,6 @@ class Compared(Rehearsal):
         return replace(seen, sigma_m=math.hypot(seen.sigma_m, self.scale_sigma * seen.distance_m))
 
 
-@settings(max_examples=200)
 @given(plans, ways, st.sampled_from([0.0, 0.1]))
 def test_a_rule_that_rests_does_what_it_would_do_if_it_were_judged(plan, ways, scale_sigma):
     rehearsal = Compared(plan, scale_sigma)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.condition import (
@@ -151,7 +151,6 @@ class Compared(Rehearsal):
             )
 
 
-@settings(max_examples=300, deadline=None)
 @given(plans, moments)
 def test_an_alarm_that_rests_does_what_it_would_do_if_it_were_judged(plan, through):
     rehearsal = Compared(plan)

@@ -227,7 +227,7 @@ def run(plan, scenes):
         before = decision
 
 
-fast = settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+fast = settings(suppress_health_check=[HealthCheck.too_slow])
 
 
 @fast

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -32,6 +33,9 @@ FINER = 4
 ROWS, COLUMNS = np.indices((480 * FINER, 640 * FINER), dtype=np.float32)
 X, Y = (COLUMNS + 0.5) / FINER - 0.5, (ROWS + 0.5) / FINER - 0.5
 CENTRE = (320.0, 240.0)
+
+Drawn = Callable[[], np.ndarray]
+"""A shape, drawn when its test runs: whoever only collects tests draws none."""
 
 
 def detector(camera: CameraModel | None = None, **options: object) -> ThroughLens:
@@ -131,34 +135,34 @@ def test_any_ellipse_is_found_where_it_is_bright_or_dark(a, aspect, turned, x, y
 
 
 SHAPES = {
-    "square": rounded(40, 40, 0.1),
-    "square of 24 px": rounded(12, 12, 0.1),
-    "rectangle": rounded(60, 35, 0.1),
-    "rounded square": rounded(40, 40, 20),
-    "very rounded square": rounded(40, 40, 30),
-    "rounded rectangle": rounded(60, 40, 25),
-    "stadium": rounded(60, 30, 30),
-    "triangle": polygon(3, 50),
-    "hexagon": polygon(6, 40),
-    "hexagon of 50 px": polygon(6, 25),
-    "flat hexagon": polygon(6, 60, 0.6),
-    "octagon": polygon(8, 40),
-    "decagon": polygon(10, 60),
-    "superellipse": _superellipse(60, 45, 2.6),
-    "three bumps": bumpy(40, 3, 0.05),
-    "five bumps": bumpy(40, 5, 0.04),
-    "half a disc": ellipse(50, 50) & (CENTRE[1] > Y),
-    "egg": np.hypot((X - CENTRE[0]) * (1 + 0.15 * (Y - CENTRE[1]) / 60), 0.8 * (Y - CENTRE[1])) < 60,
-    "ball lit from the side": ball(50, (-0.6, -0.4, 0.69)),
-    "ball lit from above": ball(50, (0.0, -0.5, 0.86)),
-    "glow": np.exp(-2 * ((X - CENTRE[0]) ** 2 + (Y - CENTRE[1]) ** 2) / 50**2),
+    "square": lambda: rounded(40, 40, 0.1),
+    "square of 24 px": lambda: rounded(12, 12, 0.1),
+    "rectangle": lambda: rounded(60, 35, 0.1),
+    "rounded square": lambda: rounded(40, 40, 20),
+    "very rounded square": lambda: rounded(40, 40, 30),
+    "rounded rectangle": lambda: rounded(60, 40, 25),
+    "stadium": lambda: rounded(60, 30, 30),
+    "triangle": lambda: polygon(3, 50),
+    "hexagon": lambda: polygon(6, 40),
+    "hexagon of 50 px": lambda: polygon(6, 25),
+    "flat hexagon": lambda: polygon(6, 60, 0.6),
+    "octagon": lambda: polygon(8, 40),
+    "decagon": lambda: polygon(10, 60),
+    "superellipse": lambda: _superellipse(60, 45, 2.6),
+    "three bumps": lambda: bumpy(40, 3, 0.05),
+    "five bumps": lambda: bumpy(40, 5, 0.04),
+    "half a disc": lambda: ellipse(50, 50) & (CENTRE[1] > Y),
+    "egg": lambda: np.hypot((X - CENTRE[0]) * (1 + 0.15 * (Y - CENTRE[1]) / 60), 0.8 * (Y - CENTRE[1])) < 60,
+    "ball lit from the side": lambda: ball(50, (-0.6, -0.4, 0.69)),
+    "ball lit from above": lambda: ball(50, (0.0, -0.5, 0.86)),
+    "glow": lambda: np.exp(-2 * ((X - CENTRE[0]) ** 2 + (Y - CENTRE[1]) ** 2) / 50**2),
 }
 
 
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 @pytest.mark.parametrize("is_bright", [True, False])
-def test_what_is_no_ellipse_is_not_taken_for_a_disc(shape: np.ndarray, is_bright: bool) -> None:
-    found = seen(picture(shape, *((0.6, 0.05) if is_bright else (0.05, 0.6))))
+def test_what_is_no_ellipse_is_not_taken_for_a_disc(shape: Drawn, is_bright: bool) -> None:
+    found = seen(picture(shape(), *((0.6, 0.05) if is_bright else (0.05, 0.6))))
     assert found.status is DetectionStatus.NOT_FOUND
     assert re.search(r"\d", found.reason), "the reason has figures"
     assert found.rejected, "it was looked at"
@@ -166,15 +170,15 @@ def test_what_is_no_ellipse_is_not_taken_for_a_disc(shape: np.ndarray, is_bright
 
 
 HIDDEN = {
-    "a bite": ellipse(50, 50) & (CENTRE[0] + 25 > X),
-    "a bite out of an ellipse": ellipse(70, 45) & (CENTRE[1] + 25 > Y),
-    "an arm of its brightness": ellipse(60, 60) | ((np.abs(Y - CENTRE[1]) < 9) & (CENTRE[0] < X)),
+    "a bite": lambda: ellipse(50, 50) & (CENTRE[0] + 25 > X),
+    "a bite out of an ellipse": lambda: ellipse(70, 45) & (CENTRE[1] + 25 > Y),
+    "an arm of its brightness": lambda: ellipse(60, 60) | ((np.abs(Y - CENTRE[1]) < 9) & (CENTRE[0] < X)),
 }
 
 
 @pytest.mark.parametrize("shape", HIDDEN.values(), ids=HIDDEN)
-def test_a_disc_that_is_partly_hidden_is_measured_by_the_rest(shape: np.ndarray) -> None:
-    found = seen(picture(shape))
+def test_a_disc_that_is_partly_hidden_is_measured_by_the_rest(shape: Drawn) -> None:
+    found = seen(picture(shape()))
     assert found.status is DetectionStatus.FOUND, found.reason
     assert found.centre_px == pytest.approx(CENTRE, abs=0.15)
     sizes = {"a bite": 100, "a bite out of an ellipse": 140, "an arm of its brightness": 120}
@@ -183,7 +187,7 @@ def test_a_disc_that_is_partly_hidden_is_measured_by_the_rest(shape: np.ndarray)
 
 
 def test_a_disc_that_is_partly_hidden_is_less_sure_than_its_edges_are() -> None:
-    whole, bitten = seen(picture(ellipse(50, 50))), seen(picture(HIDDEN["a bite"]))
+    whole, bitten = seen(picture(ellipse(50, 50))), seen(picture(HIDDEN["a bite"]()))
     assert bitten.size_sigma_px > 1.5 * whole.size_sigma_px
 
 
@@ -203,11 +207,12 @@ def test_the_disc_that_stands_out_more_is_taken_and_the_other_one_named() -> Non
     assert re.fullmatch(r"stands out less than the disc that was taken: \d+, limit \d+", found.rejected[0].reason)
 
 
-TWINS = picture(1.0 * ellipse(40, 40, centre=(200, 240)) + 0.95 * ellipse(40, 36, centre=(440, 240)))
+def twins() -> Image:
+    return picture(1.0 * ellipse(40, 40, centre=(200, 240)) + 0.95 * ellipse(40, 36, centre=(440, 240)))
 
 
 def test_two_discs_that_fit_as_well_are_ambiguous_and_both_are_named() -> None:
-    found = seen(TWINS)
+    found = seen(twins())
     assert found.status is DetectionStatus.NOT_FOUND
     assert re.fullmatch(
         r"ambiguous: 2 discs fit, 80 px at 200, 240 and 80 px at 440, 240; name its colour", found.reason
@@ -216,7 +221,7 @@ def test_two_discs_that_fit_as_well_are_ambiguous_and_both_are_named() -> None:
 
 
 def test_of_two_discs_that_fit_as_well_the_one_at_the_prediction_is_taken() -> None:
-    found = seen(TWINS, Prediction(centre_px=(442.0, 238.0), size_px=82, sigma_px=3))
+    found = seen(twins(), Prediction(centre_px=(442.0, 238.0), size_px=82, sigma_px=3))
     assert found.status is DetectionStatus.FOUND
     assert found.centre_px == pytest.approx((440, 240), abs=0.1)
 

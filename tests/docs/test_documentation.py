@@ -252,11 +252,11 @@ def python_in(folder, *arguments):
     )
 
 
-@pytest.mark.parametrize("test", ["tests/test_kernel_led.py", "tests/test_line_bot.py", "tests/test_lamp.py"])
-def test_the_drivers_of_the_guide_pass_their_contract_suites(driver_package, test):
-    done = python_in(driver_package, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", ".", test)
+def test_the_drivers_of_the_guide_pass_their_contract_suites(driver_package):
+    tests = ["tests/test_kernel_led.py", "tests/test_line_bot.py", "tests/test_lamp.py"]
+    done = python_in(driver_package, "-m", "pytest", "-v", "-p", "no:cacheprovider", "--rootdir", ".", *tests)
     assert done.returncode == 0, done.stdout
-    assert " passed" in done.stdout
+    assert [test for test in tests if not re.search(rf"^{test}::.* PASSED", done.stdout, re.MULTILINE)] == []
 
 
 def test_the_drivers_of_the_guide_are_found_by_their_entry_points(driver_package):

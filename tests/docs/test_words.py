@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "deploy" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-CONFIGURATIONS = sorted((ROOT / "config").glob("*.toml"))
+CONFIGURATIONS = [*sorted((ROOT / "config").glob("*.toml")), *(ROOT / "src").rglob("wishes.toml")]
 SOURCES = sorted((ROOT / "src" / "stadimeter").rglob("*.py"))
 
 UNWANTED = {

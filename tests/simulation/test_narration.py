@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from stadimeter.app.bootstrap import build, demo_configuration
@@ -50,7 +52,9 @@ def test_a_fault_is_turned_on_and_off_by_its_name(make_run, kind: FaultKind) -> 
 
 
 def test_in_the_demonstration_the_outputs_do_what_is_said_when_it_is_said() -> None:
-    loop = Loop(build(demo_configuration(), speed=None))
+    configuration = demo_configuration()
+    options = configuration.camera.options.model_copy(update={"rate": 10.0})  # fewer pictures, and the same story
+    loop = Loop(build(replace(configuration, camera=replace(configuration.camera, options=options)), speed=None))
     done: dict[str, list[dict[str, float]]] = {}
 
     def watch(record: object, _frame: object) -> None:

@@ -526,6 +526,13 @@ class Service(Generic[ItemT]):
     is_gone: bool = False
     is_silent: bool = False
 
+    def faults(self) -> dict[str, Callable[[bool], None]]:
+        """Return what begins and ends each of its faults."""
+        return {
+            GONE: lambda begins: setattr(self, "is_gone", begins),
+            NO_ANSWER: lambda begins: setattr(self, "is_silent", begins),
+        }
+
     def send(self, item: ItemT) -> bool:
         """Return whether the item was acknowledged."""
         if self.is_gone:
@@ -643,10 +650,7 @@ def messenger_rig(driver: type[SoundMessenger]) -> MessengerRig:
     return MessengerRig(
         device=messenger,
         delivered=delivered,
-        faults={
-            GONE: lambda begins: setattr(service, "is_gone", begins),
-            NO_ANSWER: lambda begins: setattr(service, "is_silent", begins),
-        },
+        faults=service.faults(),
         patience_s=0.2,
     )
 
@@ -701,10 +705,7 @@ def notifier_rig(driver: type[SoundNotifier]) -> NotifierRig:
     return NotifierRig(
         device=notifier,
         delivered=delivered,
-        faults={
-            GONE: lambda begins: setattr(service, "is_gone", begins),
-            NO_ANSWER: lambda begins: setattr(service, "is_silent", begins),
-        },
+        faults=service.faults(),
         patience_s=0.2,
     )
 

@@ -14,7 +14,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, ConfigError, DeviceOpenError
 from stadimeter.workbench.setup.answers import load_answers, save_answers
-from stadimeter.workbench.setup.camera_step import camera_table
+from stadimeter.workbench.setup.camera_step import table_of
 from stadimeter.workbench.setup.files import written_files
 from stadimeter.workbench.setup.interview import Interview, all_answered
 from support.scenes.backdrop import PlainBackdrop
@@ -170,14 +170,14 @@ def test_answers_may_be_numbers_and_lists_but_no_tables(tmp_path: Path) -> None:
         ("/dev/video2", {"driver": "opencv", "device": "/dev/video2"}),
         ("opencv,device=0,exposure=5 ms", {"driver": "opencv", "device": 0, "exposure": "5 ms"}),
         ("/dev/video2,exposure=5ms", {"driver": "opencv", "device": "/dev/video2", "exposure": "5ms"}),
-        ("http://10.0.0.9/a,b=c", {"driver": "opencv", "device": "http://10.0.0.9/a,b=c"}),
+        ("http://10.0.0.9/a?b=c", {"driver": "opencv", "device": "http://10.0.0.9/a?b=c"}),
         ("picamera2", {"driver": "picamera2"}),
         ("drive.mp4", {"driver": "video", "path": "drive.mp4"}),
         ("'my ball.jpg' b.png", {"driver": "images", "paths": ["my ball.jpg", "b.png"], "rate": "10 Hz"}),
     ],
 )
 def test_a_camera_is_named_in_the_ways_that_people_know(answer: str, table: dict[str, object]) -> None:
-    assert camera_table(answer) == table
+    assert table_of(answer) == table
 
 
 @pytest.mark.parametrize("answer", ['"', "\\", "a = b # c", "°", "\x7f"])

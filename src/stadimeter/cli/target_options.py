@@ -23,78 +23,6 @@ from stadimeter.config.units import LENGTHS_M, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
 
-SheetOption = Annotated[
-    str | None,
-    typer.Option(
-        "--sheet",
-        metavar="WIDTH,HEIGHT|NAME",
-        help="Look for a sheet of this size, such as 11in,8.5in, A4, letter or 'business card'.",
-    ),
-]
-KnownSideOption = Annotated[
-    str,
-    typer.Option(
-        "--known-side",
-        metavar="auto|width|height",
-        help="Which side of the sheet to measure by: auto takes the one that is turned away the least.",
-    ),
-]
-BallOption = Annotated[
-    str | None,
-    typer.Option("--ball", metavar="DIAMETER", help="Look for a ball of this size, such as 6.4cm or 'tennis ball'."),
-]
-HsvOption = Annotated[
-    str | None,
-    typer.Option(
-        "--hsv",
-        metavar="H,S,V:H,S,V",
-        help="The ball's colours, or the sheet's if they help to find it: lower and upper limit, as OpenCV has them, "
-        "of hue 0 to 179, saturation and value 0 to 255. Such as 29,86,6:64,255,255, a green. A lower hue above the "
-        "upper one wraps through red.",
-    ),
-]
-TagOption = Annotated[
-    str | None,
-    typer.Option("--tag", metavar="SIDE", help="Look for a tag whose black square has this side, such as 8cm."),
-]
-FamilyOption = Annotated[
-    str | None,
-    typer.Option("--family", metavar="FAMILY", help="The tag's family, such as 36h11 (an AprilTag) or 4x4-50 (ArUco)."),
-]
-TagIdOption = Annotated[
-    int | None,
-    typer.Option("--id", metavar="N", help="Which tag of the family; without it, the largest one in the picture."),
-]
-MinSideOption = Annotated[
-    float | None,
-    typer.Option(
-        "--min-side",
-        metavar="PIXELS",
-        help="Accept sheets and tags whose shorter side is at least this long in the picture; 8 and 16 pixels unless "
-        "you say so. Smaller ones are less certain, which the ± tells.",
-    ),
-]
-DiscOption = Annotated[
-    str | None,
-    typer.Option("--disc", metavar="DIAMETER", help="Look for a flat disc of this size, such as 12cm."),
-]
-ToleranceOption = Annotated[
-    str | None,
-    typer.Option(
-        "--tolerance",
-        metavar="LENGTH",
-        help="How well the target's size is known, one standard deviation, such as 1mm; it widens the ±.",
-    ),
-]
-TargetOption = Annotated[
-    str | None,
-    typer.Option(
-        "--target",
-        metavar="'KIND KEY=VALUE …'",
-        help="Look for a target of any installed kind, with the keys that its table in a configuration has, such as "
-        "'disc diameter=12cm shade=dark'. In quotes.",
-    ),
-]
 ConfigOption = Annotated[
     Path | None,
     typer.Option("--config", metavar="FILE", help="Look for the targets of this configuration, through its camera."),
@@ -174,21 +102,55 @@ SHORTHANDS = {
     "--disc": _Shorthand("disc", "DIAMETER", ("diameter",)),
 }
 
-_OPTIONS: dict[str, tuple[Any, Any]] = {
-    "--sheet": (SheetOption, None),
-    "--known-side": (KnownSideOption, "auto"),
-    "--ball": (BallOption, None),
-    "--hsv": (HsvOption, None),
-    "--tag": (TagOption, None),
-    "--family": (FamilyOption, None),
-    "--id": (TagIdOption, None),
-    "--disc": (DiscOption, None),
-    "--min-side": (MinSideOption, None),
-    "--target": (TargetOption, None),
-    "--tolerance": (ToleranceOption, None),
-}
-"""The options by their names, each with its annotation and its default."""
 
+@dataclass(frozen=True, slots=True)
+class _Option:
+    """An option of the command line; its value is None, or its default, where it is not given."""
+
+    metavar: str
+    help: str
+    kind: Any = str | None
+    default: Any = None
+
+
+_OPTIONS = {
+    "--sheet": _Option(
+        "WIDTH,HEIGHT|NAME", "Look for a sheet of this size, such as 11in,8.5in, A4, letter or 'business card'."
+    ),
+    "--known-side": _Option(
+        "auto|width|height",
+        "Which side of the sheet to measure by: auto takes the one that is turned away the least.",
+        str,
+        "auto",
+    ),
+    "--ball": _Option("DIAMETER", "Look for a ball of this size, such as 6.4cm or 'tennis ball'."),
+    "--hsv": _Option(
+        "H,S,V:H,S,V",
+        "The ball's colours, or the sheet's if they help to find it: lower and upper limit, as OpenCV has them, "
+        "of hue 0 to 179, saturation and value 0 to 255. Such as 29,86,6:64,255,255, a green. A lower hue above the "
+        "upper one wraps through red.",
+    ),
+    "--tag": _Option("SIDE", "Look for a tag whose black square has this side, such as 8cm."),
+    "--family": _Option("FAMILY", "The tag's family, such as 36h11 (an AprilTag) or 4x4-50 (ArUco)."),
+    "--id": _Option("N", "Which tag of the family; without it, the largest one in the picture.", int | None),
+    "--disc": _Option("DIAMETER", "Look for a flat disc of this size, such as 12cm."),
+    "--min-side": _Option(
+        "PIXELS",
+        "Accept sheets and tags whose shorter side is at least this long in the picture; 8 and 16 pixels unless "
+        "you say so. Smaller ones are less certain, which the ± tells.",
+        float | None,
+    ),
+    "--target": _Option(
+        "'KIND KEY=VALUE …'",
+        "Look for a target of any installed kind, with the keys that its table in a configuration has, such as "
+        "'disc diameter=12cm shade=dark'. In quotes.",
+    ),
+    "--tolerance": _Option(
+        "LENGTH",
+        "How well the target's size is known, one standard deviation, such as 1mm; it widens the ±.",
+    ),
+}
+"""The options that describe a target, in the order of the help."""
 
 GivenTarget = Mapping[str, Any]
 """The values of the options that describe a target, by option, such as ``{"--disc": "12cm"}``."""
@@ -211,8 +173,13 @@ def takes_target(command: Callable[..., None]) -> Callable[..., None]:
     own = list(inspect.signature(command, eval_str=True).parameters.values())
     place = next(index for index, each in enumerate(own) if each.name == "target")
     own[place : place + 1] = [
-        inspect.Parameter(_parameter(flag), inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-        for flag, (annotation, default) in _OPTIONS.items()
+        inspect.Parameter(
+            _parameter(flag),
+            inspect.Parameter.KEYWORD_ONLY,
+            default=each.default,
+            annotation=Annotated[each.kind, typer.Option(flag, metavar=each.metavar, help=each.help)],
+        )
+        for flag, each in _OPTIONS.items()
     ]
 
     @functools.wraps(command)
@@ -231,7 +198,7 @@ def _parameter(flag: str) -> str:
 
 def wanted_targets(given: GivenTarget, config: Path | None = None) -> WantedTargets:
     """Return what the options describe, or the targets of ``--config``; `ConfigError` if they contradict each other."""
-    said = {flag: value for flag, value in given.items() if value is not None and value != _OPTIONS[flag][1]}
+    said = {flag: value for flag, value in given.items() if value is not None and value != _OPTIONS[flag].default}
     describing = [flag for flag in (*SHORTHANDS, "--target") if flag in said]
     names = [*describing, *(["--config"] if config is not None else [])]
     if len(names) != 1:

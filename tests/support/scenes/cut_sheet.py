@@ -15,7 +15,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.simulation.silhouette import Vector
 from support.scenes.lens import Floats, Rays
-from support.scenes.plane import PAPER_BGR, Pose
+from support.scenes.plane import PAPER_BGR, Pose, Posed
 from support.scenes.shadow import Shadow
 from support.scenes.target import Colour, Layer, Target, slope
 from support.scenes.tone import decode_srgb
@@ -108,7 +108,7 @@ class Curl:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CutSheetTarget:
+class CutSheetTarget(Posed):
     """A sheet or a strip of tape. What is measured is the rectangle that was meant.
 
     Attributes:
@@ -140,16 +140,6 @@ class CutSheetTarget:
     def __post_init__(self) -> None:
         if not (0 < self.width_m < math.inf and 0 < self.height_m < math.inf):
             raise ValueError(f"a sheet of {self.width_m} x {self.height_m} m cannot be drawn")
-
-    @property
-    def position_m(self) -> Vector:
-        """The centre of the rectangle that was meant, in the camera frame."""
-        return self.pose.position_m
-
-    @property
-    def tilt_rad(self) -> float:
-        """Angle between its normal and the optical axis."""
-        return self.pose.tilt_rad
 
     def outline_m(self) -> Points:
         """Return the corners of the rectangle that was meant, in order around it."""

@@ -77,8 +77,26 @@ class Pose:
         return across / safe, down / safe, front.astype(np.float32)
 
 
+class Posed:
+    """The base of flat things in one plane, which have a pose."""
+
+    __slots__ = ()
+
+    pose: Pose
+
+    @property
+    def position_m(self) -> Vector:
+        """Its centre in the camera frame; of a sheet that was cut by hand, that of the rectangle that was meant."""
+        return self.pose.position_m
+
+    @property
+    def tilt_rad(self) -> float:
+        """Angle between its normal and the optical axis."""
+        return self.pose.tilt_rad
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SheetTarget:
+class SheetTarget(Posed):
     """A plain rectangle.
 
     Attributes:
@@ -95,16 +113,6 @@ class SheetTarget:
 
     def __post_init__(self) -> None:
         _check_size("sheet", self.width_m, self.height_m)
-
-    @property
-    def position_m(self) -> Vector:
-        """Its centre in the camera frame."""
-        return self.pose.position_m
-
-    @property
-    def tilt_rad(self) -> float:
-        """Angle between its normal and the optical axis."""
-        return self.pose.tilt_rad
 
     def outline_m(self) -> Points:
         """Return its corners, in order around it."""
@@ -126,7 +134,7 @@ class SheetTarget:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DiscTarget:
+class DiscTarget(Posed):
     """A flat circle, such as a lid, a sticker or a printed dot.
 
     Attributes:
@@ -141,16 +149,6 @@ class DiscTarget:
 
     def __post_init__(self) -> None:
         _check_size("disc", self.diameter_m)
-
-    @property
-    def position_m(self) -> Vector:
-        """Its centre in the camera frame."""
-        return self.pose.position_m
-
-    @property
-    def tilt_rad(self) -> float:
-        """Angle between its normal and the optical axis."""
-        return self.pose.tilt_rad
 
     def outline_m(self) -> Points:
         """Return points on its rim."""
@@ -173,7 +171,7 @@ class DiscTarget:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TagTarget:
+class TagTarget(Posed):
     """A square fiducial, black and white, with a white margin of one cell.
 
     Attributes:
@@ -199,16 +197,6 @@ class TagTarget:
         members = len(cv2.aruco.getPredefinedDictionary(TAG_FAMILIES[self.family]).bytesList)
         if not 0 <= self.number < members:
             raise ValueError(f"tag {self.number} is not in {self.family}, which has 0 to {members - 1}")
-
-    @property
-    def position_m(self) -> Vector:
-        """Its centre in the camera frame."""
-        return self.pose.position_m
-
-    @property
-    def tilt_rad(self) -> float:
-        """Angle between its normal and the optical axis."""
-        return self.pose.tilt_rad
 
     @property
     def paper_side_m(self) -> float:

@@ -94,14 +94,7 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Written ``not``; holds while this does not."""
 
     def to_plan(self, severity: Severity) -> core.Condition:
-        """Return the condition as the core sees it.
-
-        Args:
-            severity: The rule's severity, on which a default depends.
-
-        Returns:
-            The condition.
-        """
+        """Return the condition as the core sees it; a default depends on how much the rule matters."""
         others = [key for key in _CONVERSIONS if getattr(self, "negated" if key == "not" else key) is not None]
         plans = [_CONVERSIONS[key](self, severity) for key in others]
         if not plans or any(limit is not None for limit in self.limits):

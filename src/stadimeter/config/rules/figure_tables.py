@@ -72,14 +72,7 @@ class LikelihoodTable(Section):
     """How likely it may be at most to end."""
 
     def probability_for(self, severity: Severity) -> float | None:
-        """Return how likely the condition must be to begin, where that may depend on how much the rule matters.
-
-        Args:
-            severity: The rule's severity.
-
-        Returns:
-            The probability, or None to compare the figures alone.
-        """
+        """Return how likely the condition must be to begin for a rule that matters so much; see `probability`."""
         if severity is Severity.SAFETY and "probability" not in self.model_fields_set:
             return PROBABILITY_FOR_SAFETY
         return self.probability
@@ -98,15 +91,7 @@ class DirectionTable(LimitsTable):
     """In radians; how far the target must come back."""
 
     def to_plan(self, quantity: core.Direction, target: str) -> core.DirectionCondition:
-        """Return the condition as the core sees it.
-
-        Args:
-            quantity: Bearing or elevation.
-            target: The target; empty for that of the rule.
-
-        Returns:
-            The condition.
-        """
+        """Return the condition as the core sees it."""
         above_rad, below_rad = self.limits
         return core.DirectionCondition(
             quantity=quantity, above_rad=above_rad, below_rad=below_rad, deadband_rad=self.deadband, target=target
@@ -128,15 +113,7 @@ class ClosingTable(LimitsTable, LikelihoodTable):
     probability: Probability = _CLOSING.probability_on
 
     def to_plan(self, severity: Severity, target: str) -> core.ClosingCondition:
-        """Return the condition as the core sees it.
-
-        Args:
-            severity: The rule's severity.
-            target: The target; empty for that of the rule.
-
-        Returns:
-            The condition.
-        """
+        """Return the condition as the core sees it."""
         above_mps, below_mps = self.limits
         return core.ClosingCondition(
             above_mps=above_mps,
@@ -165,15 +142,7 @@ class ContactTable(LikelihoodTable):
     deadband_sigmas: Sigmas = _CONTACT.deadband_sigmas
 
     def to_plan(self, severity: Severity, target: str) -> core.TimeToContactCondition:
-        """Return the condition as the core sees it.
-
-        Args:
-            severity: The rule's severity.
-            target: The target; empty for that of the rule.
-
-        Returns:
-            The condition.
-        """
+        """Return the condition as the core sees it."""
         return core.TimeToContactCondition(
             below_s=self.below,
             contact_m=self.contact,
@@ -202,14 +171,7 @@ class SeparationTable(LimitsTable, LikelihoodTable):
     """In metres; how far they must come back."""
 
     def to_plan(self, severity: Severity) -> core.SeparationCondition:
-        """Return the condition as the core sees it.
-
-        Args:
-            severity: The rule's severity.
-
-        Returns:
-            The condition.
-        """
+        """Return the condition as the core sees it."""
         above_m, below_m = self.limits
         return core.SeparationCondition(
             targets=(self.of[0], self.of[1]),
@@ -233,11 +195,7 @@ class CountTable(Section):
     """Of these targets; all if left out."""
 
     def to_plan(self) -> core.CountCondition:
-        """Return the condition as the core sees it.
-
-        Returns:
-            The condition.
-        """
+        """Return the condition as the core sees it."""
         return core.CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
 
 
@@ -250,10 +208,6 @@ class TimeTable(Section):
     """The days on which it begins; every day if left out."""
 
     def to_plan(self) -> core.ScheduleCondition:
-        """Return the condition as the core sees it.
-
-        Returns:
-            The condition.
-        """
+        """Return the condition as the core sees it."""
         weekdays = tuple(sorted({DAYS.index(day) for day in self.days or ()}))
         return core.ScheduleCondition(from_s=self.between[0], to_s=self.between[1], weekdays=weekdays)

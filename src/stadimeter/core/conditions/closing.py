@@ -40,11 +40,6 @@ class ClosingCondition(LimitsCondition):
     noun = "closing speed"
 
     @property
-    def targets_named(self) -> tuple[str, ...]:
-        """Its target."""
-        return (self.target,)
-
-    @property
     def limits(self) -> tuple[float, float]:
         """In m/s; infinite where there is none."""
         return ends_of(self.above_mps, self.below_mps)

@@ -143,11 +143,6 @@ class TimeToContactCondition(Leaf):
         return self.probability_on is not None
 
     @property
-    def targets_named(self) -> tuple[str, ...]:
-        """Its target."""
-        return (self.target,)
-
-    @property
     def sigmas_that_count(self) -> float:
         """How many standard deviations the speed must be sure by; 0 for one that compares the figures alone."""
         return 0.0 if self.probability_on is None else self.speed_sigmas

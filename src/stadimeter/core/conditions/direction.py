@@ -41,11 +41,6 @@ class DirectionCondition(LimitsCondition):
         return self.quantity
 
     @property
-    def targets_named(self) -> tuple[str, ...]:
-        """Its target."""
-        return (self.target,)
-
-    @property
     def limits(self) -> tuple[float, float]:
         """In radians; infinite where there is none."""
         return ends_of(self.above_rad, self.below_rad)

@@ -56,11 +56,6 @@ class DistanceCondition(LimitsCondition):
         return self.quantity
 
     @property
-    def targets_named(self) -> tuple[str, ...]:
-        """Its target."""
-        return (self.target,)
-
-    @property
     def limits(self) -> tuple[float, float]:
         """In metres; infinite where there is none."""
         return ends_of(self.above_m, self.below_m)

@@ -40,6 +40,12 @@ class LimitsCondition(Leaf):
     deadband_sigmas: float
     probability_on: float | None
     probability_off: float
+    target: str
+
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """Its target."""
+        return (self.target,)
 
     @property
     def is_sure(self) -> bool:

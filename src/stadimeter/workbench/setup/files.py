@@ -21,7 +21,7 @@ from stadimeter.workbench.setup.wish_steps import (
     messenger_table,
     wanted,
 )
-from stadimeter.workbench.setup.wishes import Figure, Wish
+from stadimeter.workbench.setup.wishes import Wish, filled
 
 _TITLE = """\
 # Written by `stadimeter init`. Change what you like:
@@ -96,12 +96,12 @@ def _outputs(answers: Mapping[str, str]) -> dict[str, tuple[str, str]]:
 
 
 def _rules(wish: Wish, answers: Mapping[str, str], output: str) -> str:
-    figures: dict[str, Any] = {blank.key: Figure(answers[f"{wish.key}_{blank.key}"]) for blank in wish.blanks}
+    figures = {blank.key: answers[f"{wish.key}_{blank.key}"] for blank in wish.blanks}
     if wish.key == "parking":
         nearest, farthest = (parse_length(answers[f"parking_{key}"]) for key in ("stop", "slow"))
         figures["middle"] = f"{(nearest + farthest) / 2:.4g} m"
     target = answers["target"]
-    drives = (f'actuator = "{output}"\n' if output else "") + f'target = "{target}"\n'
-    if wish.key == "apart":
-        drives = f'actuator = "{output}"\n' if output else ""
-    return wish.rules.format(**figures, target=target, output=output, drives=drives)
+    drives = f'actuator = "{output}"\n' if output else ""
+    if wish.key != "apart":
+        drives += f'target = "{target}"\n'
+    return filled(wish.rules.replace("{drives}", drives), {**figures, "target": target, "output": output})

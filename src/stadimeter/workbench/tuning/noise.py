@@ -64,14 +64,12 @@ class Stretch:
     """Some seconds of a recording.
 
     Attributes:
-        begins_s: The capture time of its first frame.
         steps_s: The time since the frame before, for each frame.
         first_m: The distance at its beginning, by the line that fits.
         errors: The distance of each measurement from the line, in standard deviations as stated; NaN without one.
         spread: The standard deviation of the errors, those that are grossly wrong left out.
     """
 
-    begins_s: float
     steps_s: Floats
     first_m: float
     last_m: float
@@ -248,7 +246,6 @@ def _stretch(series: Series, part: slice, steps_s: Floats) -> Stretch:
     line_m = middle_m + slope_mps * (times_s - middle_s)
     errors = (figures_m - line_m) / series.noises_m[part]
     return Stretch(
-        begins_s=float(times_s[0]),
         steps_s=np.minimum(steps_s[part], GAP_S),
         first_m=float(line_m[0]),
         last_m=float(line_m[-1]),
