@@ -8,7 +8,7 @@ ARGS ?=
 SPREAD := -n auto --dist loadfile
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures docs format clean
+.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures deb docs format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -52,6 +52,9 @@ bench-safety: $(VENV)/.dev ## run the program on streams that fail, and time how
 
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	PYTHONPATH=tests $(BIN)/python docs/pictures/make_pictures.py
+
+deb: $(VENV)/.pip ## make the Debian package; ARGS="--release bookworm --arch arm64" for another machine
+	$(BIN)/python deploy/make_deb.py $(ARGS)
 
 docs: $(VENV)/.docs ## build the documentation as a site into site/, and check its links and its search
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --clean

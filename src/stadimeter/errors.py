@@ -16,6 +16,7 @@
        ├─ DriverNotFoundError (LookupError)      no driver has that name
        ├─ DriverUnavailableError (ImportError)   the driver exists, but a library that it needs does not
        ├─ DeviceOpenError (OSError)              a device is absent, busy or not allowed
+       │  └─ DeviceHungError                         only the end of this process lets it go
        ├─ DeviceClosedError                      a device was used before it was opened or after it was closed
        ├─ CaptureTimeoutError (TimeoutError)     no fresh frame in time
        ├─ LinkLostError (ConnectionError)        a device that answered has stopped answering
@@ -152,6 +153,10 @@ class DriverUnavailableError(DriverError, ImportError):
 
 class DeviceOpenError(DriverError, OSError):
     """A device is absent, in use by another program, or not ours to open."""
+
+
+class DeviceHungError(DeviceOpenError):
+    """A device is still held by this process, whose driver does not let it go: only the end of the process does."""
 
 
 class DeviceClosedError(DriverError):

@@ -10,12 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.app.capture import DirectCapture, LiveCapture, capture_for
+from stadimeter.app.capture import HUNG_AFTER_S, DirectCapture, LiveCapture, capture_for
 from stadimeter.cameras.image_files import ImageFilesCamera
 from stadimeter.core.frame import Frame
 from stadimeter.errors import (
     CaptureTimeoutError,
     DeviceClosedError,
+    DeviceHungError,
     DeviceOpenError,
     EndOfFramesError,
     LinkLostError,
@@ -85,11 +86,13 @@ class Waits:
     def __init__(self) -> None:
         self.seconds: list[float] = []
         self.words: list[str] = []
+        self.hung: list[str] = []
         self.capture: LiveCapture | None = None
 
     def __call__(self, event: threading.Event, timeout_s: float) -> bool:
         self.seconds.append(timeout_s)
         self.words.append(self.capture.trouble() if self.capture else "")
+        self.hung.append(self.capture.hung() if self.capture else "")
         return event.is_set()
 
 
@@ -184,13 +187,13 @@ def test_a_lost_camera_is_opened_again_by_itself(clock: ManualClock, waits: Wait
     assert waits.words == ["/dev/video0 is gone; opening the camera again after 0.25 s"]
 
 
-def test_the_wait_before_opening_again_doubles_up_to_four_seconds(clock: ManualClock, waits: Waits) -> None:
+def test_the_wait_before_opening_again_doubles_up_to_three_seconds(clock: ManualClock, waits: Waits) -> None:
     absent = DeviceOpenError("there is no /dev/video0")
     camera = ScriptedCamera(clock, 1, LinkLostError("gone"), 2, opening=(None, *[absent] * 7))
     with opened(camera, waits) as capture:
         assert level_of(capture.latest(PATIENCE_S)) == 2
-    assert waits.seconds == [0.25, 0.5, 1.0, 2.0, 4.0, 4.0, 4.0, 4.0]
-    assert waits.words[-1] == "there is no /dev/video0; opening the camera again after 4 s"
+    assert waits.seconds == [0.25, 0.5, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0]
+    assert waits.words[-1] == "there is no /dev/video0; opening the camera again after 3 s"
     assert camera.opened == 9
 
 
@@ -257,6 +260,31 @@ def test_a_mistake_in_a_driver_reaches_whoever_asks_for_frames(clock: ManualCloc
     assert capture.trouble() == "the camera's driver failed: a mistake"
     capture.close()
     assert camera.opened == 1
+
+
+def test_a_driver_that_never_comes_back_from_a_read_is_said_to_hang(clock: ManualClock, waits: Waits) -> None:
+    with opened(ScriptedCamera(clock, 1), waits) as capture:
+        clock.advance_s(HUNG_AFTER_S)
+        assert (capture.hung(), capture.trouble()) == ("", "no new frame for over 0.3 s")
+        clock.advance_s(0.1)
+        assert capture.hung() == capture.trouble() == "the camera's driver hangs: it has not answered for over 70 s"
+
+
+def test_a_camera_that_its_driver_cannot_let_go_hangs_until_it_opens_again(clock: ManualClock, waits: Waits) -> None:
+    hung = list[str]()
+    camera = ScriptedCamera(
+        clock,
+        LinkLostError("gone"),
+        1,
+        lambda: hung.append(waits.capture.hung() if waits.capture else "?"),
+        opening=(None, DeviceOpenError("absent"), DeviceHungError("still being closed"), None),
+    )
+    with opened(camera, waits):
+        pass
+    said = [words.split(";")[0] for words in waits.words]
+    assert said == ["gone", "absent", "still being closed"]
+    assert hung == [""]
+    assert waits.hung == ["", "", "still being closed"]
 
 
 def test_closing_while_the_camera_is_read_ends_the_thread(clock: ManualClock, waits: Waits) -> None:

@@ -18,7 +18,7 @@ from stadimeter.cameras.capture_time import GOOD_STAMPS_NEEDED
 from stadimeter.cameras.opencv_device import PLUGIN, OpenCvCamera
 from stadimeter.cameras.opencv_settings import OpenCvOptions
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
-from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceOpenError, LinkLostError
+from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceHungError, DeviceOpenError, LinkLostError
 from stadimeter.testing.manual_clock import ManualClock
 
 if TYPE_CHECKING:
@@ -325,7 +325,7 @@ def test_the_device_is_never_released_while_it_is_being_read(
 def test_a_read_that_does_not_end_lets_close_return_and_releases_the_device_itself(
     device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stadimeter.cameras.opencv_device.CLOSE_WAIT_S", 0.01)
+    monkeypatch.setattr("stadimeter.cameras.live_camera.CLOSE_WAIT_S", 0.01)
     camera = camera_of(device, node, clock)
     camera.open()
     reading, go_on = threading.Event(), threading.Event()
@@ -343,7 +343,7 @@ def test_a_read_that_does_not_end_lets_close_return_and_releases_the_device_itse
     assert reading.wait(5.0)
     camera.close()
     assert not device.is_released
-    with pytest.raises(DeviceOpenError, match="still busy with a read that does not end"):
+    with pytest.raises(DeviceHungError, match="still busy with a read that does not end"):
         camera.open()
     go_on.set()
     reader.join(5.0)

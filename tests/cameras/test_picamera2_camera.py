@@ -12,7 +12,7 @@ import pytest
 
 from stadimeter.app.capture import LiveCapture
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.cameras import picamera2_camera, picamera2_package
+from stadimeter.cameras import live_camera, picamera2_camera, picamera2_package
 from stadimeter.cameras.picamera2_camera import BUFFERS, PLUGIN, SETTLING_FRAMES, Picamera2Camera
 from stadimeter.cameras.picamera2_package import load_package
 from stadimeter.cameras.picamera2_settings import Picamera2Options
@@ -21,6 +21,7 @@ from stadimeter.core.frame import Optics
 from stadimeter.errors import (
     CaptureTimeoutError,
     DeviceClosedError,
+    DeviceHungError,
     DeviceOpenError,
     DriverUnavailableError,
     LinkLostError,
@@ -319,12 +320,13 @@ def test_an_error_of_libcamera_is_a_lost_link(sensor: Sensor, monkeypatch: pytes
 def test_a_camera_that_cannot_be_closed_holds_nobody_up_and_is_not_opened_again_meanwhile(
     sensor: Sensor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(live_camera, "CLOSE_WAIT_S", 0.05)
     monkeypatch.setattr(picamera2_camera, "CLOSE_WAIT_S", 0.05)
     camera = camera_on(sensor)
     camera.open()
     sensor.let_go.clear()
     camera.close()
-    with pytest.raises(DeviceOpenError, match="is still being closed: libcamera hangs"):
+    with pytest.raises(DeviceHungError, match="is still being closed: libcamera hangs"):
         camera.open()
     sensor.let_go.set()
     closer = camera._closer
@@ -335,6 +337,7 @@ def test_a_camera_that_cannot_be_closed_holds_nobody_up_and_is_not_opened_again_
 
 
 def test_a_camera_is_let_go_by_a_read_that_outlasts_closing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_camera, "CLOSE_WAIT_S", 0.05)
     monkeypatch.setattr(picamera2_camera, "CLOSE_WAIT_S", 0.05)
     sensor = Sensor(MonotonicClock())
     camera = camera_on(sensor)

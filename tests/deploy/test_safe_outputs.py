@@ -60,14 +60,14 @@ class Bench:
         program.write_text(f'#!/bin/sh\necho "{tool} $*" >>"{self._log}"\ncat >/dev/null\nexit {ends_with}\n')
         program.chmod(0o755)
 
-    def run(self, conf: str | None) -> str:
+    def run(self, conf: str | None, *others: Path) -> str:
         """Run it and return what it complained about."""
         file = self._folder / "safe-outputs.conf"
         if conf is not None:
             file.write_text(conf)
         path = f"{self._folder / 'bin'}:{os.environ['PATH']}"
         result = subprocess.run(
-            ["sh", str(self._script), str(file)],
+            ["sh", str(self._script), str(file), *map(str, others)],
             env={**os.environ, "PATH": path},
             capture_output=True,
             text=True,
@@ -154,14 +154,42 @@ def test_without_a_configuration_it_says_that_nothing_was_done(bench: Bench) -> 
     assert "nothing was switched off" in bench.run(None)
 
 
-def test_the_example_switches_nothing_until_it_is_edited_and_its_lines_are_right(
-    bench: Bench, deploy: Path, port: Port
-) -> None:
+def test_a_run_may_say_which_bytes_stop_its_base(bench: Bench, port: Port) -> None:
+    assert bench.run(f"serial {port.path} 115200 005c25ff410a\n") == ""
+    assert port.received() == b"\0\\%\xffA\n"
+
+
+@pytest.mark.parametrize("frame", ["0d6", "0D", "zz", "0d" * 65, "$(id)", "-e"])
+def test_what_are_no_bytes_is_refused(bench: Bench, port: Port, frame: str) -> None:
+    assert "hexadecimal" in bench.run(f"serial {port.path} 57600 {frame}\n")
+    assert port.received() == b""
+
+
+def test_root_writes_to_serial_ports_only_whatever_link_the_service_made(bench: Bench, port: Port) -> None:
+    link = bench._folder / "link"
+    link.symlink_to("/dev/null")
+    complaints = bench.run(f"serial {link} 57600 0d\nserial /dev/null 57600 0d\nserial /dev/tty 57600 0d\n")
+    assert complaints.count("there is no such port") == 3
+    link.unlink()
+    link.symlink_to(port.path)
+    assert bench.run(f"serial {link} 57600 0d\n") == ""
+    assert port.received() == b"\r"
+
+
+def test_a_number_that_no_shell_can_count_is_no_pin(bench: Bench) -> None:
     bench.add("pinctrl")
-    example = (deploy / "safe-outputs.conf").read_text()
-    assert bench.run(example) == ""
+    assert "not the number of a GPIO" in bench.run("pin 99999999999999999999\n")
     assert bench.calls == []
-    edited = [line.removeprefix("# ") for line in example.splitlines() if line.startswith(("# pin", "# serial"))]
-    assert bench.run("\n".join(edited).replace("/dev/robot-base", port.path)) == ""
-    assert bench.calls == ["pinctrl set 18 op dl", "pinctrl set 5 op dh"]
-    assert port.received() == b"\rm 0 0\r"
+
+
+def test_the_lists_of_the_run_and_of_the_user_both_count(bench: Bench) -> None:
+    bench.add("pinctrl")
+    second = bench._folder / "mine.conf"
+    second.write_text("pin 6 high\n")
+    assert bench.run("pin 18 low\n", second) == ""
+    assert bench.calls == ["pinctrl set 18 op dl", "pinctrl set 6 op dh"]
+
+
+def test_a_list_that_is_no_file_is_not_waited_for(bench: Bench) -> None:
+    os.mkfifo(bench._folder / "safe-outputs.conf")
+    assert "nothing was switched off" in bench.run(None)

@@ -83,7 +83,7 @@ class NodeHandle:
 class StreamServer:
     """Sends JPEG pictures over HTTP, as network cameras do, until it is stopped."""
 
-    def __init__(self) -> None:
+    def __init__(self, port: int = 0) -> None:
         self._is_stopped = threading.Event()
         owner = self
 
@@ -95,7 +95,7 @@ class StreamServer:
             def log_message(self, *args: object) -> None:
                 """Say nothing."""
 
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
         self._server.daemon_threads = False
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,))
         self._thread.start()

@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from stadimeter.app.freeze import FreezeDetector
 from stadimeter.cameras.protocol import Camera
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame
-from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DriverError, PictureError
+from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceHungError, DriverError, PictureError
 
 
 class Mailbox:
@@ -52,17 +52,21 @@ class Mailbox:
 
 
 FIRST_DELAY_S = 0.25
-LONGEST_DELAY_S = 4.0
+LONGEST_DELAY_S = 3.0
 """How long to wait before a failed camera is opened again: this at first, doubled each time, up to that. A
-camera that is back is then used within five seconds, the time to open it included."""
+camera that is back is then used within five seconds, with the two that it may take to open it."""
 
 QUIET_S = 0.3
 """A camera that gave no new frame for longer than this is worth a word."""
+
+HUNG_AFTER_S = 70.0
+"""A driver that has not come back for longer than this hangs: a minute is the longest read time-out there is."""
 
 STOP_WAIT_S = 0.4
 """How long `CaptureThread.stop` waits for the thread after it closed the camera, which may take 1.5 s by itself."""
 
 RECOVERABLE = (DriverError, PictureError)
+Answer = TypeVar("Answer")
 Wait = Callable[[threading.Event, float], bool]
 
 
@@ -103,12 +107,14 @@ class CaptureThread:
         self._stopped = threading.Event()
         self._delay_s = FIRST_DELAY_S
         self._outage: Outage | None = None
-        self._new_frame_at_s = clock.now_s()
+        self._new_frame_at_s = self._answered_at_s = clock.now_s()
+        self._is_held = False
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 
-    def start(self) -> None:
-        """Start reading."""
+    def start(self, failed: str = "") -> None:
+        """Start reading; if opening the camera has ``failed``, with opening it again."""
         self._freeze.restart(self._clock.now_s())
+        self._outage = Outage(cause=failed, retry_after_s=self._delay_s) if failed else None
         self._thread.start()
 
     def stop(self) -> None:
@@ -122,14 +128,24 @@ class CaptureThread:
 
     def trouble(self) -> str:
         """Return what is wrong with the camera at present, in words, or an empty string."""
-        now_s = self._clock.now_s()
         if outage := self._outage:
             return outage.in_words()
-        quiet_s = now_s - self._new_frame_at_s
+        if hung := self.hung():
+            return hung
+        quiet_s = self._clock.now_s() - self._new_frame_at_s
         return f"no new frame for over {QUIET_S:g} s" if quiet_s > QUIET_S else ""
+
+    def hung(self) -> str:
+        """Return why nothing but another process can use the camera, in words, or an empty string."""
+        if self._is_held and self._outage is not None:
+            return self._outage.cause
+        is_away = self._clock.now_s() - self._answered_at_s > HUNG_AFTER_S
+        return f"the camera's driver hangs: it has not answered for over {HUNG_AFTER_S:g} s" if is_away else ""
 
     def _run(self) -> None:
         try:
+            if self._outage:
+                self._open_again(self._outage.cause)
             while not self._stopped.is_set():
                 self._read_once()
         except Exception as error:  # noqa: BLE001 - whoever asks for a frame gets it raised again, in his own thread
@@ -140,9 +156,15 @@ class CaptureThread:
 
     def _read_once(self) -> None:
         try:
-            self._accept(self._camera.read())
+            self._accept(self._answer(self._camera.read))
         except RECOVERABLE as error:
             self._open_again(str(error))
+
+    def _answer(self, ask: Callable[[], Answer]) -> Answer:
+        try:
+            return ask()
+        finally:
+            self._answered_at_s = self._clock.now_s()
 
     def _accept(self, frame: Frame) -> None:
         now_s = self._clock.now_s()
@@ -161,10 +183,11 @@ class CaptureThread:
             if self._wait(self._stopped, delay_s):
                 return
             try:
-                self._camera.open()
+                self._answer(self._camera.open)
             except RECOVERABLE as error:
-                cause = str(error)
+                cause, self._is_held = str(error), isinstance(error, DeviceHungError)
             else:
+                self._is_held = False
                 self._outage = Outage(cause=cause, retry_after_s=None)
                 self._freeze.restart(self._clock.now_s())
                 return
@@ -198,6 +221,14 @@ class Capture(Protocol):
 
     def trouble(self) -> str:
         """Return what is wrong with the camera at present, in words, or an empty string."""
+        ...
+
+    def hung(self) -> str:
+        """Return why nothing but another process can use the camera, in words, or an empty string.
+
+        A camera that is absent, busy or silent is opened again and again, and is not hung. A driver that does not come
+        back, or that cannot let its device go, holds it for as long as this process lives.
+        """
         ...
 
     def remarks(self) -> tuple[str, ...]:
@@ -238,8 +269,16 @@ class LiveCapture:
         """Open the camera in the caller's thread, so that one that is missing is noticed at once, and start reading."""
         self.close()
         self._camera.open()
+        self._start()
+
+    def open_later(self, error: DriverError) -> bool:
+        """Go on after `open` has raised: the camera is opened again like one that failed while it ran. Returns True."""
+        self._start(str(error))
+        return True
+
+    def _start(self, failed: str = "") -> None:
         self._thread = CaptureThread(self._camera, self._clock, self._freeze, self._wait)
-        self._thread.start()
+        self._thread.start(failed)
 
     def latest(self, timeout_s: float) -> Frame:
         """Return the newest frame that was not returned before; see `Capture`.
@@ -266,6 +305,10 @@ class LiveCapture:
         if thread is None:
             return "the camera is not open"
         return f"the camera's driver failed: {thread.failure}" if thread.failure else thread.trouble()
+
+    def hung(self) -> str:
+        """Return why nothing but another process can use the camera, in words, or an empty string."""
+        return self._thread.hung() if self._thread else ""
 
     def remarks(self) -> tuple[str, ...]:
         """Return what the user should know of the camera as it was opened, a sentence each."""
@@ -302,6 +345,10 @@ class DirectCapture:
 
     def trouble(self) -> str:
         """Return an empty string: what goes wrong is raised by `latest`."""
+        return ""
+
+    def hung(self) -> str:
+        """Return an empty string: no driver of a recording waits for a device."""
         return ""
 
     def remarks(self) -> tuple[str, ...]:

@@ -98,6 +98,17 @@ class LeasedOutput:
             self._driver.open()
             self._driver.apply(self.safe)
 
+    def open_later(self, error: DriverError) -> bool:
+        """Go on after `open` has raised: the driver is opened again like one that failed while it ran.
+
+        Returns whether it is: a driver that failed may have to stay off.
+        """
+        if self._stays_off:
+            return False
+        with self._lock:
+            self._fail(error)
+        return True
+
     def observed_fault(self) -> str:
         """Return why the driver is out of order, for the control loop: no fault ends before the loop has seen it."""
         self._observed_fault = fault = self.fault

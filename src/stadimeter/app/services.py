@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.deliveries import Undelivered
     from stadimeter.app.persistence.state_writer import StateWriter
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.app.service import Service
     from stadimeter.core.reload import ReloadedState
 
 
@@ -49,6 +50,7 @@ class Services:
     control: Control | None = None
     memory: StateWriter | None = None
     time_of_day: TimeOfDay | None = None
+    service: Service | None = None
     tell: Callable[[str], None] = lambda _words: None
     _goes_by_the_clock: bool = False
 
@@ -79,6 +81,8 @@ class Services:
         """Let a run go on with a changed configuration."""
         from stadimeter.core.reload import reload  # noqa: PLC0415 - few runs are reloaded
 
+        if self.service is not None:
+            self.service.reloading()
         plan = change.configuration.plan
         taken = reload(state, plan)
         self._goes_by_the_clock = goes_by_the_clock(plan)
@@ -88,6 +92,8 @@ class Services:
 
     def answer_reload(self, change: Change, taken: ReloadedState) -> None:
         """Answer whoever asked that a configuration was reloaded, by all parts."""
+        if self.service is not None:
+            self.service.reloaded()
         if self.control is not None:
             self.control.changed(change, taken)
 
@@ -112,6 +118,11 @@ class Services:
     def trouble(self) -> str:
         """Return what is wrong with them, in words; empty if nothing is."""
         return self.memory.trouble() if self.memory is not None else ""
+
+    def stopping(self) -> None:
+        """Take in that the run ends, and its outputs were stopped."""
+        if self.service is not None:
+            self.service.stopping()
 
     def keep(self, state: State) -> None:
         """Keep what is remembered, as soon as the disk can. Never waits for it."""

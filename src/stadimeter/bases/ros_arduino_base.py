@@ -20,7 +20,7 @@ from pydantic import PositiveInt, model_validator
 from stadimeter.bases import ros_arduino_codec as codec
 from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelTicks
 from stadimeter.bases.serial_link import SerialLink, port_lacks
-from stadimeter.config.plugins import PORTS, DriverContext, Options, Plugin, driver_names
+from stadimeter.config.plugins import PORTS, DriverContext, Options, Plugin, SerialStop, driver_names
 from stadimeter.config.units import Duration, Length, SerialPort, Speed
 from stadimeter.core.clock import Clock
 from stadimeter.core.command import TwistCommand
@@ -357,4 +357,11 @@ def _lacks(options: RosArduinoOptions) -> tuple[str, ...]:
     return () if _is_emulated(options) else port_lacks(options.port)
 
 
-PLUGIN = Plugin(RosArduinoOptions, RosArduinoBase, is_simulated=_is_emulated, lacks=_lacks)
+def _stop_frame(options: RosArduinoOptions) -> SerialStop | None:
+    """The first end of line ends a command that the program may have begun: the stop would be lost in it."""
+    if _is_emulated(options):
+        return None
+    return SerialStop(port=options.port, baud=options.baud, frame=codec.END + codec.STOP)
+
+
+PLUGIN = Plugin(RosArduinoOptions, RosArduinoBase, is_simulated=_is_emulated, lacks=_lacks, stop_frame=_stop_frame)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -19,10 +18,12 @@ import numpy as np
 
 from stadimeter.cameras.attached_devices import IN_USE, NOT_OURS, attached_devices
 from stadimeter.cameras.capture_time import FrameStamp, KernelTime, Pace, StreamTime
+from stadimeter.cameras.live_camera import LiveCamera, Picture
 from stadimeter.cameras.opencv_settings import (
     CaptureLike,
     OpenCvOptions,
     apply_settings,
+    fixed_exposure_s,
     not_for_motion,
     size_differs,
     subsampling_of,
@@ -30,8 +31,8 @@ from stadimeter.cameras.opencv_settings import (
 from stadimeter.cameras.v4l2 import ask_node, is_in_use
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.clock import Clock
-from stadimeter.core.frame import Frame, Image
-from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceOpenError, DriverError, LinkLostError
+from stadimeter.core.frame import Image
+from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, LinkLostError
 
 FIRST_FRAME_S = 3.0
 """Time limit for a device's first frame: USB cameras start slowly."""
@@ -41,9 +42,6 @@ STREAM_OPEN_S = 5.0
 
 FFMPEG_SETTLE_S = 2.0
 """Time limit for FFmpeg to deliver what waited while it opened a stream without time stamps."""
-
-CLOSE_WAIT_S = 1.5
-"""Time that `OpenCvCamera.close` waits for a read to end; the driver's own wait for a frame is a second."""
 
 DEVICE_WAIT_S = 1.0
 """Time that OpenCV waits for a device's frame at a time, as set above."""
@@ -57,7 +55,7 @@ class OpenCapture(Protocol):
         ...
 
 
-class OpenCvCamera:
+class OpenCvCamera(LiveCamera):
     """A Video4Linux device or a network stream, read through OpenCV.
 
     A frame's capture time is the driver's stamp where it can be trusted (see `FrameStamp`), else its arrival less the
@@ -65,9 +63,8 @@ class OpenCvCamera:
     are damaged ones. Streams of JPEG pictures over HTTP are read by `MjpegStream`, all others by FFmpeg. Settings that
     the device did not take are no error; they are in `remarks`.
 
-    OpenCV's capture object may not be used by two threads at a time, so reading and releasing exclude each other. A
-    `close` during a `read` in another thread lets that read end first, which the read time-out bounds. If the read
-    does not end, `close` returns after `CLOSE_WAIT_S` and the reading thread releases the device as soon as it can.
+    OpenCV's capture object may not be used by two threads at a time, nor can a read be broken off: a `close` lets it
+    end.
 
     Args:
         open_capture: Opens the device; another one than OpenCV's is for tests.
@@ -81,97 +78,32 @@ class OpenCvCamera:
         open_capture: OpenCapture = cv2.VideoCapture,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
+        super().__init__(options.name)
         self._options = options
         self._clock = clock
         self._open_capture = open_capture
         self._source = ""
         self._subsampling = subsampling_of(options)
-        self._name = options.name
-        self._lock = threading.Lock()
-        self._is_closing = True
         self._capture: CaptureLike | None = None
         self._kernel_time = KernelTime(monotonic)
         self._stamp = FrameStamp(options.latency or 0.0)
         self._stream_time = StreamTime(options.latency or 0.0)
         self._pace = Pace()
         self._position = 0.0
-        self._delivered = 0
-        self._settings_differ: tuple[str, ...] = ()
+        self._exposure_s: float | None = None
         self._not_for_motion = self._why_not_for_motion()
-
-    @property
-    def is_live(self) -> bool:
-        """True: old frames are worthless."""
-        return True
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Settings that were not taken when the camera was last opened, a sentence each."""
-        return self._settings_differ
 
     @property
     def not_for_motion(self) -> str:
         """Why nothing may move on its frames: a stream of unknown age, or one that loses packets."""
         return self._not_for_motion
 
-    def open(self) -> None:
-        """Open the device, apply its settings and wait for a first picture.
-
-        Raises:
-            DeviceOpenError: It is absent, busy, not ours to open, or gives no picture.
-        """
-        self.close()
-        with self._alone(DeviceOpenError):
-            self._is_closing = False
-            try:
-                self._acquire()
-            except BaseException:
-                self._is_closing = True
-                raise
-
-    def read(self) -> Frame:
-        """Wait for the next frame and return it.
-
-        Raises:
-            CaptureTimeoutError: No whole picture came within the read time-out.
-            DeviceClosedError: The camera is not open, or was closed meanwhile.
-            LinkLostError: The device or the stream is gone.
-        """
-        with self._alone(CaptureTimeoutError):
-            if self._capture is None or self._is_closing:
-                raise DeviceClosedError(f"the camera {self._name} is not open; open it before reading from it")
-            image, captured_at_s = self._next_picture(self._capture, self._options.read_timeout)
-            if self._is_closing:
-                raise DeviceClosedError(f"the camera {self._name} was closed while a frame was awaited")
-        self._delivered += 1
-        return Frame(image, captured_at_s, self._delivered - 1, subsampling=self._subsampling)
-
-    def close(self) -> None:
-        """Release the device; wait for a read in another thread to end, for at most `CLOSE_WAIT_S`."""
-        self._is_closing = True
-        if self._lock.acquire(timeout=CLOSE_WAIT_S):
-            try:
-                self._release()
-            finally:
-                self._lock.release()
-
-    @contextmanager
-    def _alone(self, busy: type[DriverError]) -> Iterator[None]:
-        if not self._lock.acquire(timeout=CLOSE_WAIT_S):
-            raise busy(f"the camera {self._name} is still busy with a read that does not end")
-        try:
-            yield
-        finally:
-            if self._is_closing:
-                self._release()
-            self._lock.release()
-
     def _release(self) -> None:
         if self._capture is not None:
             self._capture.release()
             self._capture = None
 
-    def _acquire(self) -> None:
+    def _acquire(self) -> tuple[str, ...]:
         self._source = self._options.source()  # anew each time: the password in a file may have changed
         self._not_for_motion = self._why_not_for_motion()
         capture = self._capture = self._opened_stream() if self._options.is_stream else self._opened_device()
@@ -179,12 +111,18 @@ class OpenCvCamera:
         self._pace = Pace()
         self._position = 0.0
         differ = () if self._options.is_stream else apply_settings(capture, self._options)
+        self._exposure_s = fixed_exposure_s(capture, self._options)
         try:
-            image, _ = self._next_picture(capture, FIRST_FRAME_S)
+            image = self._next_picture(capture, FIRST_FRAME_S).image
         except (CaptureTimeoutError, LinkLostError) as error:
             asked = f" ({'; '.join(differ)})" if differ else ""
             raise DeviceOpenError(f"the camera {self._name} opens but gives no picture{asked}") from error
-        self._settings_differ = differ + size_differs(image, self._options)
+        return differ + size_differs(image, self._options)
+
+    def _next(self) -> Picture:
+        if self._capture is None:
+            raise self._not_open()
+        return self._next_picture(self._capture, self._options.read_timeout)
 
     def _why_not_for_motion(self) -> str:
         return next(iter(not_for_motion(self._options).values()), "")
@@ -221,18 +159,19 @@ class OpenCvCamera:
             )
         return capture
 
-    def _next_picture(self, capture: CaptureLike, limit_s: float) -> tuple[Image, float]:
-        """Wait for a picture that is whole and did not wait; return it and its capture time."""
+    def _next_picture(self, capture: CaptureLike, limit_s: float) -> Picture:
+        """Wait for a picture that is whole and did not wait."""
         began_s = self._clock.now_s()
         passed_over = {"damaged": 0, "late": 0}
-        while not self._is_closing:
+        while True:
+            self._check_open()
             grab_began_s = self._clock.now_s()
             if capture.grab():
                 captured_at_s = self._captured_at_s(capture)
                 if captured_at_s is None:
                     passed_over["late"] += 1
                 elif (image := _decoded(capture)) is not None:
-                    return image, captured_at_s
+                    return Picture(image, captured_at_s, self._exposure_s)
                 else:
                     passed_over["damaged"] += 1
             elif self._clock.now_s() - grab_began_s < 0.5 * min(DEVICE_WAIT_S, self._options.read_timeout):
@@ -244,7 +183,6 @@ class OpenCvCamera:
                     f"the camera {self._name} gave no whole picture for {waited_s:.1f} s"
                     + (f" ({came})" if came else "")
                 )
-        raise DeviceClosedError(f"the camera {self._name} was closed while a frame was awaited")
 
     def _captured_at_s(self, capture: CaptureLike) -> float | None:
         """Return when the grabbed frame was captured, or None if it waited on the way."""

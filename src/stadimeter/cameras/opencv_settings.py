@@ -222,6 +222,18 @@ def _apply_exposure(capture: CaptureLike, options: OpenCvOptions) -> Iterator[st
         yield f"asked for an exposure of {1e3 * options.exposure:g} ms, the camera says {1e3 * found_s:g} ms"
 
 
+def fixed_exposure_s(capture: CaptureLike, options: OpenCvOptions) -> float | None:
+    """Return the exposure time that the device says it holds; None where it chooses it itself, or does not say.
+
+    While the exposure is automatic, most devices name the last fixed one instead of what they use.
+    """
+    if options.is_stream or options.exposure is None:
+        return None
+    is_fixed = capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) == AUTO_EXPOSURE_MANUAL
+    steps = capture.get(cv2.CAP_PROP_EXPOSURE)
+    return steps * EXPOSURE_UNIT_S if is_fixed and steps > 0 else None
+
+
 def _apply_focus(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
     capture.set(cv2.CAP_PROP_AUTOFOCUS, float(options.autofocus))
     is_on = capture.get(cv2.CAP_PROP_AUTOFOCUS) > 0

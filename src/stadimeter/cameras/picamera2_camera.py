@@ -13,22 +13,25 @@ from typing import Any
 import numpy as np
 
 from stadimeter.cameras.capture_time import KernelTime
+from stadimeter.cameras.live_camera import CLOSE_WAIT_S, LiveCamera, Picture
 from stadimeter.cameras.picamera2_package import Package, attached_cameras, lack, load_package, why
 from stadimeter.cameras.picamera2_settings import (
     Metadata,
     Picamera2Options,
     controls_of,
     differences,
+    not_taken,
     not_there,
     number_of,
     optics_of,
 )
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.clock import Clock
-from stadimeter.core.frame import Frame, Image, Optics
+from stadimeter.core.frame import Image
 from stadimeter.errors import (
     CaptureTimeoutError,
     DeviceClosedError,
+    DeviceHungError,
     DeviceOpenError,
     DriverError,
     LinkLostError,
@@ -51,11 +54,8 @@ FIRST_FRAME_S = 3.0
 SETTLING_FRAMES = 10
 """Frames in which a control must show its effect: sensors apply one two frames later, lenses move for some frames."""
 
-CLOSE_WAIT_S = 1.5
-"""Time that `Picamera2Camera.close` waits for a read to end, and then for libcamera to let the camera go."""
 
-
-class Picamera2Camera:
+class Picamera2Camera(LiveCamera):
     """A camera of a Raspberry Pi.
 
     A frame's capture time is when the exposure of its first row began: libcamera's ``SensorTimestamp``, at which that
@@ -82,93 +82,24 @@ class Picamera2Camera:
         load: Callable[[], Package] = load_package,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
+        super().__init__(options.name)
         self._options = options
         self._clock = clock
         self._load = load
         self._package: Package | None = None
-        self._lock = threading.Lock()
-        self._is_closing = True
         self._device: Any = None
         self._closer: threading.Thread | None = None
         self._kernel_time = KernelTime(monotonic)
         self._last_captured_s = -math.inf
-        self._delivered = 0
-        self._remarks: tuple[str, ...] = ()
-        self._optics: Optics | None = None
-
-    @property
-    def is_live(self) -> bool:
-        """True: old frames are worthless."""
-        return True
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Settings that were not taken when the camera was last opened, a sentence each."""
-        return self._remarks
 
     @property
     def not_for_motion(self) -> str:
         """An empty string: the camera knows when it captured each frame."""
         return ""
 
-    def open(self) -> None:
-        """Open the camera with its settings and wait for the first frames.
-
-        Raises:
-            DeviceOpenError: It is absent, busy, or gives no picture.
-            DriverUnavailableError: The package picamera2 is missing.
-        """
-        self.close()
-        with self._alone(DeviceOpenError):
-            if self._closer is not None and self._closer.is_alive():
-                raise DeviceOpenError(
-                    f"the camera {self._options.name} is still being closed: libcamera hangs; check its cable, with the"
-                    " Pi switched off"
-                )
-            self._package = self._package or self._load()
-            self._is_closing = False
-            try:
-                self._acquire(self._package)
-            except BaseException:
-                self._is_closing = True
-                raise
-
-    def read(self) -> Frame:
-        """Wait for the next frame and return it.
-
-        Raises:
-            CaptureTimeoutError: No frame came within the read time-out.
-            DeviceClosedError: The camera is not open, or was closed meanwhile.
-            LinkLostError: libcamera failed.
-        """
-        with self._alone(CaptureTimeoutError):
-            if self._device is None or self._package is None or self._is_closing:
-                raise DeviceClosedError(f"the camera {self._options.name} is not open; open it before reading from it")
-            image, captured_at_s = self._next_picture(self._package)
-        self._delivered += 1
-        return Frame(image, captured_at_s, self._delivered - 1, optics=self._optics)
-
-    def close(self) -> None:
-        """Let the camera go; break off a read in another thread. Each is waited for `CLOSE_WAIT_S` at most."""
-        self._is_closing = True
+    def _break_off(self) -> None:
         if (device := self._device) is not None:
             device.cancel_all_and_flush()
-        if self._lock.acquire(timeout=CLOSE_WAIT_S):
-            try:
-                self._release()
-            finally:
-                self._lock.release()
-
-    @contextmanager
-    def _alone(self, busy: type[DriverError]) -> Iterator[None]:
-        if not self._lock.acquire(timeout=CLOSE_WAIT_S):
-            raise busy(f"the camera {self._options.name} is still busy with a read that does not end")
-        try:
-            yield
-        finally:
-            if self._is_closing:
-                self._release()
-            self._lock.release()
 
     def _release(self) -> None:
         device, self._device = self._device, None
@@ -178,7 +109,17 @@ class Picamera2Camera:
         self._closer.start()
         self._closer.join(CLOSE_WAIT_S)
 
-    def _acquire(self, package: Package) -> None:
+    def _acquire(self) -> tuple[str, ...]:
+        if self._closer is not None and self._closer.is_alive():
+            raise DeviceHungError(
+                f"the camera {self._name} is still being closed: libcamera hangs; check its cable, with the Pi switched"
+                " off"
+            )
+        self._package = self._package or self._load()
+        return self._started(self._package)
+
+    def _started(self, package: Package) -> tuple[str, ...]:
+        """Open the camera, set it up and start it; return a sentence on each setting that it did not take."""
         options = self._options
         try:
             attached = package.Picamera2.global_camera_info()
@@ -191,14 +132,10 @@ class Picamera2Camera:
         except DriverError:
             raise
         except Exception as error:
-            raise DeviceOpenError(f"the camera {options.name} cannot be opened: {why(error)}") from error
-        found = self._settled(set_to)
-        self._remarks = (
-            *not_there(options, available),
-            *self._changed(device.camera_configuration()),
-            *differences(options, set_to, found),
-        )
-        self._optics = optics_of(options, attached[number], device.camera_configuration(), set_to, found)
+            raise DeviceOpenError(f"the camera {self._name} cannot be opened: {why(error)}") from error
+        found, taken = self._settled(set_to), device.camera_configuration()
+        self._optics = optics_of(options, attached[number], taken, set_to, found)
+        return (*not_there(options, available), *not_taken(options, taken), *differences(options, set_to, found))
 
     def _configure(self, package: Package, device: Any, set_to: dict[str, Any]) -> None:
         options = self._options
@@ -228,20 +165,6 @@ class Picamera2Camera:
             if name is not None:
                 device.set_controls({name: crops[name]})
 
-    def _changed(self, taken: dict[str, Any]) -> Iterator[str]:
-        """Yield a sentence on each part of the configuration that libcamera took otherwise."""
-        options, size_px = self._options, tuple(taken["main"]["size"])
-        if size_px != (options.width_px, options.height_px):
-            asked = f"{options.width_px} × {options.height_px}"
-            yield f"asked for pictures of {asked} pixels, the camera gives {size_px[0]} × {size_px[1]}"
-        mode_px = tuple((taken.get("sensor") or {}).get("output_size") or ())
-        if options.sensor_size_px and mode_px and mode_px != options.sensor_size_px:
-            asked, nearest = ("{} × {}".format(*size_px) for size_px in (options.sensor_size_px, mode_px))
-            yield f"asked for the sensor's mode of {asked} pixels, the nearest that it has is {nearest}"
-        turned = taken["transform"]
-        if bool(turned.hflip) != options.upside_down or bool(turned.vflip) != options.upside_down:
-            yield "asked for pictures turned by half a turn, the camera does not turn them so"
-
     def _settled(self, set_to: dict[str, Any]) -> Metadata:
         """Wait until the settings have taken effect; return what the last frame shows."""
         name = self._options.name
@@ -262,8 +185,8 @@ class Picamera2Camera:
             raise DeviceOpenError(f"the camera {name} {words}")
         return found
 
-    def _next_picture(self, package: Package) -> tuple[Image, float]:
-        """Wait for a frame that did not wait itself; return its picture and its capture time.
+    def _next(self) -> Picture:
+        """Wait for a frame that did not wait itself.
 
         A late one is passed over if there is time for another, and no oftener than there are buffers: after as many, a
         frame cannot be from before the call.
@@ -276,13 +199,19 @@ class Picamera2Camera:
                 may_pass_over = passed_over < BUFFERS and self._clock.now_s() < until_s
                 if captured_at_s is not None and not (may_pass_over and self._is_late(metadata)):
                     self._last_captured_s = captured_at_s
-                    with package.MappedArray(request, "main") as mapped:
-                        return np.array(mapped.array, np.uint8, order="C"), captured_at_s
+                    return Picture(self._copied(request), captured_at_s, _exposure_s(metadata))
             passed_over += 1
         raise CaptureTimeoutError(
             f"the camera {self._options.name} gave no new frame for {self._options.read_timeout:g} s"
             + (f" ({passed_over} that were late or of unknown age)" if passed_over else "")
         )
+
+    def _copied(self, request: Any) -> Image:
+        """Return a request's picture without the padding of its rows: the one copy that is made of it."""
+        if self._package is None:
+            raise self._not_open()
+        with self._package.MappedArray(request, "main") as mapped:
+            return np.array(mapped.array, np.uint8, order="C")
 
     @contextmanager
     def _request(self, limit_s: float) -> Iterator[Any]:
@@ -300,8 +229,7 @@ class Picamera2Camera:
         except Exception as error:
             raise LinkLostError(f"the camera {name} has failed: {why(error)}") from error
         try:
-            if self._is_closing:
-                raise DeviceClosedError(f"the camera {name} was closed while a frame was awaited")
+            self._check_open()
             yield request
         finally:
             with suppress(Exception):  # it was closed meanwhile
@@ -309,7 +237,7 @@ class Picamera2Camera:
 
     def _captured_at_s(self, metadata: Metadata) -> float | None:
         """Return when the exposure of a frame began, on the run's clock, not before the last one; None if unknown."""
-        began_at_s = self._read_out_at_s(metadata) - metadata.get("ExposureTime", 0) / 1e6
+        began_at_s = self._read_out_at_s(metadata) - (_exposure_s(metadata) or 0.0)
         return max(self._last_captured_s, began_at_s) if began_at_s <= self._clock.now_s() else None
 
     def _is_late(self, metadata: Metadata) -> bool:
@@ -320,6 +248,11 @@ class Picamera2Camera:
         """Return when the read-out of a frame began, on the run's clock; infinite if that is not known."""
         stamp_s: float = metadata.get("SensorTimestamp", 0) / 1e9
         return self._kernel_time.on_run_clock(stamp_s, self._clock.now_s()) if stamp_s > 0 else math.inf
+
+
+def _exposure_s(metadata: Metadata) -> float | None:
+    exposure_us: float | None = metadata.get("ExposureTime")
+    return exposure_us / 1e6 if exposure_us else None
 
 
 def _close(device: Any) -> None:

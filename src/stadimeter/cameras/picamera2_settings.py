@@ -204,6 +204,21 @@ def not_there(options: Picamera2Options, available: Controls) -> Iterator[str]:
             yield f"asked for {key}, the camera has no control for it"
 
 
+def not_taken(options: Picamera2Options, taken: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence on each part of the configuration that libcamera took otherwise."""
+    size_px = tuple(taken["main"]["size"])
+    if size_px != (options.width_px, options.height_px):
+        asked = f"{options.width_px} × {options.height_px}"
+        yield f"asked for pictures of {asked} pixels, the camera gives {size_px[0]} × {size_px[1]}"
+    mode_px = tuple((taken.get("sensor") or {}).get("output_size") or ())
+    if options.sensor_size_px and mode_px and mode_px != options.sensor_size_px:
+        asked, nearest = ("{} × {}".format(*size_px) for size_px in (options.sensor_size_px, mode_px))
+        yield f"asked for the sensor's mode of {asked} pixels, the nearest that it has is {nearest}"
+    turned = taken["transform"]
+    if bool(turned.hflip) != options.upside_down or bool(turned.vflip) != options.upside_down:
+        yield "asked for pictures turned by half a turn, the camera does not turn them so"
+
+
 def optics_of(
     options: Picamera2Options,
     attached: Mapping[str, Any],

@@ -32,6 +32,7 @@ from stadimeter.cli.run_options import (
     StateFile,
     TrustClock,
     Unit,
+    begun_service,
     kept,
     served,
 )
@@ -89,6 +90,7 @@ def run(
     """
     view: View = "json" if as_json else live_or_plain() if watch else "plain"
     with plain_errors():
+        service = begun_service(config)
         loop = Loop(build(load_configuration(config, with_tests=False), speed=speed or None))
         keeping = Keeping(
             journal=journal,
@@ -105,6 +107,7 @@ def run(
             trust_clock=trust_clock,
             is_unhurried=loop.parts.is_live or speed > 0,
             is_quiet=view == "live",
+            service=service,
         )
         showing = Showing(view, config.name, unit, RunKeys(loop))
         run_loop(loop, Limits(frames=frames, seconds=seconds), keeping, serving, showing)

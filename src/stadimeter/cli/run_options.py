@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+import stadimeter
 from stadimeter.app.persistence.state_file import state_file
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
 from stadimeter.errors import ControlError, JournalError
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from stadimeter.app.loop import Loop
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
     from stadimeter.app.recordings.recorder import Recorder, Writer
+    from stadimeter.app.service import Service
 
 
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S", help="End after this long.")]
@@ -184,6 +186,7 @@ class Serving:
         trust_clock: Whether the computer's clock counts as right.
         is_unhurried: Whether the run takes time, so that somebody can ask for something meanwhile.
         is_quiet: Whether nothing is printed about it while it runs: the screen is in use.
+        service: What tells systemd of the run; None if systemd does not wait for that.
     """
 
     state: Path | None = None
@@ -192,6 +195,7 @@ class Serving:
     trust_clock: bool = False
     is_unhurried: bool = True
     is_quiet: bool = False
+    service: Service | None = None
 
 
 @contextmanager
@@ -204,9 +208,72 @@ def served(loop: Loop, serving: Serving) -> Iterator[None]:
         closing.callback(late.tell_all)
         services.tell = late
         services.time_of_day = TimeOfDay(is_live=loop.parts.is_live, is_right=is_right)
+        if os.environ.get("STATE_DIRECTORY"):
+            closing.enter_context(_logged(loop, is_right))
+        if os.environ.get("RUNTIME_DIRECTORY"):
+            _list_safe_outputs(loop)
+        if serving.service is not None:
+            closing.enter_context(_as_service(loop, serving.service))
         _remember(loop, serving, is_right)
         _listen(loop, serving, closing)
         yield
+
+
+def begun_service(configuration: Path) -> Service | None:
+    """Return the run as systemd sees it, after a wait if earlier starts have failed; None if it is no service."""
+    if not os.environ.get("NOTIFY_SOCKET"):
+        return None
+    from stadimeter.app.service import service  # noqa: PLC0415 - few runs are services
+
+    found = service(configuration)
+    found.pause()
+    return found
+
+
+@contextmanager
+def _as_service(loop: Loop, service: Service) -> Iterator[None]:
+    service.trouble, service.hung = loop.trouble, loop.parts.capture.hung
+    loop.services.service = service
+    loop.listeners.append(service)
+    yield
+    if loop.deadline.is_set:
+        service.ended_as_asked()
+
+
+@contextmanager
+def _logged(loop: Loop, is_right: Callable[[], bool]) -> Iterator[None]:
+    """Keep the event log of a run."""
+    from stadimeter.app.event_log import EventLog, event_log_path  # noqa: PLC0415 - few runs are services
+
+    configuration, tell = loop.parts.configuration.path, loop.services.tell
+    path = event_log_path(configuration)
+    if path is None:
+        yield
+        return
+    log = EventLog(path, is_right=is_right)
+
+    def tell_and_log(words: str) -> None:
+        tell(words)
+        log.say(words)
+
+    loop.services.tell = tell_and_log
+    loop.listeners.append(log)
+    log.start(f"stadimeter {stadimeter.__version__}, {configuration}")
+    try:
+        yield
+    except BaseException as error:
+        log.end(str(error) or type(error).__name__)
+        raise
+    log.end(loop.ending)
+
+
+def _list_safe_outputs(loop: Loop) -> None:
+    from stadimeter.app.safe_outputs import safe_outputs_path, write_safe_outputs  # noqa: PLC0415 - likewise
+
+    path = safe_outputs_path()
+    if path is not None:
+        for trouble in write_safe_outputs(loop.parts.configuration, path):
+            loop.services.tell(f"warning: {trouble}")
 
 
 def _remember(loop: Loop, serving: Serving, is_right: Callable[[], bool]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import queue
 import sys
@@ -190,6 +191,7 @@ def show(loop: Loop, showing: Showing) -> Iterator[None]:
     if showing.view == "plain":
         plain = PlainView(
             typer.echo,
+            every_s=math.inf if loop.services.service is not None else 1.0,  # nobody watches, and a disk may keep it
             unit=showing.unit,
             trouble=loop.trouble,
             narration=narration_of(loop),

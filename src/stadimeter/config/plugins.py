@@ -31,11 +31,12 @@ CAMERAS = "stadimeter.cameras"
 DETECTORS = "stadimeter.detectors"
 ACTUATORS = "stadimeter.actuators"
 BASES = "stadimeter.bases"
+BUTTONS = "stadimeter.buttons"
 MESSENGERS = "stadimeter.messengers"
 NOTIFIERS = "stadimeter.notifiers"
 WORLDS = "stadimeter.worlds"
 PORTS = "stadimeter.ports"
-GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
+GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, BUTTONS, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
 
 
 class Options(BaseModel):
@@ -122,6 +123,20 @@ class Exercise:
     patch: Image | None = field(default=None, compare=False)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SerialStop:
+    """What stops a device on a serial port from outside, when the program that drove it is gone.
+
+    Attributes:
+        port: A path below ``/dev``.
+        frame: At most 64 bytes, which stop it also after a command of which only a part was sent.
+    """
+
+    port: str
+    baud: int
+    frame: bytes
+
+
 @dataclass(frozen=True, slots=True)
 class Plugin(Generic[OptionsT]):
     """A driver, as its entry point names it.
@@ -138,11 +153,16 @@ class Plugin(Generic[OptionsT]):
         latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
         attached: Of a camera, lists those that are on this computer, without taking pictures: a tuple of
             `stadimeter.cameras.protocol.AttachedCamera`.
+        reach: Of a messenger, connects once and hangs up, and returns what is wrong or nothing, for `doctor`. A running
+            instance keeps its connection.
         verb: Of an actuator, what it does when it acts, for descriptions: such as ``buzzes``.
         is_worn_by_switching: Of an actuator, whether each change of its level wears it out: `check` warns of patterns
             that never end.
-        circuit: Of an actuator on a pin, what hangs on it, for `wiring`: ``motor`` (or another coil on a supply of its
-            own), ``buzzer``, ``led`` or ``relay`` (a board with an input); empty for a signal of 3.3 V.
+        circuit: Of an actuator or a button on a pin, what hangs on it, for `wiring`: ``motor`` (or another coil on a
+            supply of its own), ``buzzer``, ``led``, ``relay`` (a board with an input) or ``button``; empty for a signal
+            of 3.3 V.
+        stop_frame: Of an output on a serial port, what stops it when the program is gone; None if nothing can. Pins
+            need none: they are driven to the level at which they are off.
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
         exercise: Of a detector, makes what `bench` measures its speed on; None to leave it out.
@@ -158,9 +178,11 @@ class Plugin(Generic[OptionsT]):
     not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
     latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
     attached: Callable[[], tuple[Any, ...]] = field(default=tuple, kw_only=True)
+    reach: Callable[[OptionsT], str] | None = field(default=None, kw_only=True)
     verb: str = field(default="drives", kw_only=True)
     is_worn_by_switching: bool = field(default=False, kw_only=True)
     circuit: str = field(default="", kw_only=True)
+    stop_frame: Callable[[OptionsT], SerialStop | None] = field(default=lambda _options: None, kw_only=True)
     needs_world: bool = field(default=False, kw_only=True)
     needs_pixels: bool = field(default=True, kw_only=True)
     exercise: Callable[[], Exercise] | None = field(default=None, kw_only=True)

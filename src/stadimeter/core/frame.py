@@ -82,6 +82,7 @@ class Frame:
         source: Where it came from, such as a file's path; empty for a live camera.
         subsampling: How coarsely the camera or the file stored its colour, as far as the driver knows.
         optics: How the camera was set, if its driver knows; the same object for as long as that stays.
+        exposure_s: For how long it was exposed, if the driver knows.
     """
 
     image: Image
@@ -90,6 +91,7 @@ class Frame:
     source: str = ""
     subsampling: Subsampling = "4:4:4"
     optics: Optics | None = None
+    exposure_s: float | None = None
 
     @property
     def chroma_pitch_px(self) -> tuple[int, int]:

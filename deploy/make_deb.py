@@ -1,0 +1,289 @@
+"""Makes the Debian package: ``make deb``, or ``python deploy/make_deb.py --release trixie --arch arm64``.
+
+It needs pip, dpkg-deb and a network, no root and no machine of the release: pip gathers wheels that are built for it.
+The package has an environment of its own, in a folder named after its version; docs/decisions/0016 says why.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from stadimeter.app.persistence.alarm_store import FORMAT
+from stadimeter.app.persistence.state_file import APPLICATION_ID
+
+DEPLOY = Path(__file__).resolve().parent
+CHECKOUT = DEPLOY.parent
+HOME = "opt/stadimeter"
+EXTRAS = "notify,record"
+WHEELS_FOR = {"amd64": "x86_64", "arm64": "aarch64"}
+"""How wheels name an architecture of Debian."""
+
+BYTE_CODE_SHARE = 0.9
+"""Of the size of Python's sources; it is compiled on installation."""
+
+MARGIN_KB = 20_000
+LAUNCHER = f"""\
+#!/{HOME}/current/bin/python3 -s
+from stadimeter.__main__ import main
+
+main()
+"""
+SYSTEM_FILES = {
+    "stadimeter.service": "usr/lib/systemd/system/stadimeter.service",
+    "99-stadimeter.rules": "usr/lib/udev/rules.d/99-stadimeter.rules",
+    "modules-load.conf": "usr/lib/modules-load.d/stadimeter.conf",
+}
+"""Files of this folder that the system looks for in one place only."""
+
+LINKS = {
+    f"{HOME}/bin/stadimeter": "current/bin/stadimeter",
+    "usr/bin/stadimeter": "current/bin/stadimeter",
+    "usr/lib/stadimeter/safe-outputs": "current/libexec/safe-outputs",
+}
+"""What belongs to the version that runs, by a name that stays; `current` is a link that installation makes."""
+
+NEVER_USED = (
+    "bin",
+    "setuptools*",  # wanted by colorzero, for its installation
+    "_distutils_hack",
+    "distutils-precedence.pth",
+    "cv2/data/*.xml",  # trained classifiers
+    "numpy/distutils",
+    "numpy/f2py",
+    "zstandard/_cffi*.so",  # for Pythons other than CPython
+    "**/tests",
+    "**/__pycache__",
+    "**/*.pyi",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Release:
+    """A release of Debian, and of Raspberry Pi OS.
+
+    Attributes:
+        suffix: Of the package's version, so that the next release's is the higher one.
+        python: Of the release, which the environment is for.
+        glibc: Minor version, from which follows which wheels run there.
+        libraries: Besides those of pyproject.toml. The system's packages must work with the numpy that is here.
+        recommends: What Raspberry Pi OS has and no wheel gives: pinctrl for safe-outputs, and a library for pins.
+    """
+
+    suffix: str
+    python: str
+    glibc: int
+    libraries: tuple[str, ...]
+    recommends: str = "raspi-utils"
+
+
+RELEASES = {
+    "bookworm": Release(
+        suffix="deb12",
+        python="3.11",
+        glibc=36,
+        libraries=("numpy<2", "opencv-python-headless<4.12", "lgpio>=0.2.2"),  # picamera2 there is built for numpy 1
+    ),
+    "trixie": Release(
+        suffix="deb13",
+        python="3.13",
+        glibc=41,
+        libraries=("numpy>=2.2",),
+        recommends="raspi-utils, python3-lgpio",
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """The package to be made: its release, its architecture as Debian names it, and the version of the program."""
+
+    release: Release
+    architecture: str
+    program_version: str
+
+    @property
+    def version(self) -> str:
+        """The package's version."""
+        return f"{self.program_version}+{self.release.suffix}"
+
+    @property
+    def python(self) -> str:
+        """The interpreter's name, which is its package's too."""
+        return f"python{self.release.python}"
+
+    @property
+    def environment(self) -> str:
+        """The folder of the environment on the target."""
+        return f"{HOME}/{self.version}"
+
+
+def gather(target: Target, folder: Path) -> None:
+    """Put the program and its libraries into a folder, as they are wanted on the target."""
+    with tempfile.TemporaryDirectory() as built:
+        _pip("wheel", "--no-deps", "--wheel-dir", built, CHECKOUT)
+        (wheel,) = Path(built).glob("*.whl")
+        _pip(
+            "install",
+            "--no-compile",
+            "--target",
+            folder,
+            *_platform(target),
+            f"{wheel}[{EXTRAS}]",
+            *target.release.libraries,
+        )
+    for pattern in NEVER_USED:
+        for path in tuple(folder.glob(pattern)):
+            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _platform(target: Target) -> list[str]:
+    machine = WHEELS_FOR[target.architecture]
+    names = [f"manylinux_2_{minor}_{machine}" for minor in range(target.release.glibc, 16, -1)]
+    names += [f"manylinux2014_{machine}", f"linux_{machine}"]
+    return [
+        *("--only-binary=:all:", "--implementation=cp", f"--python-version={target.release.python}"),
+        *(f"--platform={name}" for name in names),
+    ]
+
+
+def _pip(*arguments: str | Path) -> None:
+    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *map(str, arguments), "-qq"]
+    subprocess.run(command, check=True)  # noqa: S603
+
+
+def pack(target: Target, libraries: Path, output: Path, *, compression: str = "zstd") -> Path:
+    """Make the package from what `gather` gathered, and return its path.
+
+    Args:
+        libraries: On the same file system as the temporary folder, it is linked and not copied.
+        output: The folder for the package.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    package = output / f"stadimeter_{target.version}_{target.architecture}.deb"
+    with tempfile.TemporaryDirectory(dir=output) as folder:
+        root = Path(folder, "root")
+        root.mkdir(mode=0o755)
+        _lay_out(target, libraries, root)
+        _describe(target, root)
+        command = ["dpkg-deb", "--root-owner-group", f"-Z{compression}", "--build", str(root), str(package)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)  # noqa: S603
+    return package
+
+
+def _lay_out(target: Target, libraries: Path, root: Path) -> None:
+    environment = root / target.environment
+    shutil.copytree(libraries, environment / "lib" / target.python / "site-packages", copy_function=_link)
+    (environment / "lib" / target.python / "site-packages" / "drivers.pth").write_text(f"/{HOME}/drivers\n")
+    (environment / "version").write_text(f"{target.version}\n")
+    # The system's packages are seen behind ours: libcamera and picamera2 come with the system only.
+    (environment / "pyvenv.cfg").write_text(
+        f"home = /usr/bin\ninclude-system-site-packages = true\nexecutable = /usr/bin/{target.python}\n"
+    )
+    _point(environment / "bin/python3", f"/usr/bin/{target.python}")
+    _write(environment / "bin/stadimeter", LAUNCHER, 0o755)
+    for name, mode in (("debian/self_test.py", 0o644), ("debian/self-test.toml", 0o644), ("safe-outputs", 0o755)):
+        _write(environment / "libexec" / Path(name).name, (DEPLOY / name).read_text(), mode)
+    for name, place in SYSTEM_FILES.items():
+        # Once for the system, and once for the version: when the next one fails its self-test, it is put back.
+        for top in (root, environment / "share/system"):
+            _write(top / place, (DEPLOY / name).read_text())
+    for link, place in LINKS.items():
+        _point(root / link, f"/{HOME}/{place}")
+    _document(root / "usr/share/doc/stadimeter")
+
+
+def _document(folder: Path) -> None:
+    for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*"), DEPLOY / "safe-outputs.conf"):
+        _write(folder / "examples" / example.name, example.read_text())
+    for page in (CHECKOUT / "docs").glob("*.md"):
+        _write(folder / page.name, page.read_text())
+    copyright_text = (DEPLOY / "debian/copyright").read_text()
+    licence = "\n".join(f" {line or '.'}" for line in (CHECKOUT / "LICENSE").read_text().splitlines())
+    _write(folder / "copyright", copyright_text.replace("@LICENSE@", licence))
+
+
+def _describe(target: Target, root: Path) -> None:
+    installed_kb = _size_kb(root)
+    sources_kb = sum(path.stat().st_size for path in root.rglob("*.py")) // 1024
+    values = {
+        "VERSION": target.version,
+        "ARCHITECTURE": target.architecture,
+        "INSTALLED_KB": installed_kb,
+        "NEEDED_KB": installed_kb + round(BYTE_CODE_SHARE * sources_kb) + MARGIN_KB,
+        "PYTHON": target.python,
+        "DEPENDS": f"{target.python}, passwd",
+        "RECOMMENDS": target.release.recommends,
+        "STATE_FORMAT": FORMAT,
+        "APPLICATION_ID": APPLICATION_ID,
+    }
+    for name in ("control", "preinst", "postinst", "prerm", "postrm"):
+        text = (DEPLOY / "debian" / name).read_text()
+        for key, value in values.items():
+            text = text.replace(f"@{key}@", str(value))
+        _write(root / "DEBIAN" / name, text, 0o644 if name == "control" else 0o755)
+
+
+def _size_kb(folder: Path) -> int:
+    """Return what files take on a disk, in whole blocks of 4 KiB."""
+    return sum(-(-path.lstat().st_size // 4096) * 4 for path in folder.rglob("*"))
+
+
+def _write(path: Path, text: str, mode: int = 0o644) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    path.chmod(mode)
+
+
+def _point(link: Path, target: str) -> None:
+    link.parent.mkdir(parents=True, exist_ok=True)
+    link.symlink_to(target)
+
+
+def _link(source: str, copy: str) -> None:
+    try:
+        os.link(source, copy)
+    except OSError:
+        shutil.copy2(source, copy)
+
+
+def this_release() -> str:
+    """Return the release of this computer if there is a package for it, else the newest one that there is."""
+    name = platform.freedesktop_os_release().get("VERSION_CODENAME", "")
+    return name if name in RELEASES else list(RELEASES)[-1]
+
+
+def this_architecture() -> str:
+    """Return the architecture of this computer, as Debian names it."""
+    machine = platform.machine()
+    return next((name for name, wheels in WHEELS_FOR.items() if wheels == machine), "arm64")
+
+
+def main() -> None:
+    """Make a package and say where it is."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--release", choices=RELEASES, default=this_release())
+    parser.add_argument("--arch", choices=WHEELS_FOR, default=this_architecture())
+    project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["project"]
+    parser.add_argument("--version", default=project["version"], help="of the program, as Debian shall compare it")
+    parser.add_argument("--output", type=Path, default=CHECKOUT / "dist", help="folder for the package")
+    given = parser.parse_args()
+    os.umask(0o022)
+    target = Target(release=RELEASES[given.release], architecture=given.arch, program_version=given.version)
+    with tempfile.TemporaryDirectory() as folder:
+        libraries = Path(folder, "libraries")
+        gather(target, libraries)
+        package = pack(target, libraries, given.output)
+    print(f"{package}: {package.stat().st_size / 1e6:.0f} MB; sudo apt install {os.path.relpath(package)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""The command ``events``: what the rules and faults of the service did, from its event log."""
+
+from __future__ import annotations
+
+from itertools import islice
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stadimeter.cli.exits import plain_errors
+from stadimeter.errors import JournalError
+
+SERVICE_STATE = Path("/var/lib/stadimeter")
+"""Where the service of the package keeps its state."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("events")(events)
+
+
+def events(
+    log: Annotated[Path | None, typer.Argument(metavar="LOG", help="The log; by default that of the service.")] = None,
+    lines: Annotated[int, typer.Option("--lines", "-n", min=1, metavar="N", help="How many lines, the newest.")] = 50,
+) -> None:
+    """Print what the rules and faults of the service did, and when.
+
+    The service keeps this log for months, in five files of 1 MB at most. A question mark behind a time says that no
+    time server vouched for the clock then. Events of rules are up to a minute old before they are in the log.
+
+    **Examples**
+
+    - `sudo stadimeter events`
+
+    - `sudo stadimeter events --lines 500`
+
+    **Exit code**: 0 done; 2 there is no log, or it cannot be read.
+    """
+    from stadimeter.app.event_log import log_files  # noqa: PLC0415 - the command line loads it with every command
+
+    with plain_errors():
+        path = log or _of_service()
+        newest = [line for file in reversed(log_files(path)) for line in reversed(_lines(file))]
+        if not newest:
+            raise JournalError(f"{path}: there is no event log")
+        for line in reversed(list(islice(newest, lines))):
+            typer.echo(line)
+
+
+def _of_service() -> Path:
+    """Return the log of the service, the one that was written last if it had several configurations."""
+    from stadimeter.app.event_log import ENDING  # noqa: PLC0415 - likewise
+
+    try:
+        found = sorted(SERVICE_STATE.glob(f"*{ENDING}"), key=lambda path: path.stat().st_mtime)
+    except OSError as error:
+        raise JournalError(f"{SERVICE_STATE}: {error.strerror}; try sudo") from error
+    if not found:
+        raise JournalError(f"there is no event log in {SERVICE_STATE}: only a service keeps one; or name the LOG")
+    return found[-1]
+
+
+def _lines(file: Path) -> list[str]:
+    try:
+        return file.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise JournalError(f"{file} cannot be read: {error.strerror}; try sudo") from error

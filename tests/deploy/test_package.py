@@ -1,0 +1,382 @@
+"""The Debian package in bare root file systems: installed, upgraded, broken on purpose, rolled back, removed, purged.
+
+It needs root, debootstrap and a network. There is no systemd in a root, so what the package asks of it is written down
+by a stand-in. ``DEBIAN_RELEASE=trixie`` and ``DEBIAN_ARCHITECTURE=arm64`` try other packages;
+``DEBIAN_ROOT`` is the folder of such a root that was made before, which is left as it is.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import cv2
+import pytest
+
+from stadimeter.config.camera_file import save_camera_model
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.simulation.camera import Renderer
+from support.debian_root import DebianRoot, layered, make_root, why_no_root
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.timeout(900),
+    pytest.mark.skipif(bool(why_no_root()), reason=why_no_root() or "it can"),
+]
+
+RELEASE = os.environ.get("DEBIAN_RELEASE", "bookworm")
+ARCHITECTURE = os.environ.get("DEBIAN_ARCHITECTURE", "")
+
+HOME = "/opt/stadimeter"
+CONFIGURATION = "/etc/stadimeter/appliance.toml"
+STATE = "/var/lib/stadimeter/appliance.sqlite3"
+SIMULATED = Path(__file__).parents[2] / "deploy/debian/self-test.toml"
+
+FAKE_SYSTEMCTL = """\
+#!/bin/sh
+echo "$* with $(cat /opt/stadimeter/current/version 2>/dev/null)" >>/root/systemctl.log
+case "$*" in
+    "--quiet is-active"*) [ -e /root/is-active ] ;;
+esac
+"""
+
+Package = Callable[..., Path]
+Change = Callable[[Path], None]
+
+
+@pytest.fixture(scope="module")
+def make_deb(deploy: Path) -> Iterator[object]:
+    sys.path.insert(0, str(deploy))
+    import make_deb
+
+    yield make_deb
+    sys.path.remove(str(deploy))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("appliance")
+
+
+@pytest.fixture(scope="module")
+def package(make_deb, folder: Path) -> Package:
+    """Return what makes a package of a version, with a change to its libraries if one is given."""
+    release, architecture = make_deb.RELEASES[RELEASE], ARCHITECTURE or make_deb.this_architecture()
+    os.umask(0o022)
+    gathered = folder / "libraries"
+    make_deb.gather(make_deb.Target(release=release, architecture=architecture, program_version="0"), gathered)
+
+    def make(version: str, change: Change | None = None) -> Path:
+        libraries = gathered
+        if change is not None:
+            libraries = folder / f"libraries-{version}"
+            shutil.copytree(gathered, libraries, copy_function=os.link)
+            change(libraries)
+        target = make_deb.Target(release=release, architecture=architecture, program_version=version)
+        return make_deb.pack(target, libraries, folder / "packages", compression="none")
+
+    return make
+
+
+def rewrite(place: str, old: str, new: str) -> Change:
+    """Return a change of a file of the libraries. The others have links to the same file, so it is made anew."""
+
+    def change(libraries: Path) -> None:
+        (path,) = libraries.glob(place)
+        text = path.read_text()
+        assert old in text
+        path.unlink()
+        path.write_text(text.replace(old, new))
+
+    return change
+
+
+@pytest.fixture(scope="module")
+def broken(package: Package) -> Path:
+    return package("1.2", NUMPY_TRAP)
+
+
+NUMPY_TRAP = rewrite(
+    "cv2/__init__.py", "import os", "raise ImportError('numpy.core.multiarray failed to import')\nimport os"
+)
+LATER_STATE = rewrite("stadimeter/app/persistence/alarm_store.py", "FORMAT = 2\n", "FORMAT = 3\n")
+
+
+@pytest.fixture(scope="module")
+def bare(make_deb, folder: Path) -> DebianRoot:
+    if made_before := os.environ.get("DEBIAN_ROOT"):
+        return DebianRoot(Path(made_before))
+    return make_root(folder / "bare", RELEASE, ARCHITECTURE or make_deb.this_architecture())
+
+
+@pytest.fixture(scope="module")
+def first(package: Package) -> Path:
+    return package("1.0")
+
+
+@pytest.fixture(scope="module")
+def second(package: Package) -> Path:
+    return package("1.1")
+
+
+@pytest.fixture(scope="module")
+def installed(bare: DebianRoot, first: Path, folder: Path) -> Iterator[Path]:
+    """Return a root in which version 1.0 was installed by one command. Nothing may change it."""
+    with ExitStack() as stack:
+        try:
+            root = stack.enter_context(layered(bare.path, folder / "installed"))
+        except subprocess.CalledProcessError as error:
+            pytest.skip(f"nothing can be mounted here: {error.stderr}")
+        root.run("apt-get", "update")
+        done = root.install(first)
+        assert done.returncode == 0, done.stderr
+        assert "stadimeter check /etc/stadimeter/appliance.toml" in done.stdout
+        root.run("apt-get", "clean")
+        (root / "/root" / first.name).unlink()
+        yield root.path
+
+
+@pytest.fixture
+def root(installed: Path, folder: Path, request: pytest.FixtureRequest) -> Iterator[DebianRoot]:
+    with layered(installed, folder / request.node.name) as root:
+        yield root
+
+
+@pytest.fixture
+def with_systemd(root: DebianRoot) -> Path:
+    """Pretend that systemd runs; return the file in which its orders are."""
+    (root / "/run/systemd/system").mkdir(parents=True)
+    for name in ("systemctl", "udevadm"):
+        program = root / f"/usr/bin/{name}"
+        program.write_text(FAKE_SYSTEMCTL)
+        program.chmod(0o755)
+    (root / "/root/is-active").touch()
+    return root / "/root/systemctl.log"
+
+
+@pytest.fixture
+def running(root: DebianRoot) -> Iterator[subprocess.Popen[str]]:
+    """A run on a simulated camera in the root, begun with the version that is installed."""
+    (root / CONFIGURATION).write_text(SIMULATED.read_text())
+    (root / "/run/stadimeter").mkdir()
+    command = root.command(
+        "stadimeter", "run", CONFIGURATION, "--socket", "/run/stadimeter/appliance.sock", "--state", STATE
+    )
+    (root / STATE).parent.mkdir(exist_ok=True)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        for line in process.stdout or ():
+            if "near" in line:
+                break
+        assert process.poll() is None
+        yield process
+        process.send_signal(signal.SIGTERM)
+        process.communicate()
+
+
+def version(root: DebianRoot) -> str:
+    return (root / HOME / "current/version").read_text().strip()
+
+
+def left_in(root: DebianRoot) -> list[str]:
+    return sorted(path.name for path in (root / HOME).iterdir())
+
+
+def full(version: str) -> str:
+    return f"{version}+{'deb12' if RELEASE == 'bookworm' else 'deb13'}"
+
+
+def put(root: DebianRoot, package: Path) -> str:
+    return shutil.copy(package, root / "/root").removeprefix(str(root.path))
+
+
+@contextmanager
+def small_disk(root: DebianRoot, place: str, size: str) -> Iterator[None]:
+    """Put what is at a place on a disk of its own."""
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", root / "/mnt"], check=True)
+    subprocess.run(["cp", "--archive", f"{root / place}/.", root / "/mnt"], check=True)
+    subprocess.run(["mount", "--move", root / "/mnt", root / place], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", "--lazy", root / place], check=True)
+
+
+def status(root: DebianRoot) -> str:
+    return root.run("dpkg-query", "--show", "--showformat=${Status} ${Version}", "stadimeter")
+
+
+class TestInstallation:
+    def test_it_is_whole_and_small_enough(self, root: DebianRoot) -> None:
+        assert status(root) == f"install ok installed {full('1.0')}"
+        assert root.run("stadimeter", "--version").startswith("stadimeter ")
+        occupied_mb = sum(path.lstat().st_size for path in (root / HOME).rglob("*")) / 1e6
+        assert occupied_mb < 300
+
+    def test_libraries_are_its_own_and_the_systems_are_seen_behind_them(self, root: DebianRoot) -> None:
+        for module in ("libcamera", "numpy"):
+            (root / "/usr/lib/python3/dist-packages").mkdir(exist_ok=True)
+            (root / f"/usr/lib/python3/dist-packages/{module}.py").write_text("")
+        found = root.run(
+            f"{HOME}/current/bin/python3", "-c", "import libcamera, numpy; print(libcamera.__file__, numpy.__file__)"
+        )
+        theirs, ours = found.split()
+        assert theirs == "/usr/lib/python3/dist-packages/libcamera.py"
+        assert ours.startswith(f"{HOME}/current/lib/")
+
+    def test_numpy_is_the_one_that_the_pi_cameras_package_was_built_for(self, root: DebianRoot) -> None:
+        found = root.run(f"{HOME}/current/bin/python3", "-c", "import numpy; print(numpy.__version__)")
+        assert found.startswith("1." if RELEASE == "bookworm" else "2.")
+
+    def test_user_groups_and_configuration_are_there_and_the_example_can_be_used(self, root: DebianRoot) -> None:
+        for group in ("stadimeter", "gpio", "video", "dialout"):
+            root.run("getent", "group", group)
+        assert root.run("stat", "--format=%a %U %G", CONFIGURATION) == "640 root stadimeter\n"
+        root.run("stadimeter", "check", "--elsewhere", CONFIGURATION)
+
+    def test_a_picture_is_measured(self, root: DebianRoot, tmp_path: Path) -> None:
+        model = CameraModel.with_focal_length(600.0, 640, 480)
+        picture = Renderer(model, camera_height_m=0.3, seed=1, noise=2.0).render((0.0, 0.0, 1.2), 0.1, 0.0)
+        cv2.imwrite(str(root / "/root/ball.png"), picture)
+        save_camera_model(root / "/root/camera.toml", model)
+        line = root.run(
+            *("stadimeter", "measure", "/root/ball.png", "--camera", "/root/camera.toml", "--ball", "20cm"),
+            *("--hsv", "29,86,6:64,255,255", "--json"),
+        )
+        assert json.loads(line)["distance_m"] == pytest.approx(1.2, abs=0.02)
+
+    def test_a_driver_of_ones_own_is_found_and_survives_an_upgrade(self, root: DebianRoot, second: Path) -> None:
+        (root / HOME / "drivers").mkdir()
+        (root / HOME / "drivers/my_driver.py").write_text("NAME = 'mine'")
+        assert root.install(second).returncode == 0
+        assert root.run(f"{HOME}/current/bin/python3", "-c", "import my_driver; print(my_driver.NAME)") == "mine\n"
+
+
+class TestUpgrade:
+    def test_configuration_and_state_are_kept_and_the_old_version_goes(self, root: DebianRoot, second: Path) -> None:
+        (root / CONFIGURATION).write_text("# mine\n" + (root / CONFIGURATION).read_text())
+        before = (root / CONFIGURATION).read_text()
+        done = root.install(second)
+        assert done.returncode == 0, done.stderr
+        assert "not removed" not in done.stdout + done.stderr
+        assert "Next:" not in done.stdout
+        assert version(root) == full("1.1")
+        assert (root / CONFIGURATION).read_text() == before
+        assert left_in(root) == [full("1.1"), "bin", "current"]
+
+    def test_the_service_is_stopped_only_for_the_moment_of_the_change(
+        self, root: DebianRoot, with_systemd: Path, second: Path
+    ) -> None:
+        assert root.install(second).returncode == 0
+        orders = [line for line in with_systemd.read_text().splitlines() if "is-" not in line and "udev" not in line]
+        assert orders[0] == f"stop stadimeter.service with {full('1.0')}"
+        assert orders[-1] == f"start --no-block stadimeter.service with {full('1.1')}"
+        assert f"daemon-reload with {full('1.1')}" in orders
+
+    def test_a_version_that_fails_its_self_test_is_not_run_and_what_runs_does_not_notice(
+        self, root: DebianRoot, running: subprocess.Popen[str], with_systemd: Path, broken: Path
+    ) -> None:
+        unit = root / "/usr/lib/systemd/system/stadimeter.service"
+        before = unit.read_bytes()
+        done = root.install(broken)
+        assert done.returncode != 0
+        assert "the library cv2 cannot be loaded: numpy.core.multiarray failed to import" in done.stderr
+        assert f"Version {full('1.0')} stays in place" in done.stderr
+        assert version(root) == full("1.0")
+        assert unit.read_bytes() == before
+        assert not with_systemd.exists()
+        assert running.poll() is None
+        root.run("stadimeter", "status", "--socket", "/run/stadimeter/appliance.sock")
+        root.run("stadimeter", "reload", "--socket", "/run/stadimeter/appliance.sock")
+
+    def test_after_a_failed_upgrade_a_version_that_works_mends_it(
+        self, root: DebianRoot, broken: Path, second: Path
+    ) -> None:
+        assert root.install(broken).returncode != 0
+        done = root.install(second)
+        assert done.returncode == 0, done.stderr
+        assert status(root) == f"install ok installed {full('1.1')}"
+        assert left_in(root) == [full("1.1"), "bin", "current"]
+
+    def test_a_configuration_that_only_the_old_version_can_use_keeps_the_old_version(
+        self, root: DebianRoot, package: Package
+    ) -> None:
+        narrower = rewrite("stadimeter-*.dist-info/entry_points.txt", "led = stadimeter", "lamp = stadimeter")
+        done = root.install(package("1.3", narrower))
+        assert done.returncode != 0
+        assert f"it cannot use {CONFIGURATION}, and the version that runs can" in done.stderr
+        assert version(root) == full("1.0")
+
+    def test_a_configuration_that_no_version_can_use_is_a_warning(self, root: DebianRoot, second: Path) -> None:
+        (root / CONFIGURATION).write_text("[camera]\n")
+        done = root.install(second)
+        assert done.returncode == 0, done.stderr
+        assert "the configuration cannot be used" in done.stderr
+
+    def test_a_package_that_is_cut_short_leaves_the_old_version_as_it_was(
+        self, root: DebianRoot, second: Path, tmp_path: Path
+    ) -> None:
+        cut = tmp_path / second.name
+        shutil.copy(second, cut)
+        os.truncate(cut, second.stat().st_size * 2 // 3)
+        assert root.try_to("dpkg", "--install", put(root, cut)).returncode != 0
+        assert status(root) == f"install ok installed {full('1.0')}"
+        assert left_in(root) == [full("1.0"), "bin", "current"]
+        assert root.run("dpkg", "--verify", "stadimeter") == ""
+        root.run("stadimeter", "--version")
+
+    def test_a_full_disk_is_said_before_anything_is_touched(self, root: DebianRoot, second: Path) -> None:
+        with small_disk(root, "/opt", "380m"):
+            done = root.install(second)
+            assert done.returncode != 0
+            assert "/opt has" in done.stderr
+            assert "MB free, and it needs" in done.stderr
+            assert status(root) == f"install ok installed {full('1.0')}"
+            assert left_in(root) == [full("1.0"), "bin", "current"]
+            root.run("stadimeter", "--version")
+
+    def test_a_version_that_would_forget_the_alarms_of_a_later_one_is_refused(
+        self, root: DebianRoot, package: Package, first: Path, request: pytest.FixtureRequest
+    ) -> None:
+        assert root.install(package("2.0", LATER_STATE)).returncode == 0
+        running = request.getfixturevalue("running")
+        done = root.install(first)
+        assert done.returncode != 0
+        assert f"{STATE} was written by a later version" in done.stderr
+        assert status(root) == f"install ok installed {full('2.0')}"
+        assert version(root) == full("2.0")
+        assert running.poll() is None
+
+
+class TestRemoval:
+    @pytest.fixture
+    def pins(self, root: DebianRoot) -> Path:
+        """Pretend that there are pins; return the file in which they were driven."""
+        program = root / "/usr/bin/pinctrl"
+        program.write_text('#!/bin/sh\necho "$*" >>/root/pins.log\n')
+        program.chmod(0o755)
+        (root / "/etc/stadimeter/safe-outputs.conf").write_text("pin 18\n")
+        return root / "/root/pins.log"
+
+    def test_outputs_are_switched_off_and_what_is_the_users_is_left(self, root: DebianRoot, pins: Path) -> None:
+        (root / STATE).parent.mkdir(exist_ok=True)
+        (root / STATE).touch()
+        done = root.try_to("apt-get", "remove", "--yes", "stadimeter")
+        assert done.returncode == 0, done.stderr
+        assert pins.read_text() == "set 18 op dl\n"
+        assert "not removed" not in done.stdout + done.stderr
+        assert (root / CONFIGURATION).exists()
+        assert (root / STATE).exists()
+        assert not os.path.lexists(root / HOME)
+
+    def test_a_purge_leaves_nothing(self, root: DebianRoot, pins: Path) -> None:
+        root.run("apt-get", "purge", "--yes", "stadimeter")
+        assert root.run("find", "/etc", "/opt", "/usr", "/var", "-xdev", "-iname", "*stadimeter*", "-print") == ""
+        assert root.try_to("getent", "passwd", "stadimeter").returncode != 0
+        assert root.try_to("getent", "group", "stadimeter").returncode != 0
