@@ -14,7 +14,7 @@ from support.saves import MEMORIES, SAVINGS, Saving
 
 pytestmark = [needs_strace(), pytest.mark.timeout(600)]
 
-ATOMIC = [name for name in SAVINGS if not {"state", "journal", "recording"} & set(name.split())]
+ATOMIC = [name for name in SAVINGS if not {"state", "journal", "recording", "log"} & set(name.split())]
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import mcap.writer  # noqa: F401 - before the processes that save are forked
 import numpy as np
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.event_log import FILE_BYTES_MAX, EventLog, log_files
 from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import Memory, Moment
 from stadimeter.app.recordings.journal import JournalWriter
@@ -103,7 +105,7 @@ def read_setup(folder: Path) -> object:
 
 
 def save_answers_again(folder: Path) -> Iterator[object]:
-    for number in range(3):
+    for number in range(6):
         yield save_answers(folder / ANSWERS, {"camera": "opencv 0", "target": f"ball {number}"})
 
 
@@ -265,6 +267,27 @@ def read_records(folder: Path) -> object:
     return sorted(filter(None, counts.values()))
 
 
+def save_events(folder: Path) -> Iterator[object]:
+    log = EventLog(folder / "run.log", is_right=lambda: True, clock=count(0, 1000).__next__)
+    for number in range(12):
+        yield log.say(f"event {number}: {'x' * 900}")
+        yield log.step()
+
+
+def prepare_events(folder: Path) -> None:
+    """Leave a log that must make room after a few lines, and older ones."""
+    line = "before " + "x" * 992 + "\n"
+    (folder / "run.log.1").write_text(line * 3)
+    (folder / "run.log").write_text(line * (FILE_BYTES_MAX // len(line) - 3))
+
+
+def read_events(folder: Path) -> object:
+    """Return how many lines there were before, and the events of the run."""
+    lines = [line for file in log_files(folder / "run.log") for line in file.read_text("utf-8").splitlines()]
+    events = [line for line in lines if not line.startswith("before")]
+    return len(lines) - len(events), [int(line.partition("event ")[2].partition(":")[0]) for line in events]
+
+
 SAVINGS = {
     "the files of a first setup": Saving(nothing, save_first_setup, read_setup),
     "the files of a setup over older ones": Saving(lambda f: list(save_first_setup(f)), save_setup_again, read_setup),
@@ -278,5 +301,7 @@ SAVINGS = {
     "a journal": Saving(nothing, save_journal, read_records),
     "a journal over an older one": Saving(prepare_journal, save_journal, read_records),
     "a recording": Saving(nothing, save_recording, read_records),
+    "an event log": Saving(nothing, save_events, read_events),
+    "an event log that makes room": Saving(prepare_events, save_events, read_events),
     "a recording over an older one": Saving(prepare_recording, save_recording, read_records),
 }
