@@ -27,6 +27,8 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).pare
 
 # Programs that tests start inherit what becomes of a hangup; `nohup make test` must not change what they see.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+# So they do with Ctrl-C, which a shell has its background jobs ignore: `make test &`.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 REAL_PICTURES = Path(__file__).resolve().parents[2] / "shared" / "data"
 
