@@ -34,12 +34,7 @@ def written_condition(at: KeyPath, table: Mapping[str, Any], depth: int = 1) -> 
     """Check which keys stand in the table of a condition, and in those of the conditions that it is made of.
 
     Args:
-        at: Where the table stands.
-        table: The table as it was written.
         depth: How many conditions it stands inside of, itself included.
-
-    Yields:
-        What is wrong.
     """
     if depth > DEEPEST:
         message = f"conditions stand inside each other more than {DEEPEST} deep"
