@@ -96,6 +96,7 @@ def test_a_link_stays_a_link_and_the_file_that_it_leads_to_is_replaced(tmp_path:
 WRITES_FILES = {"write_text", "write_bytes", "imwrite", "savefig", "tofile", "savez", "mkstemp", "NamedTemporaryFile"}
 SAVES = {
     "workbench/tuning/plot.py": "into memory",
+    "app/service.py": "a counter of failed starts, which counts from 0 where it cannot be read",
     "app/recordings/recorded_configuration.py": "into a temporary folder",
 }
 
