@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import camera_table
@@ -17,10 +19,11 @@ from stadimeter.cli.demonstration import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 from stadimeter.cli.viewing import live_view_of
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.plugins import ACTUATORS, DriverChoice, load_plugin
+from stadimeter.config.plugins import ACTUATORS, BUTTONS, DriverChoice, load_plugin
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.core.frame import Frame
 from stadimeter.workbench.drawing.files import write_drawings
+from stadimeter.workbench.wiring.outputs import parts_of
 from stadimeter.workbench.wiring.picture import circuit_picture, wiring_picture
 
 HERE = Path(__file__).parent
@@ -63,7 +66,30 @@ CIRCUITS: dict[str, str] = {
     "motor": 'driver = "vibration-motor"\npin = 18',
     "led": 'driver = "led"\npin = 24',
     "relay": 'driver = "relay"\npin = 5',
+    "button": 'driver = "gpio"\npin = 27',
 }
+
+
+def first_beep() -> tuple[DriverChoice, ...]:
+    """Return what hangs on pins in the configuration that docs/raspberry-pi.md shows."""
+    page = (ROOT / "docs" / "raspberry-pi.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
+        file.write(_AROUND + shown)
+        file.flush()
+        return parts_of(load_configuration(Path(file.name)))
+
+
+_AROUND = """
+[camera]
+driver = "simulated"
+model = { width_px = 640, height_px = 480, fx_px = 600.0, fy_px = 600.0, cx_px = 319.5, cy_px = 239.5 }
+
+[targets.ball]
+detector = "ideal"
+
+[world]
+"""
 
 
 def wiring_pictures(folder: Path) -> None:
@@ -74,9 +100,10 @@ def wiring_pictures(folder: Path) -> None:
     """
     actuators = load_configuration(ROOT / "config" / "distance-alert.toml").actuators
     write_drawings(folder / "wiring-distance-alert.svg", [wiring_picture(actuators)])
+    write_drawings(folder / "wiring-first-beep.svg", [wiring_picture(first_beep())])
     for name, table in CIRCUITS.items():
         options = parse_toml(table, "").table
-        plugin = load_plugin(ACTUATORS, options.pop("driver"))
+        plugin = load_plugin(BUTTONS if name == "button" else ACTUATORS, options.pop("driver"))
         choice = DriverChoice(name=name, driver=name, plugin=plugin, options=plugin.options.model_validate(options))
         write_drawings(folder / f"wiring-{name}.svg", [circuit_picture(choice)])
 

@@ -14,7 +14,7 @@ import pytest
 from stadimeter.app import event_log
 from stadimeter.app.event_log import BATCH_EVERY_S, FILE_BYTES_MAX, FILES_MAX, URGENT_EVERY_S, EventLog, log_files
 from stadimeter.app.services import Recording
-from stadimeter.core.decision import Event, EventKind, Severity
+from stadimeter.core.decision import Event, EventKind, SafetyMode, Severity
 from stadimeter.testing.manual_clock import ManualClock
 
 NOON = datetime(2026, 7, 1, 12, 0, tzinfo=UTC)
@@ -35,7 +35,8 @@ class Rig:
 
     def event(self, kind: EventKind, source: str = "near", reason: str = "", by: str = "") -> None:
         event = Event(kind=kind, source=source, at_s=0.0, severity=Severity.WARNING, reason=reason, by=by)
-        self.log(SimpleNamespace(decision=SimpleNamespace(events=(event,))))  # type: ignore[arg-type]
+        decision = SimpleNamespace(events=(event,), safety=SafetyMode.ACTIVE)
+        self.log(SimpleNamespace(decision=decision))  # type: ignore[arg-type]
 
     def pass_s(self, seconds: float) -> None:
         for _ in range(round(seconds)):
@@ -122,6 +123,39 @@ def test_a_clock_that_nobody_vouches_for_is_marked_and_it_is_said_by_how_much_it
         "2026-07-01 12:00:00.000+00:00? started",
         "2026-07-01 14:00:05.000+00:00  the clock was set by +7200 s: add that to the times with ?",
         "2026-07-01 14:00:05.000+00:00  configuration reloaded",
+    ]
+
+
+def test_a_run_that_was_killed_is_noticed_by_the_next(rig: Rig) -> None:
+    rig.log.start("first")
+    rig.pass_s(1)
+    killed, ended = Rig(rig.path.parent), Rig(rig.path.parent)
+    killed.log.start("second")
+    killed.log.end("SIGTERM")
+    ended.log.start("third")
+    ended.log.end("SIGTERM")
+    rig.log.close()
+    assert [line.split("  ")[1] for line in rig.lines()] == [
+        "started: first",
+        "started: second; the run before it was killed, or had no power",
+        "ended: SIGTERM",
+        "started: third",
+        "ended: SIGTERM",
+    ]
+
+
+def test_a_camera_that_gives_nothing_from_the_start_on_is_noted_once_and_its_first_frames_too(rig: Rig) -> None:
+    def cycle(safety: SafetyMode) -> None:
+        decision = SimpleNamespace(events=(), safety=safety, safety_reason="there is no camera")
+        rig.log(SimpleNamespace(decision=decision))  # type: ignore[arg-type]
+
+    for safety in (SafetyMode.STARTING, SafetyMode.ACTIVE, SafetyMode.STALE):
+        for _ in range(60):
+            cycle(safety)
+            rig.pass_s(1)
+    assert [line.split("  ")[1] for line in rig.lines()] == [
+        "camera: there is no camera",
+        "camera: the first frames have come",
     ]
 
 

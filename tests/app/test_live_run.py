@@ -14,7 +14,7 @@ from stadimeter.app.capture import LiveCapture
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.cycle import Cycle
 from stadimeter.app.ending import stopping_on_signals
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.leased_output import RESTING, LeasedOutput
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.cameras.picamera2_camera import Picamera2Camera
 from stadimeter.cameras.picamera2_settings import Picamera2Options
@@ -23,7 +23,13 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
+from stadimeter.errors import (
+    CaptureTimeoutError,
+    DeviceClosedError,
+    DeviceOpenError,
+    DriverError,
+    DriverUnavailableError,
+)
 from stadimeter.ranging.ball import BallShape
 from stadimeter.testing.recording import RecordingActuator
 from support.picamera2_double import Sensor
@@ -136,6 +142,62 @@ def test_a_camera_that_blocks_puts_the_output_at_its_safe_value_and_the_run_goes
     rig.loop.run(Limits(seconds=20))
     assert rig.loop.ending == "it was noticed"
     assert decisions[-1].safety_reason.startswith("the newest frame is ")
+
+
+class Supervised:
+    """What a run needs to be a service; it is in no other way watched."""
+
+    def __call__(self, *_):
+        pass
+
+    reloading = reloaded = stopping = __call__
+
+
+def test_a_service_begins_without_its_devices_and_opens_them_when_they_are_there(rig):
+    rig.loop.services.service = Supervised()
+    open_camera = rig.camera.open
+    tries = []
+
+    def open_later():
+        tries.append(rig.clock.now_s())
+        if len(tries) < 3:
+            raise DeviceOpenError("there is no camera")
+        open_camera()
+
+    rig.camera.open = open_later
+    rig.motor.fail_with, rig.motor.fail_on = DeviceOpenError("there is no motor"), ("open",)
+    seen = []
+
+    def listen(record, _frame):
+        seen.append({fault.reason for fault in record.observation.output_faults})
+        if rig.loop.health.frames == 1:
+            rig.motor.fail_with = None
+        if rig.motor.level > 0:
+            rig.loop.stop("it acts")
+
+    rig.loop.listeners.append(listen)
+    rig.loop.run(Limits(seconds=30))
+    assert rig.loop.ending == "it acts"
+    assert seen[0] == {"there is no motor"}
+    assert RESTING in set().union(*seen), "someone may have just plugged it in"
+
+
+def test_a_service_does_not_begin_without_what_shall_stay_off_or_can_never_be_there(rig):
+    rig.loop.services.service = Supervised()
+    rig.camera.open = _failing(DriverUnavailableError("picamera2 is not installed"))
+    rig.motor.fail_with, rig.motor.fail_on = DeviceOpenError("there is no motor"), ("open",)
+    (output,) = rig.loop.parts.outputs
+    output._stays_off = True
+    with pytest.raises(DriverError) as caught:
+        rig.loop.run(Limits(seconds=1))
+    assert str(caught.value).splitlines() == ["motor: there is no motor", "camera: picamera2 is not installed"]
+
+
+def _failing(error):
+    def fail():
+        raise error
+
+    return fail
 
 
 def test_a_pi_camera_that_hangs_stops_the_output_and_drives_it_again_with_its_settings_when_it_is_back(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import camera_table
+import make_pictures
 import pytest
 
 from stadimeter.config.loader import load_configuration
@@ -33,3 +34,8 @@ def test_the_drawing_of_the_example_is_that_of_its_configuration() -> None:
     drawn = svg_of(wiring_picture(load_configuration(ROOT / "config" / "distance-alert.toml").actuators))
     kept = (ROOT / "docs" / "pictures" / "wiring-distance-alert.svg").read_text(encoding="utf-8")
     assert kept == drawn, "run make pictures"
+
+
+def test_the_drawing_of_the_first_beep_is_that_of_the_configuration_on_its_page() -> None:
+    kept = (ROOT / "docs" / "pictures" / "wiring-first-beep.svg").read_text(encoding="utf-8")
+    assert kept == svg_of(wiring_picture(make_pictures.first_beep())), "run make pictures"

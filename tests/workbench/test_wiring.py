@@ -134,7 +134,7 @@ def test_an_output_of_another_package_is_a_signal_and_its_driver_need_not_say_mo
 
 
 def test_outputs_that_are_on_no_pin_are_left_out() -> None:
-    assert drawn(actuator("motor", "simulated")) == "no output is on a pin of the header"
+    assert drawn(actuator("motor", "simulated")) == "no part is on a pin of the header"
 
 
 @pytest.mark.parametrize("name", ["distance-alert", "appliance"])

@@ -1,4 +1,4 @@
-"""The interface of an actuator."""
+"""The interfaces of an actuator and of a push button: what hangs on pins."""
 
 from __future__ import annotations
 
@@ -52,6 +52,37 @@ class Actuator(Protocol):
 
     def close(self) -> None:
         """Stop, then release the device. May be called any number of times.
+
+        Raises:
+            DriverError: The device failed; it is released all the same.
+        """
+        ...
+
+
+class Button(Protocol):
+    """Something that a person presses.
+
+    The constructor touches no hardware. A driver needs no thread and no debouncing: the app reads it every 20 ms.
+    """
+
+    def open(self) -> None:
+        """Acquire the device. Does nothing when open.
+
+        Raises:
+            DeviceOpenError: It is absent, busy, or not ours to open.
+        """
+        ...
+
+    def is_pressed(self) -> bool:
+        """Return whether it is down now; contacts may bounce. Never waits.
+
+        Raises:
+            DriverError: The device failed.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the device. May be called any number of times.
 
         Raises:
             DriverError: The device failed; it is released all the same.

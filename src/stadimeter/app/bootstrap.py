@@ -20,7 +20,9 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.messaging.protocol import Messenger, Notifier
 
-if TYPE_CHECKING:  # most runs have no simulated world
+if TYPE_CHECKING:  # most runs have no simulated world, and no buttons
+    from stadimeter.app.buttons import PushButton
+    from stadimeter.app.status_led import StatusLed
     from stadimeter.simulation.protocol import StagedWorld
 
 
@@ -39,6 +41,8 @@ class Parts:
         is_live: Whether the camera delivers frames at its own pace, on the computer's clock.
         recording_drives: The names of real outputs that a recording or a simulation drives; none for a live camera.
         world: The simulated world; None for none.
+        status_led: Shows how the run is doing; None for nothing.
+        buttons: The push buttons, by name.
     """
 
     configuration: Configuration
@@ -52,6 +56,13 @@ class Parts:
     is_live: bool = False
     notifiers: Mapping[str, Notifier] = field(default_factory=dict)
     world: StagedWorld | None = None
+    status_led: StatusLed | None = None
+    buttons: Mapping[str, PushButton] = field(default_factory=dict)
+
+    @property
+    def driven(self) -> tuple[LeasedOutput, ...]:
+        """Everything that must be stopped: the outputs of the plan, and the status LED."""
+        return (*self.outputs, self.status_led) if self.status_led is not None else self.outputs
 
 
 def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
@@ -101,6 +112,8 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
         is_live=camera.is_live,
         recording_drives=() if camera.is_live else _real_outputs(configuration),
         world=builder.world,
+        status_led=builder.status_led(),
+        buttons=builder.buttons(),
     )
 
 
@@ -141,6 +154,25 @@ class _Builder:
             )
             for output in self._configuration.plan.outputs
         )
+
+    def status_led(self) -> StatusLed | None:
+        choice = self._configuration.status_led
+        if choice is None:
+            return None
+        from stadimeter.app.status_led import StatusLed  # noqa: PLC0415 - most runs have none
+
+        return StatusLed(self.build(choice), choice.name, self._clock)
+
+    def buttons(self) -> dict[str, PushButton]:
+        if not self._configuration.buttons:
+            return {}
+        from stadimeter.app.buttons import PushButton  # noqa: PLC0415 - likewise
+
+        tables = self._configuration.button_tables
+        return {
+            choice.name: PushButton(self.build(choice), choice.name, tables[choice.name], self._clock)
+            for choice in self._configuration.buttons
+        }
 
 
 def _no_camera_model(configuration: Configuration) -> Problem:

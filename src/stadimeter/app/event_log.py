@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.wall_time import local_now
-from stadimeter.core.decision import Event, EventKind
+from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode
 from stadimeter.core.frame import Frame
 
 if TYPE_CHECKING:  # it takes long to load
@@ -43,8 +43,14 @@ WAITING_MAX = 2000
 
 CLOSE_WAIT_S = 0.5
 
+MISSING_AFTER_S = 10.0
+"""A camera that has given nothing for this long after the start is worth a line."""
+
 SET_BY_S = 1.0
 """A clock that was set by more than this is worth a line."""
+
+_ENDED = "ended: "
+_LINE_BYTES_MAX = 4096
 
 LEFT_OUT = frozenset({EventKind.TARGET_SEEN, EventKind.TARGET_LOST})
 """What targets do is no event of a rule, and may happen many times a minute."""
@@ -91,6 +97,8 @@ class EventLog:
         self._trouble = ""
         self._was_right = is_right()
         self._ahead_s = self._wall_ahead_s()
+        self._waits_since_s: float | None = clock()
+        self._is_missing = False
         self._ended = threading.Event()
         self._disk = threading.Lock()
         self._gathering = threading.RLock()  # a signal handler may have something to say
@@ -100,6 +108,23 @@ class EventLog:
         for event in record.decision.events:
             if event.kind not in LEFT_OUT:
                 self._add(_in_words(event), is_urgent=event.kind in FAULTS)
+        if self._waits_since_s is not None:
+            self._wait_for_camera(record.decision, self._waits_since_s)
+
+    def _wait_for_camera(self, decision: Decision, since_s: float) -> None:
+        """Note a camera that gives nothing from the start on. That is no event: nothing was well before."""
+        if decision.safety is not SafetyMode.STARTING:
+            self._waits_since_s = None
+            if self._is_missing:
+                self.say("camera: the first frames have come")
+        elif not self._is_missing and self._clock() - since_s > MISSING_AFTER_S:
+            self._is_missing = True
+            self.say(f"camera: {decision.safety_reason}")
+
+    def end(self, words: str) -> None:
+        """Say why the run ends, write what waits, and end. Does not wait long for a disk that hangs."""
+        self.say(f"{_ENDED}{words}")
+        self.close()
 
     def say(self, words: str) -> None:
         """Add a line about the run itself."""
@@ -116,8 +141,11 @@ class EventLog:
         """Return why nothing is written at present, in words; empty if all is well."""
         return self._trouble
 
-    def start(self) -> None:
-        """Begin to write, in a thread of its own."""
+    def start(self, words: str) -> None:
+        """Begin to write, in a thread of its own; the first line says also if the last run did not end in order."""
+        self.say(
+            f"started: {words}" + ("; the run before it was killed, or had no power" if _is_cut(self._path) else "")
+        )
         threading.Thread(target=self._write_all, name="event log", daemon=True).start()
 
     def _write_all(self) -> None:
@@ -218,6 +246,19 @@ def _rotate(path: Path, more_bytes: int) -> None:
         older = _numbered(path, number - 1)
         if older.exists():
             older.replace(_numbered(path, number))
+
+
+def _is_cut(path: Path) -> bool:
+    """Return whether the last line of a log is no end of a run."""
+    if not path.is_file():  # a pipe would be waited for
+        return False
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - _LINE_BYTES_MAX))
+            lines = file.read().splitlines()
+    except OSError:
+        return False
+    return bool(lines) and _ENDED.encode() not in lines[-1]
 
 
 def _numbered(path: Path, number: int) -> Path:

@@ -121,7 +121,7 @@ class Loop:
             except EndOfFramesError as end:
                 self.ending = self.ending or str(end)
             finally:
-                self.troubles += retire_all(self.parts.outputs)
+                self.troubles += retire_all(self.parts.driven)
                 self.services.stopping()
                 if self._state is not None:
                     self.services.keep(self._state)
@@ -136,7 +136,7 @@ class Loop:
         """
         self.ending = self.ending or why
         self.deadline.set()
-        self.troubles += retire_all(self.parts.outputs)
+        self.troubles += retire_all(self.parts.driven)
         if self._is_opening:
             self._is_opening = False
             raise _EndedWhileOpening
@@ -153,18 +153,21 @@ class Loop:
         Returns:
             What went wrong until now, in words.
         """
-        self.troubles += retire_all(self.parts.outputs)
+        self.troubles += retire_all(self.parts.driven)
         self._remember()
         return list(dict.fromkeys(self.troubles))
 
     def trouble(self) -> str:
-        """Return in words what is wrong outside the loop: with the camera, the messenger, a notifier or the disk."""
+        """Return in words what is wrong outside the loop: with the camera, a messenger, a button or the disk."""
         messenger = self.parts.messenger
         capture = self.parts.capture
         notifiers = [notifier.trouble() for notifier in self.parts.notifiers.values()]
         recordings = [recording.trouble() for recording in self._recordings]
+        panel = [button.trouble() for button in self.parts.buttons.values()]
+        if (light := self.parts.status_led) is not None and light.fault:
+            panel.append(f"{light.name}: {light.fault}")
         others = (messenger.trouble() if messenger else "", *notifiers, *recordings, self.services.trouble())
-        troubles = (capture.trouble(), *capture.remarks(), *others)
+        troubles = (capture.trouble(), *capture.remarks(), *others, *panel)
         return "; ".join(trouble for trouble in troubles if trouble)
 
     def _open(self) -> Guard:
@@ -172,7 +175,7 @@ class Loop:
         parts = self.parts
         failures: list[str] = []
         for name, part in self._openable():
-            lane = "outputs" if part in parts.outputs else name
+            lane = "outputs" if part in parts.driven else name
             self._lanes.setdefault(lane, []).append((name, part.close))
             try:
                 self._is_opening = True
@@ -186,10 +189,10 @@ class Loop:
                 self._is_opening = False
         if failures:
             raise DriverError("\n".join(failures))
-        guard = Guard(parts.outputs, parts.clock)
+        guard = Guard(parts.driven, parts.clock)
         self._watch(guard.start, guard.stop)
         if parts.recording_drives:
-            watch = StallWatch(parts.outputs, parts.clock)
+            watch = StallWatch(parts.driven, parts.clock)
             self._watch(watch.start, watch.stop)
         self._lanes.setdefault("outputs", []).append(("guard", self._settle))
         return guard
@@ -213,8 +216,9 @@ class Loop:
         if parts.messenger is not None:
             yield "messenger", parts.messenger
         yield from parts.notifiers.items()
-        for output in parts.outputs:
+        for output in parts.driven:
             yield output.name, output
+        yield from ((f"button {name}", button) for name, button in parts.buttons.items())
         yield "camera", parts.capture
 
     def _run_cycles(self, limits: Limits, guard: Guard) -> None:
@@ -234,12 +238,15 @@ class Loop:
 
     def _cycle(self, state: State) -> tuple[State, CycleRecord, Frame | None]:
         """Attend to what people ask, run one cycle, report it, and remember."""
-        commands = self.services.operator_commands()
+        pressed = [command for button in self.parts.buttons.values() for command in button.commands()]
+        commands = (*self.services.operator_commands(), *pressed)
         change = self.services.change()
         before = self._reloaded(state, change) if change is not None else state
         after, record, frame = self.parts.cycle.run(before, commands, self.services.wall(self.parts.clock.now_s()))
         self._report(record)
         self.services.cycle(before, after, record)  # what has just been sent is kept with what it is about
+        if self.parts.status_led is not None:
+            self.parts.status_led.show(record)
         return after, record, frame
 
     def _reloaded(self, state: State, change: Change) -> State:

@@ -34,8 +34,7 @@ def safe_outputs_path(environ: Mapping[str, str] = os.environ) -> Path | None:
 
 def write_safe_outputs(configuration: Configuration, path: Path) -> list[str]:
     """Write the list, if it is not there already; return what nothing can switch off, a line each."""
-    outputs = (*configuration.actuators, *((configuration.base,) if configuration.base else ()))
-    real = [output for output in outputs if not output.plugin.is_simulated(output.options)]
+    real = [output for output in configuration.driven if not output.plugin.is_simulated(output.options)]
     lines = {output.name: tuple(safe_lines(output)) for output in real}
     text = "".join(f"{line}\n" for each in lines.values() for line in each).encode()
     try:

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from stadimeter.app.bootstrap import build
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
-from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.errors import ConfigError, DriverUnavailableError, Problem, StadimeterError
 
@@ -21,21 +20,13 @@ def warnings_here(configuration: Configuration) -> tuple[Problem, ...]:
 
 def _lacking(configuration: Configuration) -> Iterator[Finding]:
     lacking: dict[str, list[KeyPath]] = defaultdict(list)
-    for at, part in _parts(configuration):
+    for at, part in configuration.parts():
         for lack in part.plugin.lacks(part.options):
             lacking[lack].append(at)
     for lack, parts in lacking.items():  # what several parts lack is said once
         names = " and ".join(f"'{at[-1]}'" for at in parts)
         hint = "if it runs on another computer, add --elsewhere"
         yield Finding(parts[0], f"{names} will not work here: {lack}", hint, "driver-lacks")
-
-
-def _parts(configuration: Configuration) -> Iterator[tuple[KeyPath, DriverChoice]]:
-    yield ("camera",), configuration.camera
-    single = (("base", configuration.base), ("messenger", configuration.messenger), ("world", configuration.world))
-    yield from (((section,), choice) for section, choice in single if choice is not None)
-    for section in ("targets", "actuators", "notifiers"):
-        yield from (((section, choice.name), choice) for choice in getattr(configuration, section))
 
 
 def _why_not_built(configuration: Configuration) -> tuple[Problem, ...]:

@@ -11,13 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.config.extras import NUMPY_1, PICAMERA2, PICAMERA2_UNSEEN, SEE_SYSTEM
 from stadimeter.errors import DriverUnavailableError, StadimeterError
 
-SYSTEM_PACKAGES = Path("/usr/lib/python3/dist-packages")
-INSTALL = "`sudo apt install python3-picamera2`"
-SEE_SYSTEM = (
-    "make the environment anew with `python3 -m venv --system-site-packages`, so that it sees the system's packages"
-)
+SYSTEM_PACKAGES = Path(PICAMERA2_UNSEEN).parent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +51,7 @@ def load_package() -> Package:
     except Exception as error:  # a package that was built for another numpy fails with a ValueError
         raise DriverUnavailableError(
             f"picamera2 does not fit this environment: {error}; where the system's packages are for numpy 1, run"
-            " `pip install 'numpy<2' 'opencv-python-headless<4.12'`"
+            f" `pip install {NUMPY_1}`"
         ) from error
     if not hasattr(picamera2.Picamera2, "cancel_all_and_flush"):
         raise DriverUnavailableError(
@@ -75,7 +72,7 @@ def lack() -> str:
     if (SYSTEM_PACKAGES / "picamera2").is_dir():
         return f"picamera2 is installed, but not seen from this Python environment: {SEE_SYSTEM}"
     anew = "" if str(SYSTEM_PACKAGES) in sys.path else f", and {SEE_SYSTEM}"
-    return f"the library picamera2 is not installed: {INSTALL}{anew}"
+    return f"the library picamera2 is not installed: {PICAMERA2}{anew}"
 
 
 def why(error: BaseException) -> str:

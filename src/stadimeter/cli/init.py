@@ -34,7 +34,7 @@ from stadimeter.workbench.setup.question import Accepted, Question
 from stadimeter.workbench.setup.target import chosen_target
 from stadimeter.workbench.setup.writing import copy_name, was_left, write_files
 from stadimeter.workbench.setup.writing import example as load_example
-from stadimeter.workbench.wiring.outputs import wired_outputs
+from stadimeter.workbench.wiring.outputs import parts_of, wired_outputs
 
 BACK = "back"
 WIRING = f"{PICTURES}/wiring.svg"
@@ -282,7 +282,7 @@ def _shown(console: Console, known: Known) -> int:
     """Check what was written, measure, run its tests, name the next commands, and return the exit code."""
     console.print()
     check(known.file)
-    if wired_outputs(load_configuration(known.file).actuators):
+    if wired_outputs(parts_of(load_configuration(known.file))):
         console.print()
         wiring(known.file, output=None)
         wiring(known.file, output=known.path(WIRING))

@@ -33,6 +33,11 @@ class Commands(LazyGroup):
         ),
         "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped.", RUN),
         "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts.", RUN),
+        "doctor": LazyCommand(
+            "stadimeter.cli.doctor",
+            "Find what keeps stadimeter from working on this computer, with one remedy for each.",
+            RUN,
+        ),
         "help": LazyCommand("stadimeter.cli.help", "Print the help of a command, or the list of commands.", RUN),
         "cameras": LazyCommand(
             "stadimeter.cli.cameras",

@@ -258,16 +258,13 @@ def _logged(loop: Loop, is_right: Callable[[], bool]) -> Iterator[None]:
 
     loop.services.tell = tell_and_log
     loop.listeners.append(log)
-    log.start()
-    log.say(f"started: stadimeter {stadimeter.__version__}, {configuration}")
+    log.start(f"stadimeter {stadimeter.__version__}, {configuration}")
     try:
         yield
-        log.say(f"ended: {loop.ending}")
     except BaseException as error:
-        log.say(f"ended: {error or type(error).__name__}")
+        log.end(str(error) or type(error).__name__)
         raise
-    finally:
-        log.close()
+    log.end(loop.ending)
 
 
 def _list_safe_outputs(loop: Loop) -> None:

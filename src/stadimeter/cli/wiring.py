@@ -14,7 +14,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.drawing.files import write_drawings
-from stadimeter.workbench.wiring.outputs import wired_outputs
+from stadimeter.workbench.wiring.outputs import parts_of, wired_outputs
 from stadimeter.workbench.wiring.picture import wiring_picture
 from stadimeter.workbench.wiring.text import wiring_text
 
@@ -33,8 +33,8 @@ def wiring(
 ) -> None:
     """Draw what hangs on which pin of the Raspberry Pi, from a configuration.
 
-    Shows the 40 pins of the header, those that the configuration uses, and the circuit of each output: a motor or a
-    buzzer on a transistor, an LED with its resistor, a relay board. Warns of pins that the Pi itself uses.
+    Shows the 40 pins of the header, those that the configuration uses, and the circuit of each part: a motor or a
+    buzzer on a transistor, an LED with its resistor, a relay board, a button. Warns of pins that the Pi itself uses.
 
     A base has a serial port of its own, and is not on the header.
 
@@ -44,25 +44,26 @@ def wiring(
 
     - `stadimeter wiring config/distance-alert.toml -o wiring.svg`
 
-    **Exit code**: 0 done; 2 the configuration cannot be used, no output is on a pin, or the file cannot be written.
+    **Exit code**: 0 done; 2 the configuration cannot be used, nothing is on a pin, or the file cannot be written.
     """
     with plain_errors():
         configuration = load_configuration(config)
-        if not wired_outputs(configuration.actuators):
-            raise ConfigError(f"{config}: no output is on a pin of the header, so there is nothing to wire")
+        parts = parts_of(configuration)
+        if not wired_outputs(parts):
+            raise ConfigError(f"{config}: no part is on a pin of the header, so there is nothing to wire")
         for warning in configuration.warnings:
             if warning.code == "pin-taken":
                 typer.echo(f"warning: {warning}", err=True)
         if output is None:
-            typer.echo(_text(configuration.actuators))
+            typer.echo(_text(parts))
         else:
-            write_drawings(output, [wiring_picture(configuration.actuators)])
+            write_drawings(output, [wiring_picture(parts)])
             typer.echo(f"wrote {output}")
 
 
-def _text(actuators: tuple[DriverChoice, ...]) -> str:
+def _text(parts: tuple[DriverChoice, ...]) -> str:
     return wiring_text(
-        actuators,
+        parts,
         width=shutil.get_terminal_size().columns,
         ascii_only="utf" not in (sys.stdout.encoding or "").lower(),
     )

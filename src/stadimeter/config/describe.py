@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 
 from stadimeter.config.loader import Configuration
+from stadimeter.config.models import ButtonTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, leaves
 from stadimeter.core.plan import BaseOutput
@@ -41,6 +42,21 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield f"Sends messages with {configuration.messenger.driver}."
     for notifier in configuration.notifiers:
         yield f"Tells people through `{notifier.name}` ({notifier.driver})."
+    if configuration.status_led:
+        yield f"Shows how it is doing on `{configuration.status_led.name}` ({configuration.status_led.driver})."
+    for button, table in configuration.button_tables.items():
+        yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+
+
+def _held(table: ButtonTable) -> str:
+    return f" Held for {duration(table.hold_for)}, it {_pressed(table.hold, table)}." if table.hold else ""
+
+
+def _pressed(action: str, table: ButtonTable) -> str:
+    """Say what a button does, such as ``shelves every alarm for 30 min``."""
+    does = {"take-out": "takes {} out of service", "put-back": "puts {} back into service"}.get(action, action + "s {}")
+    lasting = f" for {duration(table.shelve_for)}" if action == "shelve" and table.shelve_for else ""
+    return does.format(f"`{table.rule}`" if table.rule else "every alarm that it can") + lasting
 
 
 def _combined(configuration: Configuration) -> Iterator[str]:

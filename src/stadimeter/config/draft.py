@@ -31,6 +31,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TAKEN: dict[str, set[str]] = {
     "targets": {"camera"},
     "actuators": {"camera", BASE_NAME},
+    "buttons": set(),
     "notifiers": set(),
     "rules": {"safety", "safe"},
 }
@@ -47,7 +48,7 @@ class Draft:
         targets: The targets that could be read.
         actuators: The actuators whose driver could be read.
         base: The base, if its driver could be read.
-        notifiers: The notifiers whose driver could be read.
+        notifiers: The notifiers whose driver could be read; so are buttons.
         actuator_tables: What every actuator has, by name.
         rules: The rules that could be read, by name.
         tests: The tests that could be read, by their position in the file.
@@ -62,6 +63,9 @@ class Draft:
     targets: list[DriverChoice] = field(default_factory=list)
     actuators: list[DriverChoice] = field(default_factory=list)
     base: DriverChoice | None = None
+    status_led: DriverChoice | None = None
+    buttons: list[DriverChoice] = field(default_factory=list)
+    button_tables: dict[str, models.ButtonTable] = field(default_factory=dict)
     messenger: DriverChoice | None = None
     notifiers: list[DriverChoice] = field(default_factory=list)
     world: DriverChoice | None = None
@@ -87,11 +91,27 @@ class Draft:
 
     def parts(self) -> Iterator[tuple[tuple[str, ...], DriverChoice]]:
         """Go through every driver that could be read, each behind the path of its table."""
-        single = (("camera", self.camera), ("base", self.base), ("messenger", self.messenger), ("world", self.world))
-        yield from (((section,), choice) for section, choice in single if choice is not None)
-        yield from ((("targets", choice.name), choice) for choice in self.targets)
-        yield from ((("actuators", choice.name), choice) for choice in self.actuators)
-        yield from ((("notifiers", choice.name), choice) for choice in self.notifiers)
+        yield from parts_of(self)
+
+
+def parts_of(whole: Any) -> Iterator[tuple[tuple[str, ...], DriverChoice]]:
+    """Go through the drivers of a draft or a configuration, each behind the path of its table."""
+    for section in (
+        "camera",
+        "base",
+        "messenger",
+        "world",
+        "targets",
+        "actuators",
+        "status_led",
+        "buttons",
+        "notifiers",
+    ):
+        found = getattr(whole, section)
+        if isinstance(found, list | tuple):
+            yield from (((section, choice.name), choice) for choice in found)
+        elif found is not None:
+            yield (section,), found
 
 
 def read_draft(table: Mapping[str, Any], file: Path, *, with_tests: bool = True) -> Draft:
@@ -121,6 +141,7 @@ class _Reader:
         self._camera()
         self._targets()
         self._outputs()
+        self._panel()
         self._messenger_and_world()
         self._notifiers()
         self._settings()
@@ -184,6 +205,15 @@ class _Reader:
         base = self._single("base", driver_tables.BASE)
         if base is not None:
             self.draft.base, self.draft.base_table = base.choice, base.common
+
+    def _panel(self) -> None:
+        light = self._single("status_led", driver_tables.STATUS_LED)
+        self.draft.status_led = light.choice if light else None
+        for name, table in self._named("buttons"):
+            read = self._driver(driver_tables.BUTTON, ("buttons", name), table)
+            self.draft.buttons += [read.choice] if read.choice else []
+            if read.common is not None:
+                self.draft.button_tables[name] = read.common
 
     def _messenger_and_world(self) -> None:
         messenger = self._single("messenger", driver_tables.MESSENGER)

@@ -11,6 +11,15 @@ from stadimeter.errors import DriverUnavailableError
 LIBRARIES = {"notify": "apprise", "pi": "lgpio", "plots": "matplotlib", "record": "mcap", "tags": "pyapriltags"}
 """The library of each extra, by the extra's name."""
 
+PICAMERA2 = "`sudo apt install python3-picamera2`"
+PICAMERA2_UNSEEN = "/usr/lib/python3/dist-packages/picamera2"
+"""Where apt puts it, which a Python environment of its own does not see."""
+SEE_SYSTEM = (
+    "make the environment anew with `python3 -m venv --system-site-packages`, so that it sees the system's packages"
+)
+NUMPY_1 = "'numpy<2' 'opencv-python-headless<4.12'"
+"""What pip has to install beside libraries from apt that were built for numpy 1, as on Raspberry Pi OS 12."""
+
 
 def install_line(extra: str) -> str:
     """Return the command that installs an extra for the Python that runs, which need not be the first of the path."""

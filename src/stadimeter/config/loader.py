@@ -6,17 +6,17 @@ Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rule
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stadimeter.config.cross_checks import error_findings
-from stadimeter.config.draft import BASE_NAME, Draft, read_draft
+from stadimeter.config.draft import BASE_NAME, Draft, parts_of, read_draft
 from stadimeter.config.driver_tables import CAMERA, read_driver_table
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.models import ActuatorTable, BaseTable
+from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.renamed_keys import with_current_keys
 from stadimeter.config.rules.compiled import CompiledRule
@@ -45,9 +45,11 @@ class Configuration:
         rules: The rules of the plan, in its order, each beside its table in the file.
         spans: Where each key stands in the file.
         camera_model: The lens, or None if it names none; then it has no rules.
-        targets: The detector of each target, in the order of the file; so are actuators, notifiers and tests.
+        targets: The detector of each target, in the order of the file; so are actuators, buttons, notifiers and
+            tests.
         leases_s: For each output how old the frame behind a command may grow, in seconds.
         stays_off: The outputs that stay off for the rest of a run once their driver failed.
+        button_tables: What each button asks of alarms, by its name.
         find_warnings: Finds what `warnings` gives.
         tests: The tests of its rules; none if they were not asked for.
     """
@@ -69,6 +71,18 @@ class Configuration:
     find_warnings: Callable[[], tuple[Problem, ...]] = field(compare=False)
     tests: tuple[RuleTest, ...] = ()
     notifiers: tuple[DriverChoice, ...] = ()
+    status_led: DriverChoice | None = None
+    buttons: tuple[DriverChoice, ...] = ()
+    button_tables: Mapping[str, ButtonTable] = field(default_factory=dict)
+
+    @property
+    def driven(self) -> tuple[DriverChoice, ...]:
+        """What must be off when no program runs: the actuators, the base, and the status LED."""
+        return (*self.actuators, *(each for each in (self.base, self.status_led) if each is not None))
+
+    def parts(self) -> Iterator[tuple[KeyPath, DriverChoice]]:
+        """Go through every driver, each behind the path of its table."""
+        yield from parts_of(self)
 
     @property
     def warnings(self) -> tuple[Problem, ...]:
@@ -107,6 +121,9 @@ def load_configuration(path: Path, *, with_tests: bool = True) -> Configuration:
         base=draft.base,
         messenger=draft.messenger,
         notifiers=tuple(draft.notifiers),
+        status_led=draft.status_led,
+        buttons=tuple(draft.buttons),
+        button_tables=draft.button_tables,
         world=draft.world,
         leases_s={name: table.lease for name, table in _output_tables(draft).items()},
         stays_off=frozenset(name for name, table in _output_tables(draft).items() if table.after_fault == "stay_off"),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from stadimeter.config.units import (
     DURATIONS_S,
@@ -21,13 +21,17 @@ from stadimeter.core import plan
 LEASE_S = 0.3
 """How old the frame behind a command may grow before the output goes to its safe state."""
 
+HOLD_MAX_S = 5.0
+"""The longest that a long press may have to be: a button that is held for much longer is stuck."""
+
 _LEVEL = plan.LevelOutput(name="")
 _BASE = plan.BaseOutput(name="")
 _TRACKING = plan.Tracking()
 _SAFETY = plan.Safety()
 
 SECTIONS = (
-    "camera", "targets", "actuators", "base", "messenger", "notifiers", "world", "tracking", "safety", "rules", "tests",
+    "camera", "targets", "actuators", "base", "status_led", "buttons", "messenger", "notifiers", "world", "tracking",
+    "safety", "rules", "tests",
 )  # fmt: skip
 """Every section that a configuration may have."""
 
@@ -123,6 +127,38 @@ class BaseTable(Section):
             angular_accel_radps2=self.turn_acceleration,
             combine=self.combine,
         )
+
+
+class StatusLedTable(Section):
+    """The keys that every status LED has, whatever drives it: none."""
+
+
+ButtonAction = Literal["acknowledge", "reset", "shelve", "unshelve", "take-out", "put-back"]
+"""The values of `stadimeter.core.operator.OperatorAction`."""
+
+
+class ButtonTable(Section):
+    """The keys that every button has, whatever its driver: what it asks of alarms when it is let go."""
+
+    press: ButtonAction = "acknowledge"
+    """What a short press does."""
+    hold: ButtonAction | None = None
+    """What a long press does; None for the same as a short one."""
+    hold_for: Annotated[Duration, Field(ge=1.0, le=HOLD_MAX_S)] = 2.0
+    """In seconds; how long it must be held down for a long press."""
+    shelve_for: DurationAboveZero | None = None
+    """In seconds; how long `shelve` lasts. None for as long as each rule allows."""
+    rule: str = ""
+    """The alarm that it is for; empty for every alarm."""
+
+    @model_validator(mode="after")
+    def _means_something(self) -> Self:
+        given = self.model_fields_set
+        if "hold_for" in given and self.hold is None:
+            raise ValueError("hold_for has a meaning only beside hold; leave it out, or say what a long press does")
+        if "shelve_for" in given and "shelve" not in {self.press, self.hold}:
+            raise ValueError('shelve_for has a meaning only where the button shelves; write hold = "shelve"')
+        return self
 
 
 class MessengerTable(Section):

@@ -31,11 +31,12 @@ CAMERAS = "stadimeter.cameras"
 DETECTORS = "stadimeter.detectors"
 ACTUATORS = "stadimeter.actuators"
 BASES = "stadimeter.bases"
+BUTTONS = "stadimeter.buttons"
 MESSENGERS = "stadimeter.messengers"
 NOTIFIERS = "stadimeter.notifiers"
 WORLDS = "stadimeter.worlds"
 PORTS = "stadimeter.ports"
-GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
+GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, BUTTONS, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
 
 
 class Options(BaseModel):
@@ -152,11 +153,14 @@ class Plugin(Generic[OptionsT]):
         latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
         attached: Of a camera, lists those that are on this computer, without taking pictures: a tuple of
             `stadimeter.cameras.protocol.AttachedCamera`.
+        reach: Of a messenger, connects once and hangs up, and returns what is wrong or nothing, for `doctor`. A running
+            instance keeps its connection.
         verb: Of an actuator, what it does when it acts, for descriptions: such as ``buzzes``.
         is_worn_by_switching: Of an actuator, whether each change of its level wears it out: `check` warns of patterns
             that never end.
-        circuit: Of an actuator on a pin, what hangs on it, for `wiring`: ``motor`` (or another coil on a supply of its
-            own), ``buzzer``, ``led`` or ``relay`` (a board with an input); empty for a signal of 3.3 V.
+        circuit: Of an actuator or a button on a pin, what hangs on it, for `wiring`: ``motor`` (or another coil on a
+            supply of its own), ``buzzer``, ``led``, ``relay`` (a board with an input) or ``button``; empty for a signal
+            of 3.3 V.
         stop_frame: Of an output on a serial port, what stops it when the program is gone; None if nothing can. Pins
             need none: they are driven to the level at which they are off.
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
@@ -174,6 +178,7 @@ class Plugin(Generic[OptionsT]):
     not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
     latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
     attached: Callable[[], tuple[Any, ...]] = field(default=tuple, kw_only=True)
+    reach: Callable[[OptionsT], str] | None = field(default=None, kw_only=True)
     verb: str = field(default="drives", kw_only=True)
     is_worn_by_switching: bool = field(default=False, kw_only=True)
     circuit: str = field(default="", kw_only=True)

@@ -40,12 +40,14 @@ _NAME = {"pattern": "^[A-Za-z0-9_-]+$"}
 _ONE: dict[str, DriverKind[Any]] = {
     "camera": driver_tables.CAMERA,
     "base": driver_tables.BASE,
+    "status_led": driver_tables.STATUS_LED,
     "messenger": driver_tables.MESSENGER,
     "world": driver_tables.WORLD,
 }
 _MANY: dict[str, DriverKind[Any]] = {
     "targets": driver_tables.TARGET,
     "actuators": driver_tables.ACTUATOR,
+    "buttons": driver_tables.BUTTON,
     "notifiers": driver_tables.NOTIFIER,
 }
 _TABLES: dict[str, type[BaseModel]] = {"tracking": models.TrackingTable, "safety": models.SafetyTable}
@@ -54,6 +56,8 @@ _SECTIONS = {
     "targets": "What is looked for, by name; at least one.",
     "actuators": "What can be driven, by name: motors, buzzers, lamps.",
     "base": "What can drive about.",
+    "status_led": "A light that shows whether it runs well.",
+    "buttons": "Push buttons, by name, and what they ask of alarms.",
     "messenger": "What tells other programs.",
     "notifiers": "What tells people, by name.",
     "world": "The simulated world, for simulated drivers.",

@@ -19,6 +19,7 @@ class OperatorAction(StrEnum):
     TAKE_OUT = "take-out"
     """Take it out of service, until it is put back."""
     PUT_BACK = "put-back"
+    """Put it back into service."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

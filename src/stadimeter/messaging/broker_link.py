@@ -149,6 +149,18 @@ _OURS = (ONLINE, OFFLINE)
 """Messages of the link's own are never sent again."""
 
 
+def serve(client: Client, events: LinkEvents, wait_s: float) -> bool:
+    """Let paho read and write; return whether the connection still stands."""
+    try:
+        return client.loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
+    except BombError:
+        events.bomb_came()
+        return False
+    except (LookupError, TypeError, ValueError, struct.error, MQTTException):  # from paho 2.1, and not caught there
+        events.nonsense_came()
+        return False
+
+
 class BrokerLink:
     """Connects, connects again, and says what is wrong meanwhile. It serves from `start` to `stop`, once.
 
@@ -267,15 +279,7 @@ class BrokerLink:
             self._take_stock()
 
     def _loop(self, wait_s: float) -> bool:
-        """Let paho read and write; return whether the connection still stands."""
-        try:
-            return self._client.loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
-        except BombError:
-            self._events.bomb_came()
-            return False
-        except (LookupError, TypeError, ValueError, struct.error, MQTTException):  # from paho 2.1, and not caught there
-            self._events.nonsense_came()
-            return False
+        return serve(self._client, self._events, wait_s)
 
     def _take_stock(self) -> None:
         """Act on what paho's callbacks left for us."""

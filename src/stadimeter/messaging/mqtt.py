@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import time
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import MQTTProtocolVersion
+
 from stadimeter.config.plugins import DriverContext, Plugin
 from stadimeter.core.message import Message
-from stadimeter.errors import ConfigError, DeviceClosedError
+from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.back_off import Patience
-from stadimeter.messaging.broker_link import BrokerLink
-from stadimeter.messaging.mqtt_client import MqttOptions, read_secrets
+from stadimeter.messaging.broker_link import V5, V311, BrokerLink, serve
+from stadimeter.messaging.link_events import LinkEvents
+from stadimeter.messaging.mqtt_client import MqttOptions, make_client, read_secrets, say_goodbye
 
 
 class PahoMessenger:
@@ -81,4 +87,47 @@ def _build(options: MqttOptions, context: DriverContext) -> PahoMessenger:  # no
     return PahoMessenger(options)
 
 
-PLUGIN = Plugin(MqttOptions, _build)
+ASKED_S = 3.0
+
+
+def reach(options: MqttOptions) -> str:
+    """Connect once with the configuration's login, hang up, and return what is wrong, or an empty string.
+
+    It has a client id of its own, for a broker would throw out a running instance of the same id, and no last will.
+    """
+    asking = options.model_copy(update={"node": f"{options.node}-doctor"})
+    try:
+        secrets = read_secrets(asking)
+    except DeviceOpenError as error:
+        return str(error)
+    events = LinkEvents(asking)
+    for version in {"5": (V5,), "3.1.1": (V311,)}.get(options.protocol, (V5, V311)):
+        events.begin()
+        client = make_client(asking, secrets, version, ASKED_S)
+        client.will_clear()
+        events.listen_to(client)
+        _attempt(client, version, events)
+        if events.is_accepted or not events.suspects_version:
+            break
+    return "" if events.is_accepted else events.ending
+
+
+def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents) -> None:
+    try:
+        client.reconnect()
+    except OSError as error:
+        events.could_not_connect(error)
+        return
+    until_s = time.monotonic() + ASKED_S
+    while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
+        pass
+    if events.is_accepted:
+        say_goodbye(client, version)
+        serve(client, events, 0.0)
+    elif not events.ending:
+        events.no_answer_came()
+    if (connection := client.socket()) is not None:
+        connection.close()
+
+
+PLUGIN = Plugin(MqttOptions, _build, reach=reach)

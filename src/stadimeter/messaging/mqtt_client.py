@@ -192,6 +192,12 @@ def make_client(options: MqttOptions, secrets: Secrets, version: MQTTProtocolVer
     return client
 
 
+def say_goodbye(client: Client, version: MQTTProtocolVersion) -> None:
+    """Disconnect for good: the broker forgets the session."""
+    is_v5 = version == MQTTProtocolVersion.MQTTv5
+    client.disconnect(properties=_properties(PacketTypes.DISCONNECT, SessionExpiryInterval=0) if is_v5 else None)
+
+
 def publish_properties(message: Message) -> Properties | None:
     """Return the properties of MQTT 5 that a message needs; None for none."""
     if message.expires_s is None:

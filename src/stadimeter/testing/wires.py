@@ -19,11 +19,13 @@ class WatchedPin(MockPWMPin):  # type: ignore[misc] # gpiozero has no types
 
     Attributes:
         released: What it did when it was let go, from 0, low, to 1, high; None while it is an output.
-        is_failing: Fault: whatever is written to it raises an `OSError`, as a chip that does not answer does.
+        is_failing: Fault: whatever is written or read raises an `OSError`, as a chip that does not answer does.
+        is_grounded: Whether something joins it to ground, so that no resistor pulls it up.
     """
 
     released: float | None = None
     is_failing = False
+    is_grounded = False
 
     def close(self) -> None:
         """Become an input."""
@@ -34,6 +36,11 @@ class WatchedPin(MockPWMPin):  # type: ignore[misc] # gpiozero has no types
         if self.is_failing:
             raise OSError(errno.EIO, "the pin does not answer")
         super()._set_state(value)
+
+    def _get_state(self) -> float:
+        if self.is_failing and self._function == "input":
+            raise OSError(errno.EIO, "the pin does not answer")
+        return 0.0 if self.is_grounded else float(super()._get_state())
 
     def _set_frequency(self, value: float | None) -> None:
         if value is None and self._frequency is not None:
@@ -74,6 +81,10 @@ class WatchedPins:
         driven = any(pin.function == "output" for pin in self._factory.pins.values())
         return bool(reserved or driven)
 
+    def ground(self, pin: int, *, begins: bool) -> None:
+        """Join a pin to ground, as a button does that is pressed, or let go of it."""
+        self._factory.pin(pin).is_grounded = begins
+
     def occupy(self, pin: int, *, begins: bool) -> None:
         """Begin or end the fault that something else has taken a pin."""
         if begins:
@@ -82,7 +93,7 @@ class WatchedPins:
             self._factory.release_pins(self._other_program, pin)
 
     def fail(self, pin: int, *, begins: bool) -> None:
-        """Begin or end the fault that a pin cannot be written."""
+        """Begin or end the fault that a pin cannot be written, nor read."""
         self._factory.pin(pin).is_failing = begins
 
 

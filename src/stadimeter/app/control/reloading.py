@@ -21,7 +21,12 @@ from stadimeter.errors import StadimeterError
 _LIVE = frozenset({"path", "text", "plan", "tests"})
 """What a reload can change. The plan is looked at apart; everything else needs a restart."""
 
-_SECTIONS = {"camera_model": "camera.model", "leases_s": "lease of an output", "stays_off": "after_fault"}
+_SECTIONS = {
+    "camera_model": "camera.model",
+    "leases_s": "lease of an output",
+    "stays_off": "after_fault",
+    "button_tables": "buttons",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

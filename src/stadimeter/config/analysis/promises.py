@@ -70,7 +70,7 @@ def _clears_at_once(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Findin
 
 
 def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
-    if not (alarm.latch or alarm.needs_ack) or alarm.observe or "messenger" in subject.draft.table:
+    if not (alarm.latch or alarm.needs_ack) or alarm.observe or {"messenger", "status_led"} & set(subject.draft.table):
         return
     if any(step.send is not None for step in alarm.sequence):
         return
@@ -81,8 +81,8 @@ def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -
     does, command = ("reset", "reset") if is_reset else ("acknowledge", "ack")
     message = f"once raised, '{alarm.name}' waits for an operator to {does} it{drives}, and nothing notifies one"
     hint = (
-        f"only `stadimeter alarm {command} {alarm.name}` on this computer does; add a section [messenger], or notify "
-        "with a [notifiers.NAME]"
+        f"only `stadimeter alarm {command} {alarm.name}` on this computer does; add a section [messenger] or "
+        "[status_led], or notify with a [notifiers.NAME]"
     )
     yield Finding(declared.at(key), message, hint, "latch-unheard")
 

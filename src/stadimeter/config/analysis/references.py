@@ -1,4 +1,4 @@
-"""Names in rules: other rules, targets, actuators and notifiers that must exist, and no rule that waits for itself.
+"""Names of other rules, targets, actuators and notifiers that must exist, and no rule that waits for itself.
 
 Read from the tables as they were written, so that a rule with a mistake elsewhere is checked too.
 """
@@ -12,7 +12,10 @@ from typing import Any
 
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
+from stadimeter.config.models import ButtonTable
 from stadimeter.config.toml_lines import KeyPath
+from stadimeter.core.rule import AlarmRule
+from stadimeter.core.words import duration
 
 _MOST_NAMES = 8
 """A longer ring is written with a gap."""
@@ -38,6 +41,7 @@ def reference_errors(draft: Draft) -> Iterator[Finding]:
                 message = f"there is no {name.kind} '{name.name}'"
                 yield Finding(name.path, message, did_you_mean_or_list(name.name, known[name.kind]), "unknown-name")
         yield from _steps(draft, section, table)
+    yield from _buttons(draft)
     yield from _cycles(draft)
 
 
@@ -94,6 +98,31 @@ def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Fin
         if "topic" in step and "messenger" not in draft.table:
             message = f"nothing sends '{step['topic']}': there is no section [messenger]"
             yield Finding((*at, "topic"), message, "add one, or notify people with notify", "unknown-name")
+
+
+def _buttons(draft: Draft) -> Iterator[Finding]:
+    """Check what buttons ask of alarms."""
+    alarms = [each.rule for each in draft.compiled if isinstance(each.rule, AlarmRule)]
+    for button, table in draft.button_tables.items():
+        at: KeyPath = ("buttons", button)
+        meant = [rule for rule in alarms if table.rule in {"", rule.name}]
+        if not meant and table.rule and (table.rule in draft.rules or table.rule not in draft.names("rules")):
+            hint = did_you_mean_or_list(table.rule, [rule.name for rule in alarms])
+            yield Finding((*at, "rule"), f"there is no alarm '{table.rule}'", hint, "unknown-name")
+        if "shelve" in {table.press, table.hold}:
+            yield from _shelved_for(meant, table, at)
+
+
+def _shelved_for(meant: list[AlarmRule], table: ButtonTable, at: KeyPath) -> Iterator[Finding]:
+    """Check that alarms may be shelved for as long as a button asks. Of every alarm, those that never may are left."""
+    may_be = [rule for rule in meant if rule.shelve_max_s > 0 or table.rule]
+    for rule in sorted(may_be, key=lambda rule: rule.shelve_max_s)[:1]:
+        if rule.shelve_max_s <= 0:
+            yield Finding((*at, "rule"), f"'{rule.name}' can never be shelved", "name another alarm", "shelve-too-long")
+        elif table.shelve_for is not None and table.shelve_for > rule.shelve_max_s:
+            message = f"'{rule.name}' may be shelved for {duration(rule.shelve_max_s)} at most (shelve_max)"
+            hint = "shorten shelve_for, or raise shelve_max of the rule"
+            yield Finding((*at, "shelve_for"), message, hint, "shelve-too-long")
 
 
 def _exists(step: Mapping[str, Any], key: str, known: Iterable[str], at: KeyPath) -> Iterator[Finding]:

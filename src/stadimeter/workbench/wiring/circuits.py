@@ -1,8 +1,8 @@
-"""The circuit of each kind of output, drawn in text.
+"""The circuit of each kind of part on a pin, drawn in text.
 
 Lines are box characters, ``[…]`` is a part, everything else is text: `stadimeter.workbench.wiring.picture` draws the
-same circuit from it. The facts are those of "Wiring that is safe when the program is not running" in
-`deploy/README.md`.
+same circuit from it. The facts are those of "Wiring that is safe when no program runs" in
+`docs/parts.md`.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ _INVERTED = "This circuit is on while the pin is high: write active_high = true.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Output:
-    """One pin of an actuator, with the pins of the header that it needs.
+    """One pin of an actuator or a button, with the pins of the header that it needs.
 
     Attributes:
-        name: The actuator's name in the configuration.
+        name: The part's name in the configuration.
         supplies: Pins of the header by what they are, such as `GROUND`.
     """
 
@@ -50,6 +50,7 @@ class Circuit:
         draw: Its lines.
         wires: The same as a list of connections, for narrow terminals.
         notes: What to know about its parts.
+        is_input: Whether the pin is read, and not driven.
     """
 
     title: str
@@ -58,10 +59,11 @@ class Circuit:
     wires: Callable[[Output], tuple[str, ...]]
     notes: tuple[str, ...] = ()
     is_active_high_only: bool = False
+    is_input: bool = False
 
     def notes_on(self, output: Output) -> tuple[str, ...]:
         """Return what to know about this output."""
-        return (*self.notes, *_contrary(self, output), *_at_boot(output))
+        return (*self.notes, *_contrary(self, output), *(() if self.is_input else _at_boot(output)))
 
 
 def _contrary(circuit: Circuit, output: Output) -> tuple[str, ...]:
@@ -170,6 +172,14 @@ def _wire_relay(output: Output) -> tuple[str, ...]:
     )
 
 
+def _draw_button(output: Output) -> tuple[str, ...]:
+    return (f"{output.at()} ──[button]──┐", f"{'':28}│", f"{output.at(GROUND)} ────────────┘")
+
+
+def _wire_button(output: Output) -> tuple[str, ...]:
+    return (f"{output.at()} to one side of the button", f"its other side to {output.at(GROUND)}")
+
+
 def _draw_signal(output: Output) -> tuple[str, ...]:
     return (f"{output.at()} ── its input, for 3.3 V", f"{output.at(GROUND)} ── its ground")
 
@@ -204,6 +214,14 @@ CIRCUITS = {
         _draw_relay,
         _wire_relay,
         ("5 V on a pin kills it: without an opto-coupler and JD-VCC the board needs a level shifter.",),
+    ),
+    "button": Circuit(
+        "a push button to ground",
+        lambda _: (GROUND,),
+        _draw_button,
+        _wire_button,
+        ("Button: one that closes while it is pressed. The Pi's own resistor pulls the pin up: no other is needed.",),
+        is_input=True,
     ),
     "": Circuit(
         "a signal of 3.3 V",

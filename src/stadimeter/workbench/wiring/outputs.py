@@ -1,19 +1,25 @@
-"""The outputs of a configuration that are on pins of the header, each with the supplies that it gets."""
+"""The parts of a configuration that are on pins of the header, each with the supplies that it gets."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from stadimeter.config.gpio_header import HEADER, header_pin
+from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, marked_options
 from stadimeter.config.units import PinMark
 from stadimeter.workbench.wiring.circuits import CIRCUITS, Output
 
 
-def wired_outputs(actuators: Sequence[DriverChoice]) -> tuple[Output, ...]:
-    """Return every output on a pin, in the order of the file. Wires get pins of their own as long as there are any."""
+def wired_outputs(parts: Iterable[DriverChoice]) -> tuple[Output, ...]:
+    """Return every part on a pin, in the order given. Wires get pins of their own as long as there are any."""
     used: set[int] = set()
-    return tuple(_output(choice, name, gpio, used) for choice in actuators for name, gpio in _pins(choice))
+    return tuple(_output(choice, name, gpio, used) for choice in parts for name, gpio in _pins(choice))
+
+
+def parts_of(configuration: Configuration) -> tuple[DriverChoice, ...]:
+    """Return what may hang on a pin: the actuators in the order of the file, then the status LED and the buttons."""
+    return (*configuration.driven, *configuration.buttons)
 
 
 def _pins(choice: DriverChoice) -> Iterator[tuple[str, int]]:

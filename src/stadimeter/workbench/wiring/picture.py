@@ -37,9 +37,9 @@ _WAY = {"n": (0.0, -0.5), "s": (0.0, 0.5), "w": (-0.5, 0.0), "e": (0.5, 0.0)}
 _RUN = re.compile(r"\[[^]]*\]|[^\s─│┌┐└┘├┤┬┴┼\[]+(?: [^\s─│┌┐└┘├┤┬┴┼\[]+)*")
 
 
-def wiring_picture(actuators: Sequence[DriverChoice]) -> Drawing:
-    """Return a drawing of the header and of the circuit of every output on a pin."""
-    outputs = wired_outputs(actuators)
+def wiring_picture(parts: Sequence[DriverChoice]) -> Drawing:
+    """Return a drawing of the header and of the circuit of every part on a pin."""
+    outputs = wired_outputs(parts)
     shapes: list[Shape] = [*_header(outputs)]
     top_m = 2 * MARGIN_M + 20 * PITCH_M + ROW_M
     for output in outputs:
@@ -48,11 +48,11 @@ def wiring_picture(actuators: Sequence[DriverChoice]) -> Drawing:
     return Drawing(WIDTH_M + 2 * MARGIN_M, top_m + MARGIN_M, tuple(shapes))
 
 
-def circuit_picture(actuator: DriverChoice) -> Drawing:
-    """Return a drawing of an actuator's circuits by themselves, for parts lists."""
+def circuit_picture(part: DriverChoice) -> Drawing:
+    """Return a drawing of a part's circuits by themselves, for parts lists."""
     shapes: list[Shape] = []
     top_m = MARGIN_M
-    outputs = wired_outputs([actuator])
+    outputs = wired_outputs([part])
     columns = max(len(line) for output in outputs for line in _lines(output))
     for output in outputs:
         shapes += _circuit(output, top_m, has_notes=False)

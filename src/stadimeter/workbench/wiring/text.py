@@ -13,17 +13,17 @@ ORIENTATION = "The header as you see it with the USB sockets at the bottom: pin 
 _BOX = str.maketrans("─│┌┐└┘├┤┬┴┼●○", "-|+++++++++*o")
 
 
-def wiring_text(actuators: Sequence[DriverChoice], *, width: int = 80, ascii_only: bool = False) -> str:
-    """Return a drawing of the header and of the circuit of every output on a pin.
+def wiring_text(parts: Sequence[DriverChoice], *, width: int = 80, ascii_only: bool = False) -> str:
+    """Return a drawing of the header and of the circuit of every part on a pin.
 
     Args:
-        actuators: The actuators of a configuration.
+        parts: Of a configuration, such as its actuators.
         width: Columns of the terminal. Circuits that do not fit are lists of connections instead.
         ascii_only: Whether the terminal knows only ASCII.
     """
-    outputs = wired_outputs(actuators)
+    outputs = wired_outputs(parts)
     if not outputs:
-        return "no output is on a pin of the header"
+        return "no part is on a pin of the header"
     text = "\n".join([*_wrapped(ORIENTATION, width), "", *_header(outputs, width), *_circuits(outputs, width)])
     return text.translate(_BOX) if ascii_only else text
 

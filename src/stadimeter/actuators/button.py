@@ -1,0 +1,50 @@
+"""A push button: the one part on a pin that is read."""
+
+from __future__ import annotations
+
+from gpiozero import InputDevice
+
+from stadimeter.actuators.output_pin import pins_lack, plain_words, shared_pin_factory
+from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.units import Pin
+from stadimeter.errors import DeviceClosedError, DeviceOpenError
+
+
+class ButtonOptions(Options):
+    """The table of a button in the configuration."""
+
+    pin: Pin
+    """The BCM number of the pin. The button joins it to ground; the Pi's own resistor pulls it up."""
+
+
+class GpiozeroButton:
+    """A button between a pin and ground. A cable that is cut, or comes off, reads as not pressed."""
+
+    def __init__(self, options: ButtonOptions, context: DriverContext) -> None:
+        self._pin = options.pin
+        self._context = context
+        self._device: InputDevice | None = None
+
+    def open(self) -> None:
+        """Take the pin as an input with its pull-up. Does nothing if it is open."""
+        if self._device is None:
+            factory = shared_pin_factory(self._context)
+            with plain_words(self._context.name, self._pin, "open", DeviceOpenError):
+                self._device = InputDevice(self._pin, pull_up=True, pin_factory=factory)
+
+    def is_pressed(self) -> bool:
+        """Read the pin."""
+        if self._device is None:
+            raise DeviceClosedError(f"{self._context.name}: GPIO{self._pin} is not open; open the button first")
+        with plain_words(self._context.name, self._pin, "read"):
+            return bool(self._device.is_active)
+
+    def close(self) -> None:
+        """Let go of the pin. May be called any number of times."""
+        device, self._device = self._device, None
+        if device is not None:
+            with plain_words(self._context.name, self._pin, "let go of"):
+                device.close()
+
+
+PLUGIN = Plugin(options=ButtonOptions, build=GpiozeroButton, lacks=pins_lack, circuit="button")

@@ -1,0 +1,56 @@
+"""The temperature and the supply of a board, as its kernel and its firmware report them.
+
+Sources: ``/sys/class/thermal`` and the kernel's hwmon driver ``rpi_volt`` (Linux documentation); the bits of
+``vcgencmd get_throttled`` are those of Raspberry Pi's documentation, "Raspberry Pi OS", section ``get_throttled``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+THERMAL = "sys/class/thermal/thermal_zone0/temp"
+HOT_C = 70.0
+THROTTLED_C = 80.0
+"""From here on a Raspberry Pi slows its processor; a 3B+ from 60 °C."""
+
+SUPPLY_BITS = {0: "under-voltage"}
+HEAT_BITS = {1: "its clock is capped", 2: "throttled", 3: "slowed by heat"}
+SINCE_START = 16
+"""The same bits, this much higher, stay set from their first time until the next start."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Throttling:
+    """What the firmware says of supply and heat, in words: at this moment, and at any time since the start."""
+
+    now: tuple[str, ...]
+    before: tuple[str, ...]
+
+
+def throttling(bits: int) -> Throttling:
+    """Return what the number of ``vcgencmd get_throttled`` means."""
+    meanings = {**SUPPLY_BITS, **HEAT_BITS}
+    return Throttling(
+        now=tuple(words for bit, words in meanings.items() if bits >> bit & 1),
+        before=tuple(words for bit, words in meanings.items() if bits >> (bit + SINCE_START) & 1),
+    )
+
+
+def temperature_c(root: Path = Path("/")) -> float | None:
+    """Return the temperature of the processor; None where the kernel does not say."""
+    try:
+        return int((root / THERMAL).read_text("ascii")) / 1000
+    except (OSError, ValueError):
+        return None
+
+
+def is_under_voltage(root: Path = Path("/")) -> bool | None:
+    """Return whether a Raspberry Pi's supply is too low at this moment; None where the kernel does not say."""
+    for folder in sorted((root / "sys/class/hwmon").glob("hwmon*")):
+        try:
+            if (folder / "name").read_text("ascii").strip() == "rpi_volt":
+                return (folder / "in0_lcrit_alarm").read_text("ascii").strip() == "1"
+        except (OSError, ValueError):
+            continue
+    return None

@@ -1,0 +1,154 @@
+"""The command ``doctor``: what keeps stadimeter from working on this computer, and one remedy for each."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+import stadimeter
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
+from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs
+from stadimeter.cli.progress import working
+from stadimeter.errors import ConfigError
+from stadimeter.workbench.doctor.computer import Computer
+from stadimeter.workbench.doctor.diagnosis import Diagnosis, Severity
+from stadimeter.workbench.doctor.examination import CHECKS, Check
+from stadimeter.workbench.doctor.examined import Examined
+
+PAGE = "docs/doctor.md"
+MARKS = {
+    Severity.FINE: ("✓", "green"),
+    Severity.WARNING: ("!", "yellow"),
+    Severity.WRONG: ("✗", "bold red"),
+    Severity.UNKNOWN: ("?", "cyan"),
+}
+COUNTED = {Severity.WRONG: "wrong", Severity.WARNING: "to look at", Severity.UNKNOWN: "not known"}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the command line."""
+    app.command()(doctor)
+
+
+def doctor(
+    *,
+    config: Annotated[
+        Path | None,
+        typer.Argument(metavar="CONFIG", help="Look at what this configuration names. Else at that of the service."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object, for programs and for reports of errors.")
+    ] = False,
+) -> None:
+    """Find what keeps stadimeter from working on this computer, with one remedy for each.
+
+    Looks at the board (supply, heat, clock, disk), the libraries, groups, cameras, pins and serial ports, the
+    configuration with its broker, the service and the watchdogs. Reads only: no camera is opened, no pin is driven, and
+    no serial port is touched. The broker is asked once, under another name than that of a running instance.
+
+    Marks: ✓ fine, ! may become a problem, ✗ wrong, ? cannot be found out here.
+
+    --json holds no password, no name of a computer and no user, so that it can be sent with a report.
+
+    **Examples**
+
+    - `stadimeter doctor`
+
+    - `stadimeter doctor config/appliance.toml`
+
+    **Exit code**: 0 nothing is wrong; 1 something is; 2 there is no such configuration.
+    """
+    with plain_errors():
+        if config is not None and not config.exists():
+            raise ConfigError(f"there is no configuration {config}")
+        examined = Examined(Computer(), config)
+        found = _print_json(examined) if as_json else _print_lines(examined)
+    raise typer.Exit(NOT_FOUND if any(each.severity is Severity.WRONG for each in found) else DONE)
+
+
+def _find(check: Check, examined: Examined) -> tuple[Diagnosis, ...]:
+    with working(check.doing):
+        return tuple(check.find(examined))
+
+
+def _print_lines(examined: Examined) -> list[Diagnosis]:
+    """Print what each check finds as soon as it is known."""
+    console = Console(highlight=False, soft_wrap=True)
+    width = console.width if console.is_terminal else sys.maxsize
+    glyphs = UNICODE if "utf" in (sys.stdout.encoding or "").lower() else ASCII
+    every: list[Diagnosis] = []
+    group = ""
+    for check in CHECKS:
+        found = _find(check, examined)
+        if found and check.group != group:
+            console.print(Text(f"{'' if not group else chr(10)}{check.group}", "bold"))
+            group = check.group
+        for diagnosis in found:
+            for line in _lines(diagnosis, glyphs, width):
+                console.print(line)
+        every.extend(found)
+    console.print()
+    console.print(_summary(every))
+    return every
+
+
+def _lines(diagnosis: Diagnosis, glyphs: Glyphs, width: int) -> list[Text]:
+    mark, style = MARKS[diagnosis.severity]
+    label = Text.assemble(" ", (f"{glyphs.words(mark):<2}", style), " ")
+    lines = glyphs.hang(label, Text(glyphs.words(diagnosis.seen)), width)
+    if diagnosis.remedy:
+        arrow = Text(f"    {glyphs.words('→')} ")
+        lines += glyphs.hang(arrow, Text(glyphs.words(diagnosis.remedy), "green"), width)
+    return lines
+
+
+def _summary(every: list[Diagnosis]) -> Text:
+    counts = Counter(each.severity for each in every)
+    parts = [f"{counts[severity]} {words}" for severity, words in COUNTED.items() if counts[severity]]
+    if not parts:
+        return Text("nothing is wrong", "bold green")
+    return Text(f"{', '.join(parts)}; {PAGE} says more", "bold red" if counts[Severity.WRONG] else "bold")
+
+
+def _print_json(examined: Examined) -> list[Diagnosis]:
+    found = [(check, diagnosis) for check in CHECKS for diagnosis in _find(check, examined)]
+    private = _private(examined)
+    record: dict[str, Any] = {
+        "version": stadimeter.__version__,
+        "wrong": sum(diagnosis.severity is Severity.WRONG for _check, diagnosis in found),
+        "checks": [
+            {
+                "group": check.group,
+                "check": check.name,
+                "severity": diagnosis.severity.value,
+                "seen": _without(private, diagnosis.seen),
+                "remedy": _without(private, diagnosis.remedy),
+            }
+            for check, diagnosis in found
+        ],
+    }
+    typer.echo(json.dumps(record, indent=2, ensure_ascii=False))
+    return [diagnosis for _check, diagnosis in found]
+
+
+def _private(examined: Examined) -> re.Pattern[str]:
+    """Return what a report of an error need not name: addresses, computers, users and their folders."""
+    messenger = examined.configuration and examined.configuration.messenger
+    of_broker = [getattr(messenger.options, key, None) for key in ("host", "username")] if messenger else []
+    home = str(Path.home())
+    names = [socket.gethostname(), Path.home().name if home.startswith("/home/") else "", *of_broker]
+    words = [rf"\b{re.escape(name)}\b" for name in names if name and name not in {"localhost", "stadimeter"}]
+    return re.compile("|".join([r"(?<=://)[^\s'\"]+", *([re.escape(home)] if home != "/" else []), *words]))
+
+
+def _without(private: re.Pattern[str], text: str) -> str:
+    return private.sub("…", text)

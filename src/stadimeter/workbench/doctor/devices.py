@@ -1,0 +1,234 @@
+"""Groups, cameras, pins and serial ports.
+
+Sources: Raspberry Pi's documentation ("Configuration": ``config.txt``, UARTs; "Camera software"), the kernel's drivers
+``unicam`` and ``rp1-cfe`` of its two camera ports, and gpiozero's choice of a gpiochip (``pins/lgpio.py``).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from stadimeter.config.extras import LIBRARIES, PICAMERA2, PICAMERA2_UNSEEN, SEE_SYSTEM, install_line
+from stadimeter.workbench.doctor.computer import Computer
+from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
+from stadimeter.workbench.doctor.examined import Examined
+from stadimeter.workbench.doctor.software import python_command
+
+GROUPS = {"video": "cameras", "dialout": "serial ports", "gpio": "pins"}
+LIST_S = 20.0
+CONFIG_TXT = ("/boot/firmware/config.txt", "/boot/config.txt")
+ON_HEADER = ("ttyAMA0", "ttyS0")
+"""The serial ports of GPIO 14 and 15. The console of a Pi 5 is on a connector of its own, as ttyAMA10."""
+
+
+def groups(examined: Examined) -> Iterator[Diagnosis]:
+    """Tell whether this user may use cameras, serial ports and pins: by the group file, and by this process."""
+    computer = examined.computer
+    ids = _ids(computer)
+    sudo = computer.environment.get("SUDO_USER", "")
+    user = sudo if ids["Uid"][:1] == ["0"] else _name(computer, ids["Uid"][0])
+    if not user or user == "root":
+        yield fine("root may use every device; other users need the groups video, dialout and gpio")
+        return
+    lines = [line.split(":") for line in computer.text("/etc/group").splitlines()]
+    table = {name: (number, members.split(",")) for name, _password, number, members in lines}
+    troubles = [
+        trouble
+        for group, what in GROUPS.items()
+        if group in table and (group != "gpio" or computer.is_pi)
+        for trouble in _lacking(examined, user, (group, what), table[group], set() if sudo else set(ids["Groups"]))
+    ]
+    yield from troubles
+    if not troubles:
+        yield fine(f"the user {user} may use cameras, serial ports{' and pins' if computer.is_pi else ''}")
+
+
+def _lacking(
+    examined: Examined, user: str, group: tuple[str, str], entry: tuple[str, list[str]], of_process: set[str]
+) -> Iterator[Diagnosis]:
+    (name, what), (number, members) = group, entry
+    if number in of_process:
+        return
+    if user not in members:
+        judged = wrong if name in _needed(examined) else warning
+        yield judged(
+            f"the user {user} is not in the group {name}, which may use {what}",
+            f"`sudo usermod -aG {name} {user}`, then log out and in again",
+        )
+    elif of_process:
+        yield wrong(
+            f"the user {user} is in the group {name} since the last login only, so this login may not use {what}",
+            "log out and in again, or restart",
+        )
+
+
+def _needed(examined: Examined) -> set[str]:
+    configuration = examined.configuration
+    cameras = {"video"} if configuration and configuration.camera.driver in {"opencv", "picamera2"} else set()
+    return cameras | ({"dialout"} if examined.ports else set()) | ({"gpio"} if examined.pins else set())
+
+
+def _ids(computer: Computer) -> dict[str, list[str]]:
+    """Return the user and the groups of this process, as the kernel knows them."""
+    lines = dict(line.split(":", 1) for line in computer.text("/proc/self/status").splitlines() if ":" in line)
+    return {key: lines.get(key, "").split() for key in ("Uid", "Groups")}
+
+
+def _name(computer: Computer, number: str) -> str:
+    lines = [line.split(":") for line in computer.text("/etc/passwd").splitlines()]
+    return next((fields[0] for fields in lines if fields[2:3] == [number]), number)
+
+
+def cameras(examined: Examined) -> Iterator[Diagnosis]:
+    """Tell which cameras are there, by which stack, and what keeps one from being used."""
+    found = _listed(examined.computer)
+    if found is None:
+        yield unknown("the cameras could not be listed", "`stadimeter cameras` says why")
+        return
+    for camera in found:
+        stack = "libcamera" if camera["driver"] == "picamera2" else "V4L2"
+        seen = f"{camera['name']}, by {stack}: {camera['device']}"
+        if camera["trouble"]:
+            yield wrong(f"{seen}; it cannot be used", camera["trouble"])
+        else:
+            yield fine(seen)
+    yield from _ribbon(examined, has_any=bool(found), has_ribbon=any(each["driver"] == "picamera2" for each in found))
+
+
+def _listed(computer: Computer) -> list[dict[str, Any]] | None:
+    answer = computer.run((*python_command(), "-m", "stadimeter", "cameras", "--no-try", "--json"), LIST_S)
+    try:
+        found: list[dict[str, Any]] = json.loads(answer.output if answer is not None else "")
+    except ValueError:
+        return None
+    return found
+
+
+def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[Diagnosis]:
+    """Tell why there is no camera on a ribbon cable, or none at all."""
+    computer = examined.computer
+    if computer.is_pi and not has_ribbon:
+        config = computer.text(*CONFIG_TXT)
+        if re.search(r"^\s*start_x\s*=\s*1", config, re.MULTILINE):
+            yield wrong(
+                "config.txt asks for the legacy camera stack (start_x=1), which this system no longer has",
+                f"remove that line in {CONFIG_TXT[0]}, write `camera_auto_detect=1`, and restart",
+            )
+            return
+        if _has_sensor(computer):
+            yield _unseen(examined)
+            return
+        wants = examined.configuration is not None and examined.configuration.camera.driver == "picamera2"
+        if wants or not has_any:
+            yield _no_sensor(config)
+            return
+    if has_any:
+        return
+    seen = "no camera is found on this computer"
+    if _wants_attached(examined):
+        yield wrong(seen, "plug one in; `ls /dev/video*` lists those that the kernel knows")
+    else:
+        yield fine(f"{seen}, and the configuration needs none")
+
+
+def _wants_attached(examined: Examined) -> bool:
+    if examined.configuration is None:
+        return True
+    options = examined.configuration.camera.options
+    return examined.configuration.camera.driver in {"opencv", "picamera2"} and not getattr(options, "is_stream", False)
+
+
+def _has_sensor(computer: Computer) -> bool:
+    """Return whether the kernel has found a sensor on a ribbon cable: only then it makes these nodes."""
+    names = [computer.text(path) for path in computer.paths("/sys/class/video4linux/video*/name")]
+    return any(name.startswith(("unicam", "rp1-cfe")) for name in names)
+
+
+def _unseen(examined: Examined) -> Diagnosis:
+    if not examined.imports.lacks("picamera2"):
+        return unknown(
+            "the kernel knows a ribbon camera, and libcamera does not list it",
+            "`rpicam-hello --list-cameras`; mend the libraries first, if one does not load",
+        )
+    if examined.computer.has(PICAMERA2_UNSEEN):
+        return wrong("a ribbon camera is there, but this Python environment does not see picamera2", SEE_SYSTEM)
+    return wrong("a ribbon camera is there, and the library picamera2 is not", f"{PICAMERA2}, and {SEE_SYSTEM}")
+
+
+def _no_sensor(config: str) -> Diagnosis:
+    if re.search(r"^\s*camera_auto_detect\s*=\s*0", config, re.MULTILINE):
+        return wrong(
+            "no ribbon camera is found, and config.txt turns their detection off",
+            f"`camera_auto_detect=1` in {CONFIG_TXT[0]}, and restart",
+        )
+    return wrong(
+        "no ribbon camera is found: none is plugged in, or its cable is loose or the wrong way round",
+        "switch off, plug the cable in anew (a Pi 5 and a Zero need the narrow one), `rpicam-hello --list-cameras`; "
+        "a module that is not Raspberry Pi's own needs its `dtoverlay` in config.txt",
+    )
+
+
+def pins(examined: Examined) -> Iterator[Diagnosis]:
+    """Tell whether pins can be driven, and through what."""
+    computer = examined.computer
+    if not computer.is_pi:
+        if examined.pins:
+            yield wrong("the configuration drives pins, and this is no Raspberry Pi", "run it on one")
+        return
+    factory = computer.environment.get("GPIOZERO_PIN_FACTORY", "lgpio")
+    chips = [Path(path).name for path in computer.paths("/dev/gpiochip*")]
+    if factory == "mock":
+        yield warning("GPIOZERO_PIN_FACTORY=mock: pins are driven in memory only", "`unset GPIOZERO_PIN_FACTORY`")
+    elif factory != "lgpio":
+        yield wrong(f"GPIOZERO_PIN_FACTORY={factory}: pins are driven through lgpio", "`unset GPIOZERO_PIN_FACTORY`")
+    elif examined.imports.lacks(LIBRARIES["pi"]):
+        judged = wrong if examined.pins else warning
+        yield judged("the library lgpio, which drives pins, is not installed", install_line("pi"))
+    elif "gpiochip0" not in chips:
+        yield wrong("there is no /dev/gpiochip0", "`sudo apt full-upgrade`, and restart: the kernel has no driver")
+    else:
+        yield fine(f"pins are driven through lgpio, by /dev/{_header_chip(computer, chips)}")
+
+
+def _header_chip(computer: Computer, chips: list[str]) -> str:
+    """Return the chip that gpiozero takes for the header: on a Pi 5 number 4, where there is one."""
+    return "gpiochip4" if "Raspberry Pi 5" in computer.model and "gpiochip4" in chips else "gpiochip0"
+
+
+def serial(examined: Examined) -> Iterator[Diagnosis]:
+    """Tell whether the system's console, or a program that searches for modems, takes a serial port."""
+    computer = examined.computer
+    console = re.search(r"console=(ttyAMA\d+|ttyS\d+)", computer.text("/proc/cmdline"))
+    if computer.is_pi and console:
+        is_used = console[1] in map(computer.node, examined.ports) or (
+            console[1] in ON_HEADER and {14, 15} & set(examined.pins)
+        )
+        where = f"{console[1]} (GPIO 14 and 15)" if console[1] in ON_HEADER else console[1]
+        if is_used:
+            yield wrong(
+                f"the system's console is on {where}, which the configuration uses",
+                "`sudo raspi-config nonint do_serial_cons 1`, and restart",
+            )
+        else:
+            yield fine(f"the system's console is on {where}; the configuration does not use that")
+    yield from _takers(computer, has_base=bool(examined.ports))
+    found = computer.paths("/dev/serial/by-id/*")
+    if found:
+        yield fine(f"serial ports, by the names that stay right: {', '.join(found)}")
+
+
+def _takers(computer: Computer, *, has_base: bool) -> Iterator[Diagnosis]:
+    is_threat = has_base or bool(computer.paths("/dev/tty[UA][SC][BM]*"))
+    if not is_threat:
+        return
+    if computer.prints("systemctl", "is-active", "ModemManager") == "active":
+        yield warning(
+            "ModemManager runs, and writes to serial ports that it does not know",
+            "`sudo systemctl disable --now ModemManager`",
+        )
+    if computer.paths("/usr/lib/udev/rules.d/*brltty*"):
+        yield warning("brltty is installed, and takes CH340 adapters for Braille displays", "`sudo apt remove brltty`")

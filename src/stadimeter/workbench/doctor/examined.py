@@ -1,0 +1,113 @@
+"""What is examined: a computer, and the configuration that is to run on it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stadimeter.errors import ConfigError, StadimeterError
+from stadimeter.workbench.doctor.computer import Computer
+from stadimeter.workbench.doctor.diagnosis import Diagnosis, Severity, unknown, wrong
+from stadimeter.workbench.doctor.software import Imports, import_libraries, libraries
+
+if TYPE_CHECKING:  # reading a configuration loads the libraries that may be broken
+    from stadimeter.config.loader import Configuration
+
+INSTALLED = "/etc/stadimeter/appliance.toml"
+"""The configuration of the service, which is looked at if no other is named."""
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A computer and a configuration, which is read when it is first asked for.
+
+    Attributes:
+        path: The configuration; None for that of the service, if there is one.
+    """
+
+    computer: Computer
+    path: Path | None = None
+
+    @cached_property
+    def imports(self) -> Imports:
+        """How importing the libraries ended."""
+        return import_libraries(self.computer)
+
+    @cached_property
+    def libraries(self) -> tuple[Diagnosis, ...]:
+        """What was found out on the libraries."""
+        return tuple(libraries(self.imports))
+
+    @property
+    def configuration(self) -> Configuration | None:
+        """The configuration; None where there is none that can be used."""
+        return self._read[0]
+
+    @property
+    def why_none(self) -> Diagnosis | None:
+        """Why a configuration that is there, or was named, cannot be used."""
+        return self._read[1]
+
+    @property
+    def place(self) -> Path:
+        """Where the configuration is, or would be."""
+        return self.path or self.computer.root / INSTALLED.lstrip("/")
+
+    @cached_property
+    def goes_by_the_clock(self) -> bool:
+        """Whether any rule asks for the time of day."""
+        from stadimeter.app.wall_time import goes_by_the_clock  # noqa: PLC0415
+
+        return self.configuration is not None and goes_by_the_clock(self.configuration.plan)
+
+    @cached_property
+    def pins(self) -> dict[int, bool]:
+        """The GPIOs of its outputs, and whether each is on when high."""
+        if self.configuration is None:
+            return {}
+        from stadimeter.workbench.wiring.outputs import wired_outputs  # noqa: PLC0415 - reads options of drivers
+
+        return {output.gpio: output.active_high for output in wired_outputs(self.configuration.driven)}
+
+    @cached_property
+    def ports(self) -> tuple[str, ...]:
+        """The serial ports that it names."""
+        if self.configuration is None or self.configuration.base is None:
+            return ()
+        from stadimeter.config.plugins import marked_options  # noqa: PLC0415 - loads pydantic
+        from stadimeter.config.units import PortMark  # noqa: PLC0415
+
+        found = marked_options(self.configuration.base.options, PortMark)
+        return tuple(str(port) for _key, port in found if str(port).startswith("/"))
+
+    @cached_property
+    def _read(self) -> tuple[Configuration | None, Diagnosis | None]:
+        path = self.place
+        if path.parent.exists() and not os.access(path.parent, os.X_OK):
+            return None, _not_yours(path)
+        if self.path is None and not path.exists():
+            return None, None
+        if path.exists() and not os.access(path, os.R_OK):
+            return None, _not_yours(path)
+        if any(each.severity is Severity.WRONG for each in self.libraries):
+            return None, unknown(f"{path} was not read, since libraries do not load", "mend those first")
+        from stadimeter.config.loader import load_configuration  # noqa: PLC0415 - loads numpy and the drivers
+
+        try:
+            return load_configuration(path), None
+        except StadimeterError as error:
+            return None, wrong(f"{path} cannot be used: {_first(error)}", f"`stadimeter check {path}` shows all")
+
+
+def _not_yours(path: Path) -> Diagnosis:
+    return unknown(f"{path} is not yours to read", "call doctor with `sudo`")
+
+
+def _first(error: StadimeterError) -> str:
+    """Return the first of several errors in one line, and how many more there are."""
+    lines = [str(each) for each in error.problems] if isinstance(error, ConfigError) else [str(error)]
+    more = f", and {len(lines) - 1} more" if len(lines) > 1 else ""
+    return f"{' '.join(lines[0].split())}{more}"

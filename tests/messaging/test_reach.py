@@ -1,0 +1,64 @@
+"""Whether a broker can be reached, as `doctor` asks: once, and beside a running instance."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from stadimeter.messaging import mqtt
+from stadimeter.messaging.mqtt import PahoMessenger, reach
+from stadimeter.messaging.mqtt_client import MqttOptions
+from stadimeter.testing.eventually import eventually
+from support.broker import HOST, LoopbackBroker, free_port, mosquitto_program
+from support.mqtt_listener import MqttListener
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Long enough for mosquitto on a busy computer; amqtt never answers MQTT 5, so waiting for it would only take time.
+    monkeypatch.setattr(mqtt, "ASKED_S", 10.0 if mosquitto_program() else 0.5)
+
+
+def options(port: int, **more: object) -> MqttOptions:
+    return MqttOptions.model_validate({"host": HOST, "port": port, "node": "it", **more})
+
+
+def test_a_running_instance_keeps_its_connection_and_no_one_hears_of_the_question(
+    broker: LoopbackBroker, make_messenger: Callable[..., PahoMessenger], listen: Callable[..., MqttListener]
+) -> None:
+    listener = listen(broker.port)
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: not messenger.trouble())
+    listener.wait_for("stadimeter/it/availability", "online")
+    assert reach(options(broker.port)) == ""
+    assert messenger.trouble() == ""
+    messenger.close()
+    listener.wait_for_payloads("stadimeter/it/availability", ["online", "offline"])
+    assert {heard.topic for heard in listener.heard if not heard.topic.startswith("$SYS")} == {
+        "stadimeter/it/availability"
+    }
+
+
+@pytest.mark.parametrize(("password", "words"), [("open sesame", ""), ("sesame", "refused the login of 'pi'")])
+def test_the_login_of_the_configuration_is_tried(
+    start_broker: Callable[..., LoopbackBroker], tmp_path: Path, password: str, words: str
+) -> None:
+    broker = start_broker(username="pi", password="open sesame")
+    (tmp_path / "password").write_text(password)
+    trouble = reach(options(broker.port, username="pi", password_file=str(tmp_path / "password")))
+    assert words in trouble
+    assert bool(trouble) == bool(words)
+    assert "sesame" not in trouble
+
+
+def test_each_way_not_to_answer_has_its_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mqtt, "ASKED_S", 0.2)
+    assert "is a broker running there?" in reach(options(free_port()))
+    missing = options(free_port(), username="pi", password_file=str(tmp_path / "none"))
+    assert "cannot be read" in reach(missing)
+    with socket.create_server((HOST, 0)) as silent:
+        assert reach(options(silent.getsockname()[1])).endswith("does not answer")

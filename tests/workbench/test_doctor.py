@@ -1,0 +1,396 @@
+"""What `doctor` finds on computers that are given as captured texts."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from stadimeter.app.board_health import is_under_voltage, temperature_c, throttling
+from stadimeter.workbench.doctor.computer import Computer, run_command
+from stadimeter.workbench.doctor.diagnosis import Diagnosis, Severity
+from stadimeter.workbench.doctor.examination import CHECKS
+from stadimeter.workbench.doctor.examined import INSTALLED, Examined
+from stadimeter.workbench.doctor.software import PROBE
+from support.captured_computers import (
+    GROUP,
+    IMX219,
+    LOADED,
+    MOUNTS,
+    OF_UNIT,
+    PC,
+    PI_4,
+    PI_5,
+    PLACES,
+    STATUS,
+    ZERO_2,
+    Captured,
+    library,
+)
+
+CONFIG = Path(__file__).parents[2] / "config"
+FINE, WARNING, WRONG, UNKNOWN = Severity
+
+
+def examine(captured: Captured, root: Path, *names: str, config: Path | None = None) -> list[Diagnosis]:
+    """Return what checks find: those that are named, or all."""
+    examined = Examined(captured.computer(root), config)
+    return [each for check in CHECKS if check.name in names or not names for each in check.find(examined)]
+
+
+def only(captured: Captured, root: Path, name: str, config: Path | None = None) -> Diagnosis:
+    """Return the one thing that a check finds."""
+    (found,) = examine(captured, root, name, config=config)
+    return found
+
+
+def worst(found: list[Diagnosis]) -> dict[Severity, list[str]]:
+    return {severity: [each.seen for each in found if each.severity is severity] for severity in Severity}
+
+
+@pytest.mark.parametrize("captured", [PI_4, PI_5, PC])
+def test_nothing_is_wrong_with_a_computer_that_is_set_up(captured: Captured, tmp_path: Path) -> None:
+    found = worst(examine(captured, tmp_path))
+    assert (found[WRONG], found[WARNING]) == ([], [])
+    assert found[UNKNOWN] == [f"there is no {INSTALLED}"]
+
+
+def test_everything_that_a_newcomer_forgot_is_found(tmp_path: Path) -> None:
+    found = worst(examine(ZERO_2, tmp_path))
+    assert [words.split(":")[0].split(",")[0] for words in found[WRONG]] == [
+        "under-voltage and throttled now (vcgencmd get_throttled",
+        "the user maker is in the group video since the last login only",
+        "no ribbon camera is found",
+    ]
+    assert [words.split(",")[0] for words in found[WARNING]] == [
+        "the processor is at 74 °C; from 80 °C on it is slowed down",
+        "the system's log is written to the memory card",
+        "each reading of a file is noted on the memory card",
+        "memory is swapped to the card (/var/swap)",
+        "the user maker is not in the group dialout",
+        "the user maker is not in the group gpio",
+        "the library lgpio",
+        "the board does not restart when the system hangs",
+    ]
+
+
+@pytest.mark.parametrize("captured", [PI_4, PI_5, ZERO_2, PC])
+def test_what_is_not_fine_has_a_remedy(captured: Captured, tmp_path: Path) -> None:
+    for each in examine(captured, tmp_path):
+        assert bool(each.remedy) == (each.severity in {WARNING, WRONG}) or each.severity is UNKNOWN
+        assert not each.seen.endswith(".")
+
+
+class TestSupply:
+    @pytest.mark.parametrize(
+        ("bits", "severity", "seen"),
+        [
+            ("0x0", FINE, "no under-voltage and no throttling"),
+            ("0x50000", WARNING, "under-voltage and throttled since the start, not now"),
+            ("0x50005", WRONG, "under-voltage and throttled now"),
+            ("0x80008", WRONG, "slowed by heat now"),
+            ("0xe0000", WARNING, "its clock is capped and throttled and slowed by heat since the start"),
+        ],
+    )
+    def test_each_bit_of_the_firmware_has_its_words(
+        self, tmp_path: Path, bits: str, severity: Severity, seen: str
+    ) -> None:
+        found = only(PI_4.printing("vcgencmd get_throttled", f"throttled={bits}\n"), tmp_path, "supply")
+        assert found.severity is severity
+        assert found.seen.startswith(seen)
+
+    @pytest.mark.parametrize(("alarm", "severity"), [("1", WRONG), ("0", FINE)])
+    def test_without_vcgencmd_the_kernel_is_asked(self, tmp_path: Path, alarm: str, severity: Severity) -> None:
+        plain = replace(PI_4, commands={}).with_files(hwmon_name="rpi_volt\n", hwmon_alarm=f"{alarm}\n")
+        assert only(plain, tmp_path, "supply").severity is severity
+
+    def test_where_neither_answers_it_is_not_known(self, tmp_path: Path) -> None:
+        assert only(replace(PI_4, commands={}), tmp_path, "supply").severity is UNKNOWN
+
+    def test_a_computer_without_the_firmware_of_a_pi_has_no_such_line(self, tmp_path: Path) -> None:
+        assert examine(PC, tmp_path, "supply", "wear") == []
+
+
+def test_the_readers_of_a_run_say_none_where_there_is_nothing(tmp_path: Path) -> None:
+    assert (temperature_c(tmp_path), is_under_voltage(tmp_path)) == (None, None)
+    assert throttling(0x20002).now == throttling(0x20002).before == ("its clock is capped",)
+
+
+@pytest.mark.parametrize(("milli", "severity"), [("69000", FINE), ("70000", WARNING), ("80000", WRONG), ("?", UNKNOWN)])
+def test_heat_is_judged_by_where_the_processor_is_slowed(tmp_path: Path, milli: str, severity: Severity) -> None:
+    assert only(PI_4.with_files(temp=milli), tmp_path, "temperature").severity is severity
+
+
+@pytest.mark.parametrize(("free", "severity"), [(50e6, WRONG), (300e6, WARNING), (600e6, FINE)])
+def test_a_disk_that_is_almost_full_is_found(tmp_path: Path, free: float, severity: Severity) -> None:
+    assert only(replace(PC, free_bytes=free), tmp_path, "disk").severity is severity
+
+
+def test_a_clock_that_is_not_set_is_wrong_where_rules_go_by_it(tmp_path: Path) -> None:
+    off = replace(PC, is_clock_right=False)
+    assert only(off, tmp_path, "clock").severity is WARNING
+    config = tmp_path / "night.toml"
+    night = '[rules.night]\nseverity = "info"\nwhen = { time = { between = ["22:00", "06:00"] } }\n'
+    config.write_text(f"{(CONFIG / 'demo.toml').read_text()}\n{night}")
+    assert only(off, tmp_path, "clock", config).severity is WRONG
+
+
+class TestWear:
+    def test_a_drop_in_wins_over_another_by_its_name(self, tmp_path: Path) -> None:
+        found = only(PI_4.with_files(journald="[Journal]\nStorage=persistent\n"), tmp_path, "wear")
+        assert found.seen == "the system's log is written to the memory card"
+
+    def test_without_a_setting_the_folder_of_the_log_decides(self, tmp_path: Path) -> None:
+        bare = PI_4.without("/usr/lib/systemd/journald.conf.d/40-rpi-volatile-storage.conf")
+        assert only(bare, tmp_path, "wear").severity is FINE
+        (tmp_path / "var/log/journal").mkdir(parents=True)
+        assert only(bare, tmp_path, "wear").severity is WARNING
+
+    def test_a_read_only_root_needs_no_noatime(self, tmp_path: Path) -> None:
+        mounts = MOUNTS.format(options="relatime").replace("rw,relatime 0 0\nproc", "ro,relatime 0 0\nproc")
+        assert only(PI_4.with_files(mounts=mounts), tmp_path, "wear").severity is FINE
+
+
+class TestLibraries:
+    ABI = (
+        "numpy.dtype size changed, may indicate binary incompatibility. Expected 96 from C header, got 88 from PyObject"
+    )
+
+    @pytest.mark.parametrize(
+        "error",
+        [f"ValueError: {ABI}", "AttributeError: _ARRAY_API not found", "ImportError: numpy.core.multiarray failed"],
+    )
+    def test_a_library_for_another_numpy_is_named_with_both_versions(self, tmp_path: Path, error: str) -> None:
+        imports = (LOADED[0], library("numpy", "2.2.6"), *LOADED[2:5], library("picamera2", error=error))
+        found = only(replace(PI_4, imports=imports), tmp_path, "libraries")
+        assert found.severity is WRONG
+        assert found.seen.startswith("picamera2 does not load beside numpy 2.2.6: it was built for another numpy")
+        assert found.remedy.endswith("-m pip install 'numpy<2' 'opencv-python-headless<4.12'")
+
+    def test_where_libraries_do_not_load_the_configuration_is_not_read(self, tmp_path: Path) -> None:
+        imports = (LOADED[0], library("numpy", "2.2.6"), library("cv2", error=f"ImportError: {self.ABI}"))
+        found = only(replace(PI_4, imports=imports), tmp_path, "configuration", CONFIG / "demo.toml")
+        assert found.severity is UNKNOWN
+        assert "libraries do not load" in found.seen
+
+    @pytest.mark.parametrize(("code", "how"), [(-11, "crashes Python"), (None, "takes too long")])
+    def test_a_library_that_crashes_or_hangs_is_named(self, tmp_path: Path, code: int | None, how: str) -> None:
+        imports = (*LOADED[:2], {"trying": "cv2"})
+        found = only(replace(PI_4, imports=imports, imports_code=code), tmp_path, "libraries")
+        assert (found.severity, found.seen) == (WRONG, f"importing cv2 {how}")
+
+    def test_a_32_bit_system_is_found(self, tmp_path: Path) -> None:
+        found = examine(replace(PI_4, imports=({**LOADED[0], "bits": 32}, *LOADED[1:])), tmp_path, "libraries")
+        assert found[0].seen == "this is a 32-bit system"
+
+    def test_the_libraries_of_this_python_load_together(self) -> None:
+        (found,) = Examined(Computer()).libraries
+        assert found.severity is FINE
+        assert f"Python {sys.version.split()[0]} in {sys.prefix}; numpy " in found.seen
+
+    def test_the_line_before_a_library_that_ends_python_is_the_last(self, tmp_path: Path) -> None:
+        (tmp_path / "ends.py").write_text("import os\nos._exit(3)\n")
+        answer = run_command(("env", f"PYTHONPATH={tmp_path}", sys.executable, "-c", PROBE, "json", "ends"))
+        assert answer is not None
+        assert answer.code == 3
+        assert answer.output.splitlines()[-1] == '{"trying": "ends"}'
+
+
+class TestGroups:
+    def test_a_group_since_this_login_needs_another_login(self, tmp_path: Path) -> None:
+        stale = PI_4.with_files(status=STATUS.format(uid=1000, groups="44 1000"))
+        found = examine(stale, tmp_path, "groups")
+        assert [each.severity for each in found] == [WRONG, WRONG]
+        assert found[0].seen.startswith("the user maker is in the group dialout since the last login only")
+        assert found[0].remedy == "log out and in again, or restart"
+
+    def test_a_group_that_the_configuration_needs_is_wrong_to_lack(self, tmp_path: Path) -> None:
+        none = PI_4.with_files(
+            group=GROUP.format(dialout="", video="", gpio=""), status=STATUS.format(uid=1000, groups="1000")
+        )
+        severities = {each.seen.split()[8].rstrip(","): each.severity for each in examine(none, tmp_path, "groups")}
+        assert set(severities.values()) == {WARNING}
+        found = examine(none, tmp_path, "groups", config=CONFIG / "distance-alert.toml")
+        assert {each.seen.split()[8].rstrip(","): each.severity for each in found} == {
+            "video": WRONG, "gpio": WRONG, "dialout": WARNING,
+        }  # fmt: skip
+        assert "`sudo usermod -aG video maker`, then log out and in again" in {each.remedy for each in found}
+
+    def test_root_is_asked_for_whoever_called_sudo(self, tmp_path: Path) -> None:
+        root = PI_4.with_files(
+            group=GROUP.format(dialout="maker", video="", gpio="maker"), status=STATUS.format(uid=0, groups="0")
+        )
+        assert only(root, tmp_path, "groups").seen.startswith("root may use every device")
+        found = only(replace(root, environment={"SUDO_USER": "maker"}), tmp_path, "groups")
+        assert found.seen.startswith("the user maker is not in the group video")
+
+
+class TestCameras:
+    def test_each_camera_is_named_with_its_stack(self, tmp_path: Path) -> None:
+        assert only(PI_4, tmp_path / "pi", "cameras").seen == f"imx219, by libcamera: {IMX219['device']}"
+        assert "by V4L2: /dev/v4l/by-id/" in only(PC, tmp_path / "pc", "cameras").seen
+
+    def test_a_camera_that_is_in_use_says_so(self, tmp_path: Path) -> None:
+        busy = {**IMX219, "trouble": "another program is using it; close that one"}
+        found = only(replace(PI_4, cameras=(busy,)), tmp_path, "cameras")
+        assert (found.severity, found.remedy) == (WRONG, busy["trouble"])
+
+    def test_the_legacy_stack_is_found_in_config_txt(self, tmp_path: Path) -> None:
+        old = replace(PI_4, cameras=()).with_files(config_txt="start_x=1\ngpu_mem=128\n")
+        assert "legacy camera stack (start_x=1)" in examine(old, tmp_path, "cameras")[0].seen
+
+    def test_a_ribbon_camera_without_its_library_is_found(self, tmp_path: Path) -> None:
+        bare = replace(PI_4, cameras=(), imports=(*LOADED[:5], library("picamera2", missing=True)))
+        found = examine(bare, tmp_path, "cameras")[0]
+        assert found.seen == "a ribbon camera is there, and the library picamera2 is not"
+        assert found.remedy.startswith("`sudo apt install python3-picamera2`")
+
+    def test_a_library_that_this_environment_does_not_see_is_found(self, tmp_path: Path) -> None:
+        hidden = replace(PI_5, cameras=(), imports=(*LOADED[:5], library("picamera2", missing=True)))
+        (tmp_path / "usr/lib/python3/dist-packages/picamera2").mkdir(parents=True)
+        found = examine(hidden, tmp_path, "cameras")[0]
+        assert "does not see picamera2" in found.seen
+        assert "--system-site-packages" in found.remedy
+
+    def test_what_the_kernel_knows_and_libcamera_does_not_is_not_known(self, tmp_path: Path) -> None:
+        assert examine(replace(PI_4, cameras=()), tmp_path, "cameras")[0].severity is UNKNOWN
+
+    def test_a_camera_whose_detection_is_off_is_found(self, tmp_path: Path) -> None:
+        off = replace(PI_4, cameras=()).with_files(config_txt="camera_auto_detect=0\n").without(PLACES["video0"])
+        assert "turns their detection off" in examine(off, tmp_path, "cameras")[0].seen
+
+    def test_a_configuration_without_such_a_camera_needs_none(self, tmp_path: Path) -> None:
+        assert only(replace(PC, cameras=()), tmp_path, "cameras").severity is WRONG
+        found = only(replace(PC, cameras=()), tmp_path, "cameras", CONFIG / "demo.toml")
+        assert (found.severity, "needs none" in found.seen) == (FINE, True)
+
+    def test_cameras_that_cannot_be_listed_are_not_known(self, tmp_path: Path) -> None:
+        assert only(replace(PC, cameras=None), tmp_path, "cameras").severity is UNKNOWN
+
+
+class TestPins:
+    def test_the_chip_is_the_one_that_gpiozero_takes(self, tmp_path: Path) -> None:
+        assert only(PI_4, tmp_path / "4", "pins").seen.endswith("by /dev/gpiochip0")
+        assert only(PI_5, tmp_path / "5", "pins").seen.endswith("by /dev/gpiochip4")
+
+    @pytest.mark.parametrize(("factory", "severity"), [("lgpio", FINE), ("mock", WARNING), ("rpigpio", WRONG)])
+    def test_another_factory_is_found(self, tmp_path: Path, factory: str, severity: Severity) -> None:
+        captured = replace(PI_4, environment={"GPIOZERO_PIN_FACTORY": factory})
+        assert only(captured, tmp_path, "pins").severity is severity
+
+    def test_a_pi_without_chips_is_found(self, tmp_path: Path) -> None:
+        assert only(PI_4.without("/dev/gpiochip0"), tmp_path, "pins").seen == "there is no /dev/gpiochip0"
+
+    def test_pins_of_a_configuration_need_a_pi(self, tmp_path: Path) -> None:
+        assert examine(PC, tmp_path, "pins") == []
+        assert only(PC, tmp_path, "pins", CONFIG / "distance-alert.toml").severity is WRONG
+
+
+def a_base(folder: Path, port: str) -> Path:
+    config = folder / "base.toml"
+    lines = (CONFIG / "follow-ball.toml").read_text()
+    config.write_text(re.sub(r'^port = "[^"]+"', f'port = "{port}"', lines, flags=re.MULTILINE))
+    return config
+
+
+class TestSerial:
+    def test_a_base_on_the_port_of_the_console_is_found(self, tmp_path: Path) -> None:
+        wired = replace(PI_4, links={"/dev/serial0": "ttyS0"})
+        found = only(wired, tmp_path, "serial", a_base(tmp_path, "/dev/serial0"))
+        assert (found.severity, found.remedy.split(",")[0]) == (WRONG, "`sudo raspi-config nonint do_serial_cons 1`")
+
+    def test_the_console_of_a_pi_5_is_on_no_pin(self, tmp_path: Path) -> None:
+        found = only(PI_5, tmp_path, "serial", a_base(tmp_path, "/dev/ttyAMA0"))
+        assert (found.severity, "GPIO" in found.seen) == (FINE, False)
+
+    def test_programs_that_take_ports_matter_where_there_are_any(self, tmp_path: Path) -> None:
+        taken = PC.printing("systemctl is-active ModemManager", "active\n")
+        taken = replace(taken, files={**taken.files, "/usr/lib/udev/rules.d/85-brltty.rules": ""})
+        assert examine(taken, tmp_path, "serial") == []
+        (tmp_path / "dev").mkdir()
+        (tmp_path / "dev/ttyUSB0").touch()
+        assert [each.seen.split()[0] for each in examine(taken, tmp_path, "serial")] == ["ModemManager", "brltty"]
+
+
+class TestService:
+    SHOW = f"systemctl show stadimeter.service --property={OF_UNIT}"
+
+    @pytest.mark.parametrize(
+        ("changed", "severity", "seen"),
+        [
+            ({}, FINE, "the service runs, 0 restarts"),
+            ({"NRestarts": "7"}, WARNING, "the service runs, after 7 restarts"),
+            ({"UnitFileState": "disabled"}, WARNING, "the service runs, and is not started at boot"),
+            ({"ActiveState": "inactive"}, WARNING, "the service is inactive"),
+            ({"ActiveState": "failed", "Result": "watchdog"}, WRONG, "the service has failed (watchdog), 0 restarts"),
+            (
+                {"SubState": "auto-restart", "Result": "exit-code"},
+                WRONG,
+                "the service has failed (exit-code), 0 restarts",
+            ),
+            ({"LoadState": "not-found"}, FINE, "stadimeter is not installed as a service on this computer"),
+        ],
+    )
+    def test_each_state_is_judged(self, tmp_path: Path, changed: dict[str, str], severity: Severity, seen: str) -> None:
+        state = dict(line.split("=") for line in PI_4.commands[self.SHOW].splitlines()) | changed
+        shown = "".join(f"{key}={value}\n" for key, value in state.items())
+        found = only(PI_4.printing(self.SHOW, shown), tmp_path, "service")
+        assert (found.severity, found.seen) == (severity, seen)
+
+    def test_without_systemd_nothing_is_known(self, tmp_path: Path) -> None:
+        assert only(PI_4.without("/run/systemd/system/here"), tmp_path, "service").severity is UNKNOWN
+
+    @pytest.mark.parametrize(
+        ("lines", "severity"), [("pin 17\n", FINE), ("pin 17 high\n", WRONG), ("# pin 17\n", WRONG), ("", WRONG)]
+    )
+    def test_the_safe_outputs_are_those_of_the_configuration(
+        self, tmp_path: Path, lines: str, severity: Severity
+    ) -> None:
+        found = only(PI_4.with_files(safe_conf=lines), tmp_path, "safe-outputs", CONFIG / "appliance.toml")
+        assert found.severity is severity
+
+    def test_watchdogs_that_are_off_are_found(self, tmp_path: Path) -> None:
+        off = PI_4.printing("systemctl show --property=RuntimeWatchdogUSec", "RuntimeWatchdogUSec=0\n").printing(
+            "systemctl show stadimeter.service --property=LoadState,WatchdogUSec", "LoadState=loaded\nWatchdogUSec=0\n"
+        )
+        assert [each.severity for each in examine(off, tmp_path, "watchdogs")] == [WARNING, WARNING]
+
+
+class TestConfiguration:
+    def test_that_of_the_service_is_looked_at_if_none_is_named(self, tmp_path: Path) -> None:
+        installed = tmp_path / INSTALLED.lstrip("/")
+        installed.parent.mkdir(parents=True)
+        installed.write_text((CONFIG / "demo.toml").read_text())
+        found = only(PC, tmp_path, "configuration")
+        assert found.severity is FINE
+        assert str(installed) in found.seen
+
+    def test_the_first_error_is_shown_in_a_line(self, tmp_path: Path) -> None:
+        config = tmp_path / "bad.toml"
+        config.write_text("[camera]\ndriver = 'simulated'\nfast = 1\n[rules.x]\nwhen = 3\n")
+        found = only(PC, tmp_path, "configuration", config)
+        assert found.severity is WRONG
+        assert "\n" not in found.seen
+        assert "more" in found.seen
+
+    @pytest.mark.skipif(os.geteuid() == 0, reason="root may read every file")
+    def test_one_that_is_not_ours_to_read_is_not_known(self, tmp_path: Path) -> None:
+        config = tmp_path / "mine.toml"
+        config.write_text("")
+        config.chmod(0)
+        assert only(PC, tmp_path, "configuration", config).remedy == "call doctor with `sudo`"
+
+
+class TestComputer:
+    def test_a_command_that_takes_too_long_is_stopped(self) -> None:
+        answer = run_command(("sh", "-c", "echo begun; exec sleep 60"), 0.2)
+        assert answer is not None
+        assert (answer.code, answer.output) == (None, "begun\n")
+
+    def test_a_command_that_is_not_installed_answers_nothing(self) -> None:
+        assert run_command(("no-such-command-anywhere",)) is None
+        assert Computer().prints("no-such-command-anywhere") == ""
