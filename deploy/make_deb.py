@@ -202,7 +202,7 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
 
 
 def _document(folder: Path) -> None:
-    for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*"), DEPLOY / "safe-outputs.conf"):
+    for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*")):
         _write(folder / "examples" / example.name, example.read_text())
     for page in (CHECKOUT / "docs").glob("*.md"):
         _write(folder / page.name, page.read_text())
