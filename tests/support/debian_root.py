@@ -46,7 +46,9 @@ class DebianRoot:
     def command(self, *command: str) -> list[str]:
         """Return a command that runs another one inside of the root."""
         around = ["env", "-i", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "DEBIAN_FRONTEND=noninteractive", "LC_ALL=C.UTF-8"]
-        return ["chroot", str(self.path), *around, *command]
+        # Where arm64 is emulated: a Pi 4's processor. QEMU 7.2's own default has vector instructions (SVE) with which
+        # numpy multiplies matrices wrongly.
+        return ["chroot", str(self.path), *around, "QEMU_CPU=cortex-a72", *command]
 
     def install(self, package: Path) -> Done:
         """Install a package as people do, with what it depends on."""
