@@ -35,8 +35,7 @@ def register(app: typer.Typer) -> None:
 def tune_command(
     rule: Annotated[str, typer.Argument(metavar="RULE", help="The rule: an alarm on a distance.")],
     recordings: Annotated[
-        list[Path],
-        typer.Argument(metavar="RECORDING", help="What `stadimeter run --journal` or `--record` recorded."),
+        list[Path], typer.Argument(metavar="RECORDING", help="What `run --journal` or `run --record` recorded.")
     ],
     config: Annotated[
         Path | None,
