@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.service_folders import state_directory
 from stadimeter.app.wall_time import local_now
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode
 from stadimeter.core.frame import Frame
@@ -60,8 +61,8 @@ FAULTS = frozenset({EventKind.FAULT, EventKind.FAULT_CLEARED})
 
 def event_log_path(configuration: Path, environ: Mapping[str, str] = os.environ) -> Path | None:
     """Return the event log of a configuration, in the ``$STATE_DIRECTORY`` of a service; None outside a service."""
-    folder = environ.get("STATE_DIRECTORY", "").split(":")[0]
-    return Path(folder) / f"{configuration.stem}{ENDING}" if folder else None
+    folder = state_directory(environ)
+    return folder / f"{configuration.stem}{ENDING}" if folder is not None else None
 
 
 def log_files(path: Path) -> list[Path]:

@@ -15,6 +15,7 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from stadimeter.app.service_folders import runtime_directory
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, marked_options
@@ -28,8 +29,8 @@ _PORT = re.compile(r"/dev/[\w./:+-]+")
 
 def safe_outputs_path(environ: Mapping[str, str] = os.environ) -> Path | None:
     """Return where the list belongs, in the ``$RUNTIME_DIRECTORY`` of a service; None outside a service."""
-    folder = environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
-    return Path(folder) / NAME if folder else None
+    folder = runtime_directory(environ)
+    return folder / NAME if folder is not None else None
 
 
 def write_safe_outputs(configuration: Configuration, path: Path) -> list[str]:

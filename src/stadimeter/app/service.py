@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.service_folders import runtime_directory
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError
@@ -263,11 +264,11 @@ def service(configuration: Path, environ: Mapping[str, str] = os.environ) -> Ser
     When systemd kills a process whose loop hangs, it does so by SIGABRT: then each thread says where it hangs.
     """
     faulthandler.enable()
-    runtime = environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
+    folder = runtime_directory(environ)
     return Service(
         NotifySocket(environ["NOTIFY_SOCKET"]),
         watchdog_s=_watchdog_s(environ),
-        starts=FailedStarts(Path(runtime), configuration) if runtime else None,
+        starts=FailedStarts(folder, configuration) if folder is not None else None,
     )
 
 

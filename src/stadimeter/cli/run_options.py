@@ -14,6 +14,7 @@ import typer
 
 import stadimeter
 from stadimeter.app.persistence.state_file import state_file
+from stadimeter.app.service_folders import runtime_directory, state_directory
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
 from stadimeter.errors import ControlError, JournalError
 
@@ -208,9 +209,9 @@ def served(loop: Loop, serving: Serving) -> Iterator[None]:
         closing.callback(late.tell_all)
         services.tell = late
         services.time_of_day = TimeOfDay(is_live=loop.parts.is_live, is_right=is_right)
-        if os.environ.get("STATE_DIRECTORY"):
+        if state_directory() is not None:
             closing.enter_context(_logged(loop, is_right))
-        if os.environ.get("RUNTIME_DIRECTORY"):
+        if runtime_directory() is not None:
             _list_safe_outputs(loop)
         if serving.service is not None:
             closing.enter_context(_as_service(loop, serving.service))

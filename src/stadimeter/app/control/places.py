@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from stadimeter.app.service_folders import runtime_directory
 from stadimeter.errors import ControlError
 
 ENDING = ".sock"
@@ -31,9 +32,9 @@ def runtime_folder(environ: Mapping[str, str] = os.environ) -> Path:
         that belongs to another user, as it may below ``sudo``; else one of our own: for root in ``/run``, for other
         users among the temporary files.
     """
-    for_service = environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
-    if for_service:
-        return Path(for_service)
+    for_service = runtime_directory(environ)
+    if for_service is not None:
+        return for_service
     of_user = environ.get("XDG_RUNTIME_DIR")
     if of_user and (not Path(of_user).exists() or Path(of_user).stat().st_uid == os.getuid()):
         return Path(of_user) / "stadimeter"

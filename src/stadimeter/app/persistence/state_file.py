@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from enum import Enum, auto
 from pathlib import Path
 
+from stadimeter.app.service_folders import state_directory
 from stadimeter.errors import StateError
 
 APPLICATION_ID = 0x53746164
@@ -106,9 +107,9 @@ def state_file(configuration: Path, environ: Mapping[str, str] = os.environ) -> 
     ``~/.local/state/stadimeter``.
     """
     name = f"{configuration.stem}{ENDING}"
-    for_service = environ.get("STATE_DIRECTORY", "").split(":")[0]
-    if for_service:
-        return Path(for_service) / name
+    for_service = state_directory(environ)
+    if for_service is not None:
+        return for_service / name
     of_user = environ.get("XDG_STATE_HOME")
     if of_user:
         return Path(of_user) / "stadimeter" / name
