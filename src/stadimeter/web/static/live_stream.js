@@ -85,7 +85,12 @@ export class Live {
       if (done) return;
       const whole = messages.add(value);
       if (!whole.length) continue;
-      for (const each of whole) this.#remember(each.snapshot);
+      const gone = whole.at(-1).snapshot;
+      if ("gone" in gone) {
+        this.#tell("lost", gone.gone, gone.code);
+        continue;
+      }
+      for (const each of whole) if (!("gone" in each.snapshot)) this.#remember(each.snapshot);
       await this.#show(whole.at(-1));
     }
   }
