@@ -107,14 +107,17 @@ def _draw_target(canvas: Image, found: Detection, words: str, scale: float, pen:
 
 
 def _write(canvas: Image, words: str, at: tuple[float, float], colour: _Colour, pen: float) -> None:
-    """Write a line, its lower left corner at a place, moved into the picture. OpenCV's letters are ASCII only."""
+    """Write a line on a dark strip, its lower left corner at a place, moved into the picture.
+
+    OpenCV's letters are ASCII only.
+    """
     text = words.encode("ascii", "replace").decode("ascii")
-    size, font = 0.5 * pen, cv2.FONT_HERSHEY_SIMPLEX
-    (width, height), below = cv2.getTextSize(text, font, size, max(1, round(pen)))
-    x = math.floor(min(max(at[0], 2), max(2, canvas.shape[1] - width - 2)))
-    y = math.floor(min(max(at[1], height + 2), canvas.shape[0] - below))
-    for shade, thickness in ((DARK, 3 * pen), (colour, pen)):
-        cv2.putText(canvas, text, (x, y), font, size, shade, max(1, round(thickness)), cv2.LINE_AA)
+    size, thickness, font = 0.5 * pen, max(1, round(pen)), cv2.FONT_HERSHEY_SIMPLEX
+    (width, height), below = cv2.getTextSize(text, font, size, thickness)
+    x = math.floor(min(max(at[0], 3), max(3, canvas.shape[1] - width - 3)))
+    y = math.floor(min(max(at[1], height + 3), canvas.shape[0] - below - 3))
+    cv2.rectangle(canvas, (x - 3, y - height - 3), (x + width + 3, y + below), DARK, cv2.FILLED)
+    cv2.putText(canvas, text, (x, y), font, size, colour, thickness, cv2.LINE_AA)
 
 
 def _small(image: Image) -> Image:
