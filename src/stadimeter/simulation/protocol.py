@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 
 class StagedWorld(Protocol):
@@ -11,6 +11,15 @@ class StagedWorld(Protocol):
 
     def narration(self) -> str:
         """Return in a sentence what happens now; an empty string if there is nothing to say."""
+        ...
+
+    def state(self) -> Mapping[str, Any]:
+        """Return where things are, and what goes wrong, for a view from above.
+
+        Returns:
+            ``targets`` and ``camera`` with ``x_m`` to the east and ``y_m`` to the north, the camera with its
+            ``heading_rad`` counter-clockwise from east; ``faults``: by kind, whether it is there now.
+        """
         ...
 
     def goes_wrong(self, fault: str) -> bool:
@@ -23,14 +32,6 @@ class StagedWorld(Protocol):
 
     def toggle(self, fault: str) -> None:
         """Make something go wrong, or put it right again; `ValueError` if there is no such fault."""
-        ...
-
-    def faults_now(self) -> Mapping[str, bool]:
-        """Return whether each fault is there now, by its kind."""
-        ...
-
-    def target_position_m(self) -> tuple[float, float]:
-        """Return where the target is now: x to the east, y to the north."""
         ...
 
     def place_target(self, x_m: float, y_m: float) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
@@ -291,6 +291,17 @@ class World:
         with self._lock:
             return self._narrator.words([kind for kind in KNOBS if self.goes_wrong(kind)], self.now_s - self._start_s)
 
+    def state(self) -> dict[str, Any]:
+        """Return where ball and camera are, and what goes wrong, for a view from above."""
+        now_s = self.now_s
+        x_m, y_m, _ = self._hand.position_m(now_s)
+        pose = self.robot.pose_at(now_s)
+        return {
+            "targets": [{"name": "ball", "x_m": round(x_m, 3), "y_m": round(y_m, 3)}],
+            "camera": {"x_m": round(pose.x_m, 3), "y_m": round(pose.y_m, 3), "heading_rad": round(pose.heading_rad, 3)},
+            "faults": {kind.value: self.goes_wrong(kind) for kind in KNOBS},
+        }
+
     def goes_wrong(self, fault: str) -> bool:
         """Return whether a fault of this `FaultKind` is there now."""
         return bool(getattr(self.faults, KNOBS[FaultKind(fault)]))
@@ -298,14 +309,6 @@ class World:
     def toggle(self, fault: str) -> None:
         """Turn the knob of a `FaultKind`. It stays so until it is turned again, or its next time in the schedule."""
         setattr(self.faults, KNOBS[FaultKind(fault)], not self.goes_wrong(fault))
-
-    def faults_now(self) -> dict[str, bool]:
-        """Return whether each fault is there now, by its kind."""
-        return {kind.value: self.goes_wrong(kind) for kind in KNOBS}
-
-    def target_position_m(self) -> tuple[float, float]:
-        """Return where the ball is now: x to the east, y to the north."""
-        return self._hand.position_m(self.now_s)[:2]
 
     def place_target(self, x_m: float, y_m: float) -> None:
         """Move the ball there, by hand, and leave it there."""
