@@ -268,7 +268,7 @@ def test_a_picture_that_is_old_a_disk_that_is_full_and_a_broker_that_is_away_are
         trouble="the broker is away",
     )
     words = words_of(health)
-    assert words["camera"] == ("0.0 pictures a second, the newest 3.2 s old", False)
+    assert words["camera"] == ("0.0 pictures a second, 3.2 s old", False)
     assert words["disk"] == ("1 MB free", False)
     assert words["broker"] == ("the broker is away", False)
     assert not words_of(replace(health, frame_age_s=0.03, broker="connected"))["trouble"][1]
