@@ -297,6 +297,18 @@ class World:
         """Turn the knob of a `FaultKind`. It stays so until it is turned again, or its next time in the schedule."""
         setattr(self.faults, KNOBS[FaultKind(fault)], not self.goes_wrong(fault))
 
+    def ball_at_m(self) -> tuple[float, float]:
+        """Return where the ball is now: metres to the east, where the robot looks at first, and to the north."""
+        x_m, y_m, _ = self.ball.position_m(self._clock.now_s())
+        return x_m, y_m
+
+    def move_ball(self, x_m: float, y_m: float) -> None:
+        """Put the ball somewhere; it leaves its path, and stays there."""
+        here = WayPoint.model_validate({"at": "0 s", "x": f"{x_m} m", "y": f"{y_m} m"})
+        self.ball = Ball(
+            diameter_m=self.ball.diameter_m, height_m=self.ball.height_m, path=(here,), loop=False, start_s=0.0
+        )
+
     def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
         """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.
 

@@ -46,10 +46,10 @@ Operation = Callable[[Desk, Mapping[str, Any]], Reply]
 
 _SETUP = "stadimeter.workbench.server.setup_operations"
 
+_SETUP_NAMES = "state begin answer back leave picture camera colour take world"
+
 MODULES: dict[str, str] = {
-    **dict.fromkeys(
-        ("setup-state", "setup-begin", "setup-answer", "setup-back", "setup-leave", "setup-picture"), _SETUP
-    ),
+    **{f"setup-{name}": _SETUP for name in _SETUP_NAMES.split()},
 }
 """The module of each operation, which is loaded when it is first asked for. Its ``OPERATIONS`` holds it."""
 

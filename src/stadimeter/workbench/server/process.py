@@ -98,7 +98,7 @@ def told(error: StadimeterError) -> dict[str, Any]:
     problems = getattr(error, "problems", ())
     return {
         **answer,
-        **({"code": code} if code else {}),
+        **({"code": code, **getattr(error, "data", {})} if code else {}),
         **({"problems": [as_json(each) for each in problems]} if problems else {}),
     }
 
