@@ -122,5 +122,5 @@ PLACES: tuple[Place, ...] = (
     ),
     *(_set_up(step, LONG_WAIT_S) for step in ("take", "board")),
     _desk("GET", "setup/picture.jpg", "setup-picture", query={"draw": str, "width_px": int}, media=_JPEG),
-    _desk("GET", "setup/wiring.svg", "setup-wiring", media=_SVG),
+    _desk("GET", "setup/wiring.svg", "setup-wiring", query={"output": str}, media=_SVG),
 )

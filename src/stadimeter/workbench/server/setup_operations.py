@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from stadimeter.core.camera_model import CameraModel
@@ -77,7 +78,7 @@ def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
         return Reply(data=values_of(frame, None, None), attached=jpeg_of(frame.image, width_px))
     found, measured = looked_at(setup.known, frame, target)
     if measured is not None:
-        setup.remember(measured)
+        setup.remember(replace(measured, captured_at_s=frame.captured_at_s))
     image = drawn(frame, found, measured, with_candidates=draw == "candidates")
     return Reply(data=values_of(frame, found, measured), attached=jpeg_of(image, width_px))
 
