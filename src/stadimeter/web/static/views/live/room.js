@@ -21,6 +21,7 @@ export function room({ api, session, unit, say }) {
   const where = h("p", { class: "small number", role: "status" });
   const element = h("section", { class: "panel room", hidden: true }, h("h2", null, "Simulated room"), plan, where,
     session.right === "operate" && h("p", { class: "small quiet" }, "Drag the ball, or move it with the arrow keys. Rings are 1 m apart."), faults);
+  const length = (metres, forwards, back) => `${format.distance(Math.abs(metres), 0.01, unit).value} ${unit.symbol} ${metres < 0 ? back : forwards}`;
   const isOurs = session.right === "operate";
   const send = sender(api, say);
   let dragged = null;
@@ -39,7 +40,7 @@ export function room({ api, session, unit, say }) {
       const [cx, cy] = place(target);
       mark.setAttribute("cx", cx);
       mark.setAttribute("cy", cy);
-      write(where, `${target.name}: ${format.distance(target.x_m, 0.01, unit).text} ahead, ${format.distance(target.y_m, 0.01, unit).text} to the left of where the robot began`);
+      write(where, `${target.name}: ${length(target.x_m, "ahead", "behind")}, ${length(target.y_m, "to the left", "to the right")} of where the robot began`);
     };
     if (isOurs) {
       mark.addEventListener("pointerdown", (event) => mark.setPointerCapture(event.pointerId));
