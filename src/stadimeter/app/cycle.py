@@ -113,6 +113,7 @@ class Cycle:
             applied=applied,
             timings_s=watch.laps_s,
             rejected={found.target: found.rejected for found in detections if found.rejected},
+            detections=detections,
             decision=decision,
         )
         return state, record, frame

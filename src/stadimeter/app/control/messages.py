@@ -66,6 +66,31 @@ class ExplainArgs(_Strict):
     """The moment, in seconds since 1970 on the wall clock; None for now."""
 
 
+Picture = Literal["plain", "drawn"]
+
+
+class SubscribeArgs(_Strict):
+    """What somebody who watches a run wants to get, and how often."""
+
+    rate_hz: Annotated[float, Field(gt=0, le=10, strict=False)] = 10.0
+    """How many snapshots a second, at most."""
+    image: Literal["none"] | Picture = "none"
+    """Whether the frame comes with it as JPEG, and whether what was found is drawn in."""
+    quality: Annotated[int, Field(ge=10, le=95)] = 80
+    """Quality of the JPEG."""
+
+
+class FrameArgs(_Strict):
+    """In which form the newest frame is wanted."""
+
+    encoding: Literal["jpeg", "raw"] = "jpeg"
+    """As JPEG, or row by row, each pixel three bytes, blue first."""
+    image: Picture = "plain"
+    """Whether what was found is drawn in."""
+    quality: Annotated[int, Field(ge=10, le=95)] = 80
+    """Quality of the JPEG."""
+
+
 class _Request(_Strict):
     transaction: Annotated[str, StringConstraints(max_length=200)] | int | None = None
 
@@ -98,10 +123,27 @@ class PlainRequest(_Request):
     args: NoArgs = Field(default_factory=NoArgs)
 
 
-Transaction = str | int | None
-Request = OperatorRequest | ShelveRequest | ExplainRequest | PlainRequest
+class SubscribeRequest(_Request):
+    """Send snapshots until I hang up."""
 
-OPS = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back", "reload", "explain", "status", "hello")
+    op: Literal["subscribe"]
+    args: SubscribeArgs = Field(default_factory=SubscribeArgs)
+
+
+class FrameRequest(_Request):
+    """Send the newest frame."""
+
+    op: Literal["frame"]
+    args: FrameArgs = Field(default_factory=FrameArgs)
+
+
+Transaction = str | int | None
+Request = OperatorRequest | ShelveRequest | ExplainRequest | PlainRequest | SubscribeRequest | FrameRequest
+
+OPS = (
+    "ack", "reset", "shelve", "unshelve", "take-out", "put-back", "reload", "explain", "status", "hello",
+    "subscribe", "frame",
+)  # fmt: skip
 
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
 
@@ -117,16 +159,26 @@ _ACTIONS: Mapping[str, OperatorAction] = {
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """An answer: what was asked for, or why it is not done."""
+    """An answer: what was asked for, or why it is not done.
+
+    Attributes:
+        json: The data, as JSON in ASCII already; then `data` is not looked at.
+        attached: Bytes that follow the line, such as a picture.
+    """
 
     data: Any = None
     error: str = ""
+    json: str = ""
+    attached: bytes = b""
 
     def line(self, transaction: Transaction) -> bytes:
         """Return one line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair."""
         answer: dict[str, Any] = {"transaction": transaction, "status": "error" if self.error else "ok"}
-        answer |= {"error": self.error} if self.error else {"data": self.data}
-        return json.dumps(answer, separators=(",", ":")).encode("ascii") + b"\n"
+        answer |= {"bytes": len(self.attached)} if self.attached else {}
+        answer |= {"error": self.error} if self.error else {} if self.json else {"data": self.data}
+        line = json.dumps(answer, separators=(",", ":"))
+        line = f'{line[:-1]},"data":{self.json}}}' if self.json else line
+        return line.encode("ascii") + b"\n"
 
 
 def parse_request(line: bytes) -> Request:
