@@ -38,11 +38,14 @@ function card(context) {
     state.className = `badge is-${lookOf(rule)}`;
     write(state, stateInWords(rule));
     write(drives, rule.output ? `→ ${rule.output}` : "alert only");
-    write(why, format.words(rule.reason, context.unit));
+    write(why, format.words(whyOnly(rule), context.unit));
     actions.update(rule);
   };
   return element;
 }
+
+/** The reason without what stands beside it. */
+const whyOnly = ({ reason, status, output }) => reason.replace(`${status}: `, "").replace(`; it commands '${output}'`, "");
 
 export function stateInWords(rule) {
   const extra = [...rule.gates, rule.acknowledged ? "" : "not acknowledged", rule.chattering ? "chattering" : "", rule.first_out ? "first" : ""];
