@@ -206,8 +206,7 @@ def _value(asked: Command, applied: Command | None) -> dict[str, Any]:
 def _commanded(trace: OutputTrace | None) -> dict[str, Any]:
     if trace is None:
         return {"winner": "", "reason": "", "losers": (), "held_by": ""}
-    held_by = getattr(trace, "held_by", "")
-    return {"winner": trace.winner, "reason": trace.reason, "losers": trace.losers, "held_by": held_by}
+    return {"winner": trace.winner, "reason": trace.reason, "losers": trace.losers, "held_by": trace.held_by}
 
 
 def _most(plan: Plan | None, name: str) -> dict[str, Any]:
