@@ -171,15 +171,18 @@ class Guard:
             await send(message)
 
         try:
-            self._access.check_host(scope)
-            scope["right"] = self._access.right_of(scope)
-            if scope["right"] is Right.OPEN and scope["path"] not in OPEN_PATHS:
-                raise PageError(401, "not-logged-in", "log in first")
+            self._admit(scope)
         except PageError as error:
             is_page = scope["path"] == "/" and error.status == 401
             await (self._ask(error) if is_page else as_error(error))(scope, receive, with_headers)
         else:
             await self._app(scope, receive, with_headers)
+
+    def _admit(self, scope: Scope) -> None:
+        self._access.check_host(scope)
+        scope["right"] = self._access.right_of(scope)
+        if scope["right"] is Right.OPEN and scope["path"] not in OPEN_PATHS:
+            raise PageError(401, "not-logged-in", "log in first")
 
 
 def is_loopback(address: str) -> bool:

@@ -40,11 +40,11 @@ class Attempts:
         if len(self._recent) == IN_ALL:
             until_s = max(until_s, self._recent[0] + IN_ALL_S)
         if until_s > now_s:
-            wait_s = ceil(until_s - now_s)
-            words = f"too many wrong passwords; try again in {wait_s} s"
-            raise PageError(429, "too-many-attempts", words, {"wait_s": wait_s})
+            left_s = ceil(until_s - now_s)
+            words = f"too many wrong passwords; try again in {left_s} s"
+            raise PageError(429, "too-many-attempts", words, {"wait_s": left_s})
         count += 1
-        doubled = 2 ** min(count - FREE, 20)
+        doubled = 2.0 ** min(count - FREE, 20)
         wait_s = min(LONGEST_WAIT_S, FIRST_WAIT_S * doubled) if count >= FREE else 0.0
         self._failures[of] = (count, now_s + wait_s)
         self._failures.move_to_end(of)
