@@ -44,9 +44,13 @@ class Desk:
 Operation = Callable[[Desk, Mapping[str, Any]], Reply]
 """Raises `StadimeterError`; the sentence is shown on the page. An error of another kind is a defect."""
 
+_EDITING = "stadimeter.workbench.server.editing"
+_RECORDINGS = "stadimeter.workbench.server.recordings"
 _SETUP = "stadimeter.workbench.server.setup_operations"
 
 MODULES: dict[str, str] = {
+    **dict.fromkeys(("configuration", "check", "save", "version", "versions", "restore"), _EDITING),
+    **dict.fromkeys(("recordings", "recording", "recording-delete"), _RECORDINGS),
     **dict.fromkeys(
         ("setup-state", "setup-begin", "setup-answer", "setup-back", "setup-leave", "setup-picture"), _SETUP
     ),
