@@ -51,6 +51,8 @@ _SETUP = "stadimeter.workbench.server.setup_operations"
 MODULES: dict[str, str] = {
     **dict.fromkeys(("configuration", "check", "save", "version", "versions", "restore"), _EDITING),
     **dict.fromkeys(("recordings", "recording", "recording-delete"), _RECORDINGS),
+    "replay-diff": "stadimeter.workbench.server.replaying",
+    "recording-frame": "stadimeter.workbench.server.recorded_frame",
     **dict.fromkeys(
         ("setup-state", "setup-begin", "setup-answer", "setup-back", "setup-leave", "setup-picture"), _SETUP
     ),
