@@ -48,14 +48,17 @@ _EDITING = "stadimeter.workbench.server.editing"
 _RECORDINGS = "stadimeter.workbench.server.recordings"
 _SETUP = "stadimeter.workbench.server.setup_operations"
 
+_SETUP_RESULTS = "stadimeter.workbench.server.setup_results"
+
+_SETUP_NAMES = "state begin answer back leave picture camera colour take world"
+
 MODULES: dict[str, str] = {
     **dict.fromkeys(("configuration", "check", "save", "version", "versions", "restore"), _EDITING),
     **dict.fromkeys(("recordings", "recording", "recording-delete"), _RECORDINGS),
     "replay-diff": "stadimeter.workbench.server.replaying",
     "recording-frame": "stadimeter.workbench.server.recorded_frame",
-    **dict.fromkeys(
-        ("setup-state", "setup-begin", "setup-answer", "setup-back", "setup-leave", "setup-picture"), _SETUP
-    ),
+    **{f"setup-{name}": _SETUP for name in _SETUP_NAMES.split()},
+    **dict.fromkeys(("setup-outlook", "setup-try", "setup-wiring", "setup-files"), _SETUP_RESULTS),
 }
 """The module of each operation, which is loaded when it is first asked for. Its ``OPERATIONS`` holds it."""
 
