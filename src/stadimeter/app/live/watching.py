@@ -47,17 +47,17 @@ def introduction(loop: Loop) -> dict[str, object]:
 
 def _surroundings(loop: Loop) -> Surroundings:
     parts = loop.parts
-    started_unix_s = time.time()
+    started_unix_s, path = round(time.time(), 3), str(parts.configuration.path.resolve())
     detectors = parts.cycle.perceiver.detectors
 
     def run() -> Mapping[str, object]:
         configuration = parts.configuration
         return {
-            "configuration": str(configuration.path.resolve()),
+            "configuration": path,
             "title": configuration.path.name,
             "version": stadimeter.__version__,
             "pid": os.getpid(),
-            "started_unix_s": round(started_unix_s, 3),
+            "started_unix_s": started_unix_s,
             "digest": sha256_of(configuration.text),
             "is_service": is_service(),
             "world": parts.world.state() if parts.world is not None else None,
