@@ -5,12 +5,15 @@
     StadimeterError
     ├─ UnreadableError (OSError)             a file that is not there, not regular, too large, or not text
     ├─ ConfigError (ValueError)              a configuration, camera file or option is wrong; lists every problem
+    ├─ ChangedMeanwhileError                 a file was saved by another since it was read
+    ├─ NotThereError (LookupError)           a recording or a version that is asked for by a name, and is not there
     ├─ CommandRangeError (ValueError)        a command that no actuator could follow: NaN, or outside its range
     ├─ CalibrationError (ValueError)         a camera model that cannot be made, or does not fit the pictures
     ├─ PictureError (ValueError)             a picture or video that cannot be read
     ├─ JournalError (OSError)                a journal that cannot be written or read
     ├─ StateError (OSError)                  a state file that cannot be written or read
     ├─ ControlError (ConnectionError)        a running instance that is not there, does not answer, or refuses
+    ├─ PageError                             a request of the page that is refused, or cannot be answered
     ├─ EndOfFramesError                      a recording came to its end: a normal end, not a fault
     └─ DriverError
        ├─ DriverNotFoundError (LookupError)      no driver has that name
@@ -28,7 +31,7 @@ and what to do about it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -103,6 +106,28 @@ class ConfigError(StadimeterError, ValueError):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 
+class ChangedMeanwhileError(StadimeterError):
+    """A file was saved by another since it was read, and ours would overwrite that.
+
+    Attributes:
+        code: What it is, for programs.
+        data: ``their_text``, as it is saved now, and ``diff``: what ours would change in it, lines in the unified
+            format.
+    """
+
+    code = "conflict"
+
+    def __init__(self, words: str, their_text: str, diff: Sequence[str]) -> None:
+        self.data = {"their_text": their_text, "diff": list(diff)}
+        super().__init__(words)
+
+
+class NotThereError(StadimeterError, LookupError):
+    """A recording or a version that is asked for by its name is not there."""
+
+    code = "not-found"
+
+
 class CommandRangeError(StadimeterError, ValueError):
     """A command holds a value that no actuator could follow: NaN, infinite, or outside its range."""
 
@@ -133,6 +158,22 @@ class StateError(StadimeterError, OSError):
 
 class ControlError(StadimeterError, ConnectionError):
     """A running instance is not there, does not answer, or refuses what it is told."""
+
+
+class PageError(StadimeterError):
+    """A request that the page refuses, or that neither the run nor the workbench could answer.
+
+    Attributes:
+        status: The status that HTTP has for it.
+        code: The kind of error, for programs; it stays the same when the words change.
+        details: What else is told: ``problems``, or how another's text differs.
+    """
+
+    def __init__(self, status: int, code: str, message: str, details: Mapping[str, object] | None = None) -> None:
+        self.status = status
+        self.code = code
+        self.details = dict(details or {})
+        super().__init__(message)
 
 
 class EndOfFramesError(StadimeterError):
