@@ -11,6 +11,7 @@
     ├─ JournalError (OSError)                a journal that cannot be written or read
     ├─ StateError (OSError)                  a state file that cannot be written or read
     ├─ ControlError (ConnectionError)        a running instance that is not there, does not answer, or refuses
+    ├─ PageError                             a request of the page that is refused, or cannot be answered
     ├─ EndOfFramesError                      a recording came to its end: a normal end, not a fault
     └─ DriverError
        ├─ DriverNotFoundError (LookupError)      no driver has that name
@@ -28,7 +29,7 @@ and what to do about it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 
@@ -133,6 +134,22 @@ class StateError(StadimeterError, OSError):
 
 class ControlError(StadimeterError, ConnectionError):
     """A running instance is not there, does not answer, or refuses what it is told."""
+
+
+class PageError(StadimeterError):
+    """A request that the page refuses, or that neither the run nor the workbench could answer.
+
+    Attributes:
+        status: The status that HTTP has for it.
+        code: The kind of error, for programs; it stays the same when the words change.
+        details: What else is told: ``problems``, or how another's text differs.
+    """
+
+    def __init__(self, status: int, code: str, message: str, details: Mapping[str, object] | None = None) -> None:
+        self.status = status
+        self.code = code
+        self.details = dict(details or {})
+        super().__init__(message)
 
 
 class EndOfFramesError(StadimeterError):

@@ -32,6 +32,9 @@ class Commands(LazyGroup):
             RUN,
         ),
         "run": LazyCommand("stadimeter.cli.run", "Measure, decide and act, until stopped.", RUN),
+        "web": LazyCommand(
+            "stadimeter.cli.web", "Serve a page on which a browser sees, sets up and operates a run.", RUN
+        ),
         "bench": LazyCommand("stadimeter.cli.bench", "Print how fast this computer measures and acts.", RUN),
         "doctor": LazyCommand(
             "stadimeter.cli.doctor",

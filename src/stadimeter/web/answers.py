@@ -1,0 +1,71 @@
+"""Answers as HTTP has them: data, pictures with their values, errors, and streams."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncGenerator
+from contextlib import aclosing, suppress
+from typing import Any
+from urllib.parse import quote
+
+from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+
+from stadimeter.errors import PageError
+from stadimeter.web.exchange import Answer
+
+VALUES = "X-Values"
+"""The header of a picture that holds what it shows, as JSON with percent signs for what no header may have."""
+
+
+def as_json(data: Any, status: int = 200) -> Response:
+    """Return data."""
+    return Response(json.dumps(data, separators=(",", ":")), status, media_type="application/json")
+
+
+def as_picture(answer: Answer, media: str) -> Response:
+    """Return what is attached to an answer, and its data in a header."""
+    values = quote(json.dumps(answer.data, separators=(",", ":")), safe="")
+    return Response(answer.attached, media_type=media, headers={VALUES: values})
+
+
+def as_error(error: PageError) -> Response:
+    """Return why something is not done."""
+    told = {"code": error.code, "message": str(error), "problems": [], **error.details}
+    answer = as_json({"error": told}, error.status)
+    if "wait_s" in error.details:
+        answer.headers["Retry-After"] = str(error.details["wait_s"])
+    return answer
+
+
+class Streamed(Response):
+    """Sends parts until they end, or the browser is gone. Waits until the browser has taken each."""
+
+    def __init__(self, parts: AsyncGenerator[bytes, None], media: str) -> None:
+        super().__init__(None, media_type=media)
+        del self.headers["content-length"]
+        self._parts = parts
+
+    async def __call__(self, _scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
+        tasks = {asyncio.create_task(self._send(send)), asyncio.create_task(_gone(receive))}
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _send(self, send: Send) -> None:
+        async with aclosing(self._parts) as parts:
+            async for part in parts:
+                await send({"type": "http.response.body", "body": part, "more_body": True})
+        with suppress(OSError):
+            await send({"type": "http.response.body", "body": b""})
+
+
+async def _gone(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass

@@ -1,0 +1,66 @@
+"""One question and its answer, over a control socket or the pipe of the workbench process."""
+
+from __future__ import annotations
+
+import json
+from asyncio import IncompleteReadError, LimitOverrunError, StreamReader, StreamWriter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from stadimeter.app.control.framing import attached_bytes
+from stadimeter.errors import PageError
+
+LINE_MAX_BYTES = 8 * 1024 * 1024
+"""A longer line is no answer. The first snapshot holds the distances of some minutes."""
+
+STATUS_OF_CODE = {"conflict": 409, "not-found": 404, "busy": 503}
+"""What HTTP has for the codes of errors; all others are a request that makes no sense just now: 400."""
+
+_OF_THE_FRAMING = frozenset({"transaction", "status", "error", "code", "bytes", "data"})
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a run or the workbench answered, and the bytes that belong to it, such as a picture."""
+
+    data: Any
+    attached: bytes = b""
+
+
+async def put(writer: StreamWriter, op: str, args: Mapping[str, Any]) -> None:
+    """Send a question."""
+    writer.write(json.dumps({"transaction": op, "op": op, "args": args}).encode("ascii") + b"\n")
+    await writer.drain()
+
+
+async def take(reader: StreamReader) -> Answer:
+    """Read an answer.
+
+    Raises:
+        PageError: It is a refusal, in the words of the one who was asked.
+        EOFError: There is no more.
+        ValueError: It makes no sense.
+    """
+    try:
+        line = await reader.readuntil(b"\n")
+    except LimitOverrunError as error:
+        raise ValueError("an answer without an end") from error
+    found = json.loads(line)
+    attached = await reader.readexactly(attached_bytes(found))
+    if found.get("status") == "error":
+        raise refusal(found)
+    return Answer(found.get("data"), attached)
+
+
+def refusal(answer: Mapping[str, Any]) -> PageError:
+    """Return the error that an answer is."""
+    code = str(answer.get("code") or "refused")
+    details = {key: value for key, value in answer.items() if key not in _OF_THE_FRAMING}
+    more = answer.get("data")
+    details |= more if isinstance(more, dict) else {}
+    return PageError(STATUS_OF_CODE.get(code, 400), code, str(answer.get("error", "refused")), details)
+
+
+UNREADABLE = (OSError, EOFError, ValueError, IncompleteReadError)
+"""What `take` may raise besides a refusal: the other side is gone, or says what makes no sense."""

@@ -1,0 +1,179 @@
+"""Snapshots and pictures of the run, from one subscription to every browser that watches.
+
+A browser has no queue. It is given the newest message when it has taken the one before; events and distances of those
+that it missed are added, so that a slow browser loses pictures and nothing else.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+from collections import deque
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import aclosing
+from dataclasses import dataclass
+from typing import Any
+
+from stadimeter.errors import PageError
+from stadimeter.web.exchange import Answer
+from stadimeter.web.run_link import RunLink
+
+KINDS = ("none", "plain", "drawn")
+"""The pictures that a subscription may have."""
+
+RETRY_S = 1.0
+EVENTS_KEPT = 100
+SAMPLES_KEPT_S = 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A snapshot as JSON, and its picture as JPEG."""
+
+    snapshot: bytes
+    picture: bytes = b""
+
+    def framed(self) -> bytes:
+        """Return it as the page's stream has it: both lengths, and both."""
+        return struct.pack(">II", len(self.snapshot), len(self.picture)) + self.snapshot + self.picture
+
+
+class History:
+    """The events and distances of a run that a browser which comes now, or is slow, has not seen."""
+
+    def __init__(self) -> None:
+        self._begin(None)
+
+    def _begin(self, run: Any) -> None:
+        self._run = run
+        self._last_event = -1
+        self._events: deque[tuple[int, Any]] = deque(maxlen=EVENTS_KEPT)
+        self._samples: dict[str, deque[tuple[int, Any]]] = {}
+
+    def add(self, number: int, snapshot: Mapping[str, Any]) -> None:
+        """Take what is new in the message of a number. After a restart of the run nothing of before remains."""
+        run = (snapshot.get("run") or {}).get("started_unix_s")
+        if run != self._run:
+            self._begin(run)
+        for event in snapshot.get("events", ()):
+            if event["number"] > self._last_event:
+                self._last_event = event["number"]
+                self._events.append((number, event))
+        for target, samples in snapshot.get("samples", {}).items():
+            kept = self._samples.setdefault(target, deque())
+            kept.extend((number, each) for each in samples if not kept or each[0] > kept[-1][1][0])
+            while kept and kept[0][1][0] < kept[-1][1][0] - SAMPLES_KEPT_S:
+                kept.popleft()
+
+    def since(self, number: int) -> dict[str, Any]:
+        """Return what came after the message of a number."""
+        return {
+            "events": [event for at, event in self._events if at > number],
+            "samples": {
+                target: [each for at, each in samples if at > number] for target, samples in self._samples.items()
+            },
+        }
+
+
+class Feed:
+    """The messages of one kind of picture. It is subscribed to while somebody watches."""
+
+    def __init__(self, link: RunLink, image: str) -> None:
+        self._link = link
+        self._args = {"image": image}
+        self._history = History()
+        self._number = 0
+        self._snapshot: Mapping[str, Any] | None = None
+        self._newest = Message(b"")
+        self._in_words: dict[int, bytes] = {}
+        self._arrived = asyncio.Event()
+        self._watchers = 0
+        self._task: asyncio.Task[None] | None = None
+        self._is_closed = False
+
+    async def watch(self) -> AsyncGenerator[Message, None]:
+        """Yield a message whenever there is a newer one. Ends when the page does."""
+        self._watchers += 1
+        if self._task is None:
+            self._task = asyncio.create_task(self._follow())
+        seen = 0
+        try:
+            while not self._is_closed:
+                if self._snapshot is None or self._number == seen:
+                    await self._arrived.wait()
+                    continue
+                message, seen = self._message(seen), self._number
+                yield message
+        finally:
+            self._watchers -= 1
+            if not self._watchers:
+                self._rest()
+
+    def close(self) -> None:
+        """Let all who watch go."""
+        self._is_closed = True
+        self._rest()
+        self._arrived.set()
+
+    def _rest(self) -> None:
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+        self._snapshot = None
+
+    async def _follow(self) -> None:
+        while True:
+            try:
+                async with aclosing(self._link.subscription(self._args)) as answers:
+                    is_first = True
+                    async for answer in answers:
+                        self._take(answer, is_first=is_first)
+                        is_first = False
+            except PageError as error:
+                self._publish({"gone": str(error), "code": error.code}, b"")
+            await asyncio.sleep(RETRY_S)
+
+    def _take(self, answer: Answer, *, is_first: bool) -> None:
+        self._history.add(self._number + 1, answer.data)
+        self._publish(answer.data, answer.attached)
+        if is_first:
+            self._in_words.clear()  # what it brings may be known already
+
+    def _publish(self, snapshot: Mapping[str, Any], picture: bytes) -> None:
+        self._number += 1
+        self._snapshot = snapshot
+        self._newest = Message(_json(snapshot), picture)
+        self._in_words = {self._number - 1: self._newest.snapshot}
+        arrived, self._arrived = self._arrived, asyncio.Event()
+        arrived.set()
+
+    def _message(self, seen: int) -> Message:
+        """Return the newest message for one who has seen that of a number, and none of those between."""
+        snapshot = self._snapshot or {}
+        if seen not in self._in_words:
+            news = {} if "gone" in snapshot else self._history.since(seen)
+            self._in_words[seen] = _json({**snapshot, **news})
+        return Message(self._in_words[seen], self._newest.picture)
+
+
+class Feeds:
+    """A feed for each kind of picture."""
+
+    def __init__(self, link: RunLink) -> None:
+        self._of = {kind: Feed(link, kind) for kind in KINDS}
+
+    def __getitem__(self, kind: str) -> Feed:
+        """Return the feed of a kind; `PageError` if there is none."""
+        if kind not in self._of:
+            raise PageError(400, "no-such-picture", f"image={kind!r}: one of {', '.join(KINDS)} is wanted")
+        return self._of[kind]
+
+    def close(self) -> None:
+        """Let all who watch go."""
+        for feed in self._of.values():
+            feed.close()
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, separators=(",", ":")).encode("ascii")
