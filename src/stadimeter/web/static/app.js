@@ -1,0 +1,151 @@
+// The frame of the page: its tabs, what is said on every one of them, and the view that is open.
+
+import { api } from "./api.js";
+import { h, icon, keyed, replace, write } from "./dom.js";
+import { UNITS } from "./format.js";
+import { Live } from "./live_stream.js";
+
+const VIEWS = {
+  live: { name: "Live", load: () => import("./views/live/index.js") },
+  setup: { name: "Set-up", load: () => import("./views/setup/index.js"), right: "operate" },
+  edit: { name: "Edit", load: () => import("./views/edit/index.js"), right: "operate" },
+  recordings: { name: "Recordings", load: () => import("./views/recordings.js") },
+  alarms: { name: "Alarms", load: () => import("./views/alarms.js") },
+};
+const GOOD_MS = 6000;
+
+const part = (id) => document.getElementById(id);
+const live = new Live();
+let session = null;
+let takeDown = () => {};
+let opened = 0;
+
+/** Say something about what was done: good news goes by itself, the rest when it was read. */
+function say(words, kind = "good") {
+  const close = h("button", { type: "button", class: "button bare", "aria-label": "Close", onclick: () => said.remove() }, icon("close"));
+  const said = h("p", { class: `said is-${kind}` }, h("span", null, words), close);
+  part("words").replaceChildren(...[...part("words").children].slice(-2), said);
+  if (kind === "good") setTimeout(() => said.remove(), GOOD_MS);
+}
+
+function chosenUnit() {
+  return UNITS[localStorage.getItem("unit")] ?? UNITS.m;
+}
+
+function route() {
+  const [name, ...path] = location.hash.slice(1).split("/").map(decodeURIComponent);
+  const view = VIEWS[name] ?? VIEWS.live;
+  return { view, path };
+}
+
+async function open() {
+  const mine = ++opened;
+  const { view, path } = route();
+  takeDown();
+  takeDown = () => {};
+  for (const tab of part("tabs").children) {
+    if (tab.view === view) tab.setAttribute("aria-current", "page");
+    else tab.removeAttribute("aria-current");
+  }
+  document.title = `${view.name} · stadimeter`;
+  const root = h("div", { class: "view" });
+  replace(part("main"), root);
+  try {
+    if (view.right === "operate" && session.right !== "operate") throw new Error("You are logged in to look. This page is for those who may operate.");
+    const { mount } = await view.load();
+    if (mine === opened) takeDown = mount(root, { session, api, live, path, unit: chosenUnit(), say }) ?? takeDown;
+  } catch (error) {
+    replace(root, h("p", { class: "banner is-error" }, error.message));
+  }
+}
+
+function drawTabs() {
+  const shown = Object.entries(VIEWS).filter(([, { right }]) => !right || right === session.right);
+  replace(part("tabs"), shown.map(([key, view]) => Object.assign(h("a", { href: `#${key}`, class: "tab" }, icon(key), h("span", null, view.name)), { view })));
+}
+
+function drawMenu() {
+  const unit = h("select", { "aria-label": "Unit of lengths", onchange: () => (localStorage.setItem("unit", unit.value), open()) },
+    Object.keys(UNITS).map((symbol) => h("option", { value: symbol, selected: symbol === chosenUnit().symbol }, symbol)));
+  const leave = session.needs_password && h("button", { type: "button", class: "button bare", onclick: logOut }, "Log out");
+  replace(part("menu"), unit, leave);
+}
+
+async function logOut() {
+  await api.post("/logout").catch((error) => say(error.message, "error"));
+  location.assign("/login");
+}
+
+/** What every page shows: whether the picture is live, how many alarms there are, and what cannot be overlooked. */
+function drawState() {
+  const { snapshot, state } = live;
+  const isLive = state.status === "live" && snapshot;
+  const active = isLive ? snapshot.rules.filter((rule) => rule.active || !rule.acknowledged) : [];
+  const badges = [
+    isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
+    active.length && { key: "alarms", kind: "alarm", words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}` },
+    { key: "state", kind: isLive ? "good" : "quiet", words: isLive ? "live" : state.status === "lost" ? "not connected" : "connecting" },
+  ];
+  keyed(part("state"), badges.filter(Boolean), (each) => each.key, () => badge());
+  keyed(part("banners"), banners(isLive), (each) => each.key, banner);
+  if (snapshot?.run) write(part("title"), snapshot.run.title ?? "");
+}
+
+function badge() {
+  const element = h("span");
+  element.update = ({ kind, words }) => {
+    element.className = `badge is-${kind}`;
+    write(element, words);
+  };
+  return element;
+}
+
+function banners(isLive) {
+  const { snapshot, state } = live;
+  if (state.status === "lost") return [{ key: "lost", kind: "error", words: state.words, offersStart: session.right === "operate" && state.code !== "offline" }];
+  if (!isLive) return [];
+  const { safety, health } = snapshot;
+  return [
+    safety.mode !== "active" && { key: "safety", kind: safety.mode === "stale" ? "error" : "warning", words: `Outputs are at their safe values: ${safety.reason || safety.mode}` },
+    health.trouble && { key: "trouble", kind: "warning", words: health.trouble },
+  ].filter(Boolean);
+}
+
+function banner({ offersStart }) {
+  const words = h("span");
+  const start = offersStart && h("button", { type: "button", class: "button", onclick: startRun }, "Start the run");
+  const element = h("p", { class: "banner" }, words, start);
+  element.update = (each) => {
+    element.className = `banner is-${each.kind}`;
+    write(words, each.words);
+  };
+  return element;
+}
+
+async function startRun() {
+  try {
+    const answer = await api.post("run/start");
+    say(answer?.words ?? "The run was started.");
+  } catch (error) {
+    say(error.message, "error");
+  }
+  live.retry();
+}
+
+async function begin() {
+  try {
+    session = await api.get("session");
+  } catch (error) {
+    replace(part("main"), h("p", { class: "banner is-error" }, error.message));
+    setTimeout(begin, 2000);
+    return;
+  }
+  drawTabs();
+  drawMenu();
+  live.watch(drawState);
+  live.subscribe(drawState, { image: false });
+  window.addEventListener("hashchange", open);
+  await open();
+}
+
+begin();

@@ -1,0 +1,170 @@
+// One stream of snapshots for the tab: what the run shows, each with its frame, and what has been since.
+
+import { api } from "./api.js";
+
+const HISTORY_S = 300;
+const EVENTS_MAX = 500;
+const RETRY_MS = [300, 1000, 2000, 5000];
+
+/** `subscribe(fn(snapshot, bitmap|null), {image})` opens the stream and returns what ends it. A bitmap is good until the next call.
+ *  `state` is `{status: "connecting"|"live"|"lost", words}`; `watch(fn)` is called when it changes. `history` has
+ *  `samples` by target and `events`, newest first. `ageMs()` is how old the shown frame is now. */
+export class Live {
+  #readers = new Map();
+  #watchers = new Set();
+  #stop = null;
+  #kind = "";
+  #failures = 0;
+  #offset = null; // the quickest way of a snapshot so far: this tab's clock less the run's, ms
+  #received = null; // of the newest frame: when, and how old it was then
+  #bitmap = null;
+  state = { status: "connecting", words: "" };
+  snapshot = null;
+  history = emptied();
+
+  constructor() {
+    document.addEventListener("visibilitychange", () => this.#adjust());
+  }
+
+  subscribe(fn, { image = true } = {}) {
+    const key = Symbol("reader");
+    this.#readers.set(key, { fn, image });
+    if (this.snapshot) fn(this.snapshot, image && this.#kind === "plain" ? this.#bitmap : null);
+    this.#adjust();
+    return () => {
+      this.#readers.delete(key);
+      this.#adjust();
+    };
+  }
+
+  watch(fn) {
+    this.#watchers.add(fn);
+    fn(this.state);
+    return () => this.#watchers.delete(fn);
+  }
+
+  /** How old the newest frame is: when it arrived, what it waited for on its way, and the time since; null before the first. */
+  ageMs() {
+    return this.#received && performance.now() - this.#received.at + this.#received.age;
+  }
+
+  /** Ask again at once, as after a start of the run. */
+  retry() {
+    this.#kind = "";
+    this.#adjust();
+  }
+
+  #adjust() {
+    const wanted = [...this.#readers.values()];
+    const kind = !wanted.length || document.hidden ? "" : wanted.some((each) => each.image) ? "plain" : "none";
+    if (kind === this.#kind) return;
+    this.#kind = kind;
+    this.#stop?.abort();
+    this.#stop = null;
+    if (kind) this.#keepReading(kind, (this.#stop = new AbortController()));
+  }
+
+  async #keepReading(kind, stop) {
+    while (!stop.signal.aborted) {
+      try {
+        const response = await api.stream(`live?image=${kind}`, { signal: stop.signal });
+        await this.#read(response.body.getReader());
+        this.#tell("lost", "The run has ended.");
+      } catch (error) {
+        if (stop.signal.aborted) return;
+        this.#tell("lost", error.message, error.code);
+      }
+      await later(RETRY_MS[Math.min(this.#failures++, RETRY_MS.length - 1)], stop.signal);
+    }
+  }
+
+  async #read(reader) {
+    const messages = new Messages();
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) return;
+      const whole = messages.add(value);
+      if (!whole.length) continue;
+      const gone = whole.at(-1).snapshot;
+      if ("gone" in gone) {
+        this.#tell("lost", gone.gone, gone.code);
+        continue;
+      }
+      for (const each of whole) if (!("gone" in each.snapshot)) this.#remember(each.snapshot);
+      await this.#show(whole.at(-1));
+    }
+  }
+
+  #remember(snapshot) {
+    if (snapshot.run?.started_unix_s !== this.snapshot?.run?.started_unix_s) {
+      this.history = emptied();
+      this.#offset = null;
+    }
+    this.snapshot = snapshot;
+    for (const [target, fresh] of Object.entries(snapshot.samples ?? {})) {
+      const kept = (this.history.samples[target] ??= []);
+      const last = kept.at(-1)?.[0] ?? -Infinity;
+      kept.push(...fresh.filter((sample) => sample[0] > last));
+      const old = kept.findIndex((sample) => sample[0] >= snapshot.now_s - HISTORY_S);
+      if (old > 0) kept.splice(0, old);
+    }
+    const newest = this.history.events[0]?.number ?? -Infinity;
+    const fresh = (snapshot.events ?? []).filter((event) => event.number > newest).sort((a, b) => b.number - a.number);
+    if (fresh.length) this.history.events = [...fresh, ...this.history.events].slice(0, EVENTS_MAX);
+  }
+
+  async #show({ snapshot, jpeg }) {
+    const bitmap = jpeg.length ? await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })) : null;
+    this.#note(snapshot);
+    this.#failures = 0;
+    this.#tell("live", "");
+    for (const { fn, image } of [...this.#readers.values()]) fn(snapshot, image ? bitmap : null);
+    this.#bitmap?.close();
+    this.#bitmap = bitmap;
+  }
+
+  #note(snapshot) {
+    const at = performance.now();
+    const offset = at - snapshot.now_s * 1000;
+    this.#offset = Math.min(offset, (this.#offset ?? offset) + 0.05); // clocks drift apart: it forgets slowly
+    if (snapshot.frame) this.#received = { at, age: offset - this.#offset + (snapshot.now_s - snapshot.frame.captured_at_s) * 1000 };
+  }
+
+  #tell(status, words, code = "") {
+    if (status === this.state.status && words === this.state.words) return;
+    this.state = { status, words, code };
+    for (const fn of this.#watchers) fn(this.state);
+  }
+}
+
+/** Cuts a stream into messages: length of the JSON, length of the JPEG (each 4 bytes, big-endian), JSON, JPEG. */
+class Messages {
+  #rest = new Uint8Array(0);
+
+  add(bytes) {
+    const all = new Uint8Array(this.#rest.length + bytes.length);
+    all.set(this.#rest);
+    all.set(bytes, this.#rest.length);
+    const view = new DataView(all.buffer);
+    const whole = [];
+    let at = 0;
+    while (at + 8 <= all.length) {
+      const json = at + 8;
+      const jpeg = json + view.getUint32(at);
+      const end = jpeg + view.getUint32(at + 4);
+      if (end > all.length) break;
+      whole.push({ snapshot: JSON.parse(new TextDecoder().decode(all.subarray(json, jpeg))), jpeg: all.slice(jpeg, end) });
+      at = end;
+    }
+    this.#rest = all.slice(at);
+    return whole;
+  }
+}
+
+const emptied = () => ({ samples: {}, events: [] });
+
+const later = (ms, signal) =>
+  new Promise((done) => {
+    const timer = setTimeout(done, ms);
+    signal.addEventListener("abort", () => (clearTimeout(timer), done()), { once: true });
+  });
