@@ -213,7 +213,7 @@ def _picture_now(known: Known, text: str) -> tuple[list[str], tuple[str, ...]]:
 def _taken_live(known: Known, distance_m: float) -> tuple[Frame, str]:
     if known.camera is None:
         raise ConfigError("there is no camera")
-    with LiveDistance(known.camera, chosen_target(known), date=today()) as session:
+    with LiveDistance(known.opening(known.camera), chosen_target(known), date=today()) as session:
         take = session.take(distance_m)
         frame = session.pictures[take.name]
     known.frames = (frame,)
