@@ -6,6 +6,7 @@
     ├─ UnreadableError (OSError)             a file that is not there, not regular, too large, or not text
     ├─ ConfigError (ValueError)              a configuration, camera file or option is wrong; lists every problem
     ├─ ChangedMeanwhileError                 a file was saved by another since it was read
+    ├─ NotThereError (LookupError)           a recording or a version that is asked for by a name, and is not there
     ├─ CommandRangeError (ValueError)        a command that no actuator could follow: NaN, or outside its range
     ├─ CalibrationError (ValueError)         a camera model that cannot be made, or does not fit the pictures
     ├─ PictureError (ValueError)             a picture or video that cannot be read
@@ -119,6 +120,12 @@ class ChangedMeanwhileError(StadimeterError):
     def __init__(self, words: str, their_text: str, diff: Sequence[str]) -> None:
         self.data = {"their_text": their_text, "diff": list(diff)}
         super().__init__(words)
+
+
+class NotThereError(StadimeterError, LookupError):
+    """A recording or a version that is asked for by its name is not there."""
+
+    code = "not-found"
 
 
 class CommandRangeError(StadimeterError, ValueError):

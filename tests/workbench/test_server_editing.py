@@ -12,7 +12,7 @@ import pytest
 
 from stadimeter.config.camera_file import camera_file_text
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.errors import ChangedMeanwhileError, ConfigError
+from stadimeter.errors import ChangedMeanwhileError, ConfigError, NotThereError
 from stadimeter.workbench import saving
 from stadimeter.workbench.server.editing import OPERATIONS
 from stadimeter.workbench.server.operations import Desk
@@ -163,7 +163,7 @@ def test_no_file_beside_it_leaves_the_folder(desk: Desk, name: str) -> None:
 def test_a_version_that_is_not_there_is_a_sentence(desk: Desk, name: str) -> None:
     ask(desk, "save", text=THERE, base_version=version(desk))
     for op in ("version", "restore"):
-        with pytest.raises(ConfigError, match="there is no version"):
+        with pytest.raises(NotThereError, match="there is no version"):
             ask(desk, op, id=name, base_version=version(desk))
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from stadimeter.config.atomic_file import write_all_atomically, write_atomically
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, size_text
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.errors import ConfigError, NotThereError, Problem
 
 VERSIONS = "versions"
 """The folder of former versions, beside a configuration."""
@@ -111,12 +111,12 @@ def files_of(file: Path, version: str) -> dict[str, str]:
     """Return the text of a file in one of its versions, and of those that a later save of it replaced with it.
 
     Raises:
-        ConfigError: There is no such version.
+        NotThereError: There is no such version.
         UnreadableError: It cannot be read.
     """
     later = [each for each in reversed(versions(file)) if each.number >= _number(version)]
     if not later or later[0].id != version:
-        raise ConfigError([Problem(f"there is no version {version!r}", str(file.parent / VERSIONS))])
+        raise NotThereError(f"there is no version {version!r} in {file.parent / VERSIONS}")
     found = {name: kept for each in reversed(later) for name, kept in each.files().items()}
     return {name: read_untrusted_text(kept, CONFIGURATION_MAX_BYTES) for name, kept in found.items()}
 

@@ -212,7 +212,7 @@ def _versions(desk: Desk, text: str) -> list[dict[str, Any]]:
 def _needed(desk: Desk, files: Mapping[str, str]) -> str:
     """Return what a run needs to go by these files: ``nothing``, since there is none, ``reload`` or ``restart``."""
     try:
-        digest = ask(_run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("digest")
+        digest = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("digest")
     except ControlError:
         return "nothing"
     new = _load_or_none(desk.configuration, _texts(desk, files[desk.configuration.name], files))
@@ -222,7 +222,8 @@ def _needed(desk: Desk, files: Mapping[str, str]) -> str:
     return "reload"
 
 
-def _run_socket(desk: Desk) -> Path:
+def run_socket(desk: Desk) -> Path:
+    """Return where the run of this configuration listens; `ControlError` if there is none."""
     return desk.run_socket or find(desk.configuration)
 
 
