@@ -49,6 +49,9 @@ export function span(seconds) {
   return `${Math.round(Math.max(0, seconds) / size)} ${name}`;
 }
 
+/** How long ago: `1.4 s ago`, `2 min ago`. */
+export const since = (seconds) => `${seconds < 10 ? `${fixed(seconds, 1)} s` : span(seconds)} ago`;
+
 /** A moment by this device's clock: the time, and the date unless it is today's. */
 export function moment(unix_s) {
   if (!isNumber(unix_s)) return UNKNOWN;

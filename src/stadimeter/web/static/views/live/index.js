@@ -1,9 +1,36 @@
-import { h, replace } from "../../dom.js";
+// The live page: what the camera sees, what is measured, what the rules do about it, and how all of it is.
 
-export function mount(root, { live }) {
-  const canvas = h("canvas", { width: 640, height: 480 });
-  replace(root, h("section", { class: "panel" }, h("h1", null, "Live"), canvas));
-  return live.subscribe((snapshot, bitmap) => {
-    if (bitmap) canvas.getContext("2d").drawImage(bitmap, 0, 0, canvas.width, canvas.height);
+import { h, replace } from "../../dom.js";
+import { chart } from "./chart.js";
+import { eventList } from "./events.js";
+import { health, messages } from "./health.js";
+import { outputs } from "./outputs.js";
+import { picture } from "./picture.js";
+import { room } from "./room.js";
+import { rules } from "./rules.js";
+import { targets } from "./targets.js";
+
+const SLOW_MS = 200; // words and lines need not change as often as the picture
+
+export function mount(root, context) {
+  const quick = [picture(context), targets(context)];
+  const slow = [rules(context), outputs(context), chart(context), eventList(context, 12), health(context), room(context), messages(context)];
+  const [shown, figures] = quick;
+  const [ofRules, ofOutputs, ofChart, ofEvents, ofHealth, ofRoom, ofMessages] = slow;
+  const column = (name, ...parts) => h("div", { class: `stack ${name}` }, parts.map((part) => part.element));
+  replace(root, h("h1", { class: "sr" }, "Live"), h("div", { class: "live" },
+    column("seen", shown, ofChart, ofRoom),
+    column("done", figures, ofRules, ofOutputs),
+    column("told", ofEvents, ofHealth, ofMessages)));
+  let last = 0;
+  const leave = context.live.subscribe((snapshot, bitmap) => {
+    for (const part of quick) part.update(snapshot, bitmap);
+    if (performance.now() - last < SLOW_MS) return;
+    last = performance.now();
+    for (const part of slow) part.update(snapshot);
   });
+  return () => {
+    leave();
+    for (const part of [...quick, ...slow]) part.takeDown?.();
+  };
 }

@@ -1,0 +1,31 @@
+// What happened, newest first.
+
+import { h, keyed, write } from "../../dom.js";
+import * as format from "../../format.js";
+
+export const SEVERITIES = ["info", "warning", "alarm", "safety"];
+const LOOKS = { info: "quiet", warning: "warning", alarm: "alarm", safety: "alarm" };
+
+export function eventList({ live, unit }, most) {
+  const list = h("ol", { class: "list events" });
+  const none = h("p", { class: "quiet" }, "Nothing has happened yet.");
+  const element = h("section", { class: "panel" }, h("h2", null, "Events"), none, list, h("p", null, h("a", { href: "#alarms" }, "All alarms and events")));
+  return {
+    element,
+    update() {
+      none.hidden = live.history.events.length > 0;
+      drawEvents(list, live.history.events.slice(0, most), unit);
+    },
+  };
+}
+
+/** Put events into a list, each as when, what to whom, why and who. */
+export function drawEvents(list, events, unit) {
+  keyed(list, events, (event) => event.number, (event) =>
+    h("li", { class: "event" },
+      h("span", { class: `mark is-${LOOKS[event.severity]}`, title: event.severity }),
+      h("time", { class: "number quiet small" }, format.moment(event.unix_s)),
+      h("span", null, h("strong", null, `${event.source} ${event.kind.replaceAll("_", " ")}`),
+        event.by && ` by ${event.by}`, event.reason && `: ${format.words(event.reason, unit)}`),
+      h("span", { class: "sr" }, `(${event.severity})`)));
+}

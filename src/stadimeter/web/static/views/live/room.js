@@ -1,0 +1,97 @@
+// The simulated room from above: its ball can be put anywhere, and things can be made to go wrong.
+
+import { h, keyed, svg, write } from "../../dom.js";
+import * as format from "../../format.js";
+
+const REACH_M = 5;
+const STEP_M = 0.1;
+const SEND_MS = 100;
+const KEYS = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, 1], ArrowRight: [0, -1] };
+
+/** x is up in the drawing, y to the left: as the robot sees the room at first. */
+const place = ({ x_m, y_m }) => [-y_m, -x_m];
+
+export function room({ api, session, unit, say }) {
+  const plan = svg("svg", { viewBox: `${-REACH_M} ${-REACH_M} ${2 * REACH_M} ${2 * REACH_M}`, class: "plan", role: "group", "aria-label": "The room from above" },
+    [1, 2, 3, 4, 5].map((radius) => svg("circle", { r: radius, class: "ring" })),
+    svg("path", { d: "M0-.3L.22.25H-.22Z", class: "robot" }));
+  const balls = svg("g");
+  plan.append(balls);
+  const faults = h("div", { class: "row" });
+  const where = h("p", { class: "small number", role: "status" });
+  const element = h("section", { class: "panel room", hidden: true }, h("h2", null, "Simulated room"), plan, where,
+    session.right === "operate" && h("p", { class: "small quiet" }, "Drag the ball, or move it with the arrow keys. Rings are 1 m apart."), faults);
+  const isOurs = session.right === "operate";
+  const send = sender(api, say);
+  let dragged = null;
+
+  const move = (target, x_m, y_m) => {
+    const [x, y] = [x_m, y_m].map((each) => Math.max(-REACH_M, Math.min(REACH_M, each)));
+    send({ target, x_m: x, y_m: y });
+    dragged = { name: target, x_m: x, y_m: y, until: performance.now() + 500 };
+    balls.kept?.get(target)?.update(dragged);
+  };
+  const ball = ({ name }) => {
+    const mark = svg("circle", { r: 0.28, class: "ball", tabindex: isOurs ? "0" : null, role: isOurs ? "button" : "img", "aria-label": `${name} in the room` });
+    let at = null;
+    mark.update = (target) => {
+      at = target;
+      const [cx, cy] = place(target);
+      mark.setAttribute("cx", cx);
+      mark.setAttribute("cy", cy);
+      write(where, `${target.name}: ${format.distance(target.x_m, 0.01, unit).text} ahead, ${format.distance(target.y_m, 0.01, unit).text} to the left of where the robot began`);
+    };
+    if (isOurs) {
+      mark.addEventListener("pointerdown", (event) => mark.setPointerCapture(event.pointerId));
+      mark.addEventListener("pointermove", (event) => {
+        if (!mark.hasPointerCapture(event.pointerId)) return;
+        const seen = new DOMPoint(event.clientX, event.clientY).matrixTransform(plan.getScreenCTM().inverse());
+        move(name, -seen.y, -seen.x);
+      });
+      mark.addEventListener("keydown", (event) => {
+        const [dx, dy] = KEYS[event.key] ?? [];
+        if (dx === undefined) return;
+        event.preventDefault();
+        move(name, at.x_m + dx * STEP_M, at.y_m + dy * STEP_M);
+      });
+    }
+    return mark;
+  };
+  const toggle = ({ name }) => {
+    const box = h("input", { type: "checkbox", disabled: !isOurs, onchange: () => send({ fault: name }) });
+    return Object.assign(h("label", { class: "row check" }, box, name.replaceAll("-", " ")), { update: ({ isOn }) => (box.checked = isOn) });
+  };
+
+  return {
+    element,
+    update({ run }) {
+      element.hidden = !run?.world;
+      if (!run?.world) return;
+      const isHeld = dragged && performance.now() < dragged.until;
+      keyed(balls, run.world.targets.map((target) => (isHeld && target.name === dragged.name ? dragged : target)), (target) => target.name, ball);
+      keyed(faults, Object.entries(run.world.faults).map(([name, isOn]) => ({ name, isOn })), (fault) => fault.name, toggle);
+    },
+  };
+}
+
+/** Sends the newest wish at most every 100 ms, one at a time: a ball that is dragged asks far more often. */
+function sender(api, say) {
+  let waiting = null;
+  let isBusy = false;
+  const go = async () => {
+    const body = waiting;
+    waiting = null;
+    isBusy = true;
+    try {
+      await Promise.all([api.post("world", body), new Promise((done) => setTimeout(done, SEND_MS))]);
+    } catch (error) {
+      say(error.message, "error");
+    }
+    isBusy = false;
+    if (waiting) go();
+  };
+  return (body) => {
+    waiting = body;
+    if (!isBusy) go();
+  };
+}

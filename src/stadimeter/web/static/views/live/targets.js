@@ -1,0 +1,38 @@
+// Each target's distance as a large number, with its ±, and how it moves.
+
+import { h, keyed, write } from "../../dom.js";
+import * as format from "../../format.js";
+
+const KINDS = { tracking: "good", coasting: "warning", searching: "unknown", lost: "warning" };
+const WORDS = { tracking: "tracking", coasting: "coasting: not seen just now", searching: "searching", lost: "lost" };
+
+export function targets({ unit }) {
+  const element = h("div", { class: "stack" });
+  return { element, update: (snapshot) => keyed(element, snapshot.targets, (target) => target.name, () => card(unit)) };
+}
+
+function card(unit) {
+  const name = h("h2");
+  const status = h("span");
+  const value = h("span", { class: "value" });
+  const about = h("span", { class: "about" });
+  const moves = h("p", { class: "moves" });
+  const reason = h("p", { class: "quiet small" });
+  const element = h("section", { class: "panel target" },
+    h("div", { class: "row head" }, name, status),
+    h("p", { class: "figure number" }, value, h("span", { class: "unit" }, unit.symbol), about),
+    moves, reason);
+  element.update = (target) => {
+    const figure = target.is_valid ? format.distance(target.distance_m, target.sigma_m, unit) : format.distance(null);
+    write(name, target.name);
+    status.className = `badge is-${KINDS[target.status] ?? "quiet"}`;
+    write(status, WORDS[target.status] ?? target.status);
+    write(value, figure.value);
+    write(about, figure.sigma ? `± ${figure.sigma}` : "");
+    element.classList.toggle("is-unknown", !target.is_valid);
+    const parts = [format.bearing(target.bearing_rad), format.closing(target.closing_mps, target.closing_sigma_mps, unit), format.tilt(target.tilt_rad)];
+    write(moves, target.is_valid ? parts.filter(Boolean).join(" · ") : "no distance that may be acted on");
+    write(reason, format.words(target.reason || target.detection?.reason || "", unit));
+  };
+  return element;
+}
