@@ -33,7 +33,7 @@ _TAKEN: dict[str, set[str]] = {
     "actuators": {"camera", BASE_NAME},
     "buttons": set(),
     "notifiers": set(),
-    "rules": {"safety", "safe"},
+    "rules": {"safety", "safe", "operator"},
 }
 """Names that mean something else in events and traces."""
 

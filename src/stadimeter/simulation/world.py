@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
@@ -288,6 +288,17 @@ class World:
         """Return in a sentence what happens now: what goes wrong on purpose, else the story of the path."""
         with self._lock:
             return self._narrator.words([kind for kind in KNOBS if self.goes_wrong(kind)], self.now_s - self._start_s)
+
+    def state(self) -> dict[str, Any]:
+        """Return where ball and camera are, and what goes wrong, for a view from above."""
+        now_s = self.now_s
+        x_m, y_m, _ = self.ball.position_m(now_s)
+        pose = self.robot.pose_at(now_s)
+        return {
+            "targets": [{"name": "ball", "x_m": round(x_m, 3), "y_m": round(y_m, 3)}],
+            "camera": {"x_m": round(pose.x_m, 3), "y_m": round(pose.y_m, 3), "heading_rad": round(pose.heading_rad, 3)},
+            "faults": {kind.value: self.goes_wrong(kind) for kind in KNOBS},
+        }
 
     def goes_wrong(self, fault: str) -> bool:
         """Return whether a fault of this `FaultKind` is there now."""
