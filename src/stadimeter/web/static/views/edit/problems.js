@@ -80,6 +80,11 @@ export class Meaning {
     this.#showTests(tests);
   }
 
+  /** The check itself did not work. */
+  fail(words) {
+    write(this.summary, words);
+  }
+
   #showTests(tests) {
     if (!tests) return replace(this.tests, h("p", { class: "quiet" }, "A configuration can hold tests of its own rules, under [[tests]]."));
     if (!tests.length) return replace(this.tests, h("p", {}, "This configuration has no tests."));
