@@ -116,8 +116,10 @@ def _key(path: Path) -> tuple[str, int, int]:
 def _about(desk: Desk, path: Path) -> dict[str, Any]:
     known: dict[Any, dict[str, Any]] = desk.kept.setdefault("recordings", {})
     key = _key(path)
-    if key not in known:
+    if key not in known or known[key]["is_growing"]:
         known[key] = _looked_into(path)
+        while len(known) > LISTED_MAX:
+            del known[next(iter(known))]
     return known[key]
 
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.workbench.frame_source import Source, open_source
+from stadimeter.workbench.simulated_room import SimulatedRoom
 
 
 class HeldCamera:
@@ -15,6 +16,11 @@ class HeldCamera:
     def __init__(self) -> None:
         self._choice: DriverChoice | None = None
         self._source: Source | None = None
+
+    @property
+    def room(self) -> SimulatedRoom | None:
+        """The room that is simulated before the camera; None before a real one, or none."""
+        return self._source.room if self._source is not None else None
 
     @contextmanager
     def opened(self, choice: DriverChoice) -> Iterator[Source]:
