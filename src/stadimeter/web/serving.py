@@ -91,7 +91,7 @@ def serve(
 async def _serve(
     page: Page, listener: socket.socket, tls: tuple[Path | None, Path | None], ready: Callable[[], None]
 ) -> None:
-    server = _Server(_configured(page, tls))
+    server = server_of(page, tls)
 
     def end() -> None:
         server.force_exit = server.should_exit
@@ -108,9 +108,10 @@ async def _serve(
         await page.close()
 
 
-def _configured(page: Page, tls: tuple[Path | None, Path | None]) -> uvicorn.Config:
+def server_of(page: Page, tls: tuple[Path | None, Path | None] = (None, None)) -> uvicorn.Server:
+    """Return what serves a page, until its ``should_exit`` is set."""
     certificate, key = tls
-    return uvicorn.Config(
+    config = uvicorn.Config(
         application(page),
         http=_Connection,
         ws="none",
@@ -125,6 +126,7 @@ def _configured(page: Page, tls: tuple[Path | None, Path | None]) -> uvicorn.Con
         ssl_certfile=certificate,
         ssl_keyfile=key,
     )
+    return _Server(config)
 
 
 class _Server(uvicorn.Server):
