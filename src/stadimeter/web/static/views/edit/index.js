@@ -57,6 +57,7 @@ class Desk {
 
   close() {
     this.checker.stop();
+    this.trying.stop();
     window.removeEventListener("beforeunload", this.leaving);
   }
 

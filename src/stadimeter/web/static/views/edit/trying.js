@@ -4,6 +4,8 @@ import { h, replace } from "../../dom.js";
 import { span, words as inUnit } from "../../format.js";
 import { lanes } from "../../lanes.js";
 
+const FOR_S = 3; // until there is something to show
+
 /** `desk` is the view: its `api`, `say`, `editor` and `unit`. */
 export class Trying {
   constructor(desk) {
@@ -28,26 +30,49 @@ export class Trying {
     }
   }
 
+  /** Each answer shows what is compared so far; a long recording takes several. */
   async #try() {
+    const mine = (this.asked = Symbol("asked"));
+    const text = this.desk.editor.text;
+    const path = `recordings/${encodeURIComponent(this.recording.value)}/replay-diff`;
     this.button.disabled = true;
     replace(this.result, h("p", {}, "Replaying …"));
     try {
-      const name = encodeURIComponent(this.recording.value);
-      this.#show(await this.desk.api.post(`recordings/${name}/replay-diff`, { text: this.desk.editor.text }));
+      for (let progress = 0; progress < 1 && this.asked === mine; ) {
+        const answer = await this.desk.api.post(path, { text, for_s: FOR_S });
+        progress = answer.progress;
+        if (this.asked === mine) this.#show(answer);
+      }
     } catch (error) {
       if (error.problems?.length) this.desk.show(error.problems);
-      replace(this.result, h("p", { class: "is-wrong" }, error.message));
+      replace(this.result, h("p", {}, error.message));
     } finally {
       this.button.disabled = false;
     }
   }
 
+  /** Ask no more. */
+  stop() {
+    this.asked = null;
+  }
+
   #show(answer) {
     const { unit } = this.desk;
-    replace(this.result, lanes(seen(answer), unit),
-      h("p", { class: "legend" }, h("span", { class: "key run-1" }), "then", h("span", { class: "key run-2" }), "with this text"),
-      h("ul", { class: "list" }, [answer.words ?? []].flat().map((each) => h("li", {}, inUnit(each, unit)))));
+    const changes = answer.differences.map((each) => h("li", {}, changed(each, unit)));
+    replace(this.result,
+      answer.progress < 1 && h("progress", { value: answer.progress, "aria-label": "Replayed" }),
+      h("ul", { class: "words" }, answer.words.map((each) => h("li", {}, inUnit(each, unit)))),
+      lanes(seen(answer), unit),
+      h("p", { class: "row small" }, h("span", { class: "key run-1" }), "then: as it was recorded", h("span", { class: "key run-2" }), "now: with the text in the field"),
+      changes.length > 0 && h("details", {}, h("summary", {}, `${changes.length} events differ`), h("ul", { class: "list" }, changes)));
   }
+}
+
+const SIGNS = { added: "now, not then", lost: "then, not now" };
+
+function changed({ change, by_s, at_s, kind, source, reason }, unit) {
+  const how = SIGNS[change] ?? `moved by ${by_s > 0 ? "+" : ""}${by_s.toFixed(2)} s`;
+  return [h("strong", {}, `${at_s.toFixed(2)} s, ${source}: ${kind.replaceAll("_", " ")}, ${how}. `), inUnit(reason, unit)];
 }
 
 function seen({ from_s, to_s, samples, thresholds_m = [], lanes: rules }) {
