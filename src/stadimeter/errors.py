@@ -5,6 +5,8 @@
     StadimeterError
     ├─ UnreadableError (OSError)             a file that is not there, not regular, too large, or not text
     ├─ ConfigError (ValueError)              a configuration, camera file or option is wrong; lists every problem
+    ├─ ChangedMeanwhileError                 a file was saved by another since it was read
+    ├─ NotThereError (LookupError)           a recording or a version that is asked for by a name, and is not there
     ├─ CommandRangeError (ValueError)        a command that no actuator could follow: NaN, or outside its range
     ├─ CalibrationError (ValueError)         a camera model that cannot be made, or does not fit the pictures
     ├─ PictureError (ValueError)             a picture or video that cannot be read
@@ -29,7 +31,7 @@ and what to do about it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -102,6 +104,28 @@ class ConfigError(StadimeterError, ValueError):
         self.problems = (Problem(problems),) if isinstance(problems, str) else tuple(problems)
         self.warnings = tuple(warnings)
         super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class ChangedMeanwhileError(StadimeterError):
+    """A file was saved by another since it was read, and ours would overwrite that.
+
+    Attributes:
+        code: What it is, for programs.
+        data: ``their_text``, as it is saved now, and ``diff``: what ours would change in it, lines in the unified
+            format.
+    """
+
+    code = "conflict"
+
+    def __init__(self, words: str, their_text: str, diff: Sequence[str]) -> None:
+        self.data = {"their_text": their_text, "diff": list(diff)}
+        super().__init__(words)
+
+
+class NotThereError(StadimeterError, LookupError):
+    """A recording or a version that is asked for by its name is not there."""
+
+    code = "not-found"
 
 
 class CommandRangeError(StadimeterError, ValueError):

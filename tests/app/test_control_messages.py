@@ -30,8 +30,8 @@ def test_any_bytes_are_a_request_or_are_refused_in_words(line):
         assert request.transaction == transaction
 
 
-@pytest.mark.parametrize("op", OPS)
-def test_every_operation_needs_no_more_than_its_name(op):
+@pytest.mark.parametrize("op", sorted({*OPS} - {"hold-output", "record"}))
+def test_an_operation_needs_no_more_than_its_name(op):
     assert parse_request(json.dumps({"op": op}).encode()).op == op
 
 

@@ -21,6 +21,7 @@ from typer.testing import CliRunner, Result
 from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.workbench.saving import versions
 from stadimeter.workbench.setup.interview import answer_keys
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -137,13 +138,14 @@ def test_a_ball_in_a_real_video_is_found_though_the_first_frames_are_empty(tmp_p
     assert [rule.rule.name for rule in load_configuration(tmp_path / "stadimeter.toml").rules] == ["near", "gone"]
 
 
-def test_what_was_there_is_kept_as_a_copy(tmp_path: Path) -> None:
+def test_what_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)
     (tmp_path / "stadimeter.toml").write_text("# mine\n")
-    for number, near in enumerate(("40 cm", "60 cm"), start=1):
+    for near in ("40 cm", "60 cm"):
         assert _init(tmp_path, target="disc", size="20 cm", near_near=near).exit_code == 0
-        assert (tmp_path / f"stadimeter.toml.{number}.bak").exists()
-    assert (tmp_path / "stadimeter.toml.1.bak").read_text() == "# mine\n"
+    newest, oldest = versions(tmp_path / "stadimeter.toml")
+    assert (oldest.folder / "stadimeter.toml").read_text() == "# mine\n"
+    assert '"40 cm"' in (newest.folder / "stadimeter.toml").read_text()
 
 
 def test_pictures_may_be_named_from_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

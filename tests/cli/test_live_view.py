@@ -24,6 +24,7 @@ from stadimeter.core.message import Message
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.errors import ConfigError
+from support.cycle_records import live_view
 from support.observing import measured, missed
 
 SIZES = [(80, 24), (120, 35), (200, 50)]
@@ -51,9 +52,9 @@ def row_with(words: str, rows: list[str]) -> str:
 
 
 def shown(*records: CycleRecord, **options: object) -> LiveView:
-    view = LiveView("test run", **options)
+    view, show = live_view(**options)
     for record in records:
-        view.update(record)
+        show(record)
     return view
 
 
@@ -85,9 +86,11 @@ def test_something_flat_that_is_measured_is_shown_with_its_tilt(
     make_record: Callable[..., CycleRecord], width: int, height: int
 ) -> None:
     flat = replace(measured("ball", 10.0, 2.43), tilt_rad=math.radians(14))
-    view = shown(make_record(10.0, measurements=(flat,)), make_record(10.05, frame=None))
+    view, show = live_view()
+    show(make_record(10.0, measurements=(flat,)))
+    show(make_record(10.05, frame=None))
     assert re.search(r"3° left +├──────●┼───────┤  tilted 14°", "\n".join(screen(view, width, height)))
-    view.update(make_record(10.1, measurements=(measured("ball", 10.1, 2.43),)))
+    show(make_record(10.1, measurements=(measured("ball", 10.1, 2.43),)))
     assert not any("tilted" in row for row in screen(view, width, height))
 
 
@@ -359,12 +362,13 @@ def test_drawing_is_driven_by_real_time_and_leaves_the_terminal_as_it_was(
 ) -> None:
     file, now_s = io.StringIO(), [0.0]
     console = Console(file=file, force_terminal=True, width=80, height=24, _environ={"TERM": "xterm"})
-    with LiveView("test run", console=console, real_time_s=lambda: now_s[0]) as view:
+    view, show = live_view(console=console, real_time_s=lambda: now_s[0])
+    with view:
         drawn = []
         for number in range(100):
             now_s[0] = number * 0.01
             before = len(file.getvalue())
-            view.update(make_record(float(number)))
+            show(make_record(float(number)))
             drawn.append(len(file.getvalue()) > before)
     assert 9 <= drawn.count(True) <= 11
     assert file.getvalue().startswith("\x1b[?1049h")
@@ -380,11 +384,12 @@ def test_a_slow_computer_draws_less_often(make_record: Callable[..., CycleRecord
 
     file = SlowFile()
     console = Console(file=file, force_terminal=True, width=80, height=24, _environ={"TERM": "xterm"})
-    with LiveView("test run", console=console, real_time_s=lambda: now_s[0]) as view:
+    view, show = live_view(console=console, real_time_s=lambda: now_s[0])
+    with view:
         began_s, drawing_s = now_s[0], 0.0
         while now_s[0] < began_s + 20:
             before_s = now_s[0]
-            view.update(make_record(now_s[0]))
+            show(make_record(now_s[0]))
             drawing_s += now_s[0] - before_s
             now_s[0] += 0.01
     assert 0 < drawing_s / 20 <= 0.25
@@ -393,7 +398,7 @@ def test_a_slow_computer_draws_less_often(make_record: Callable[..., CycleRecord
 def test_an_error_in_the_run_gives_the_terminal_back(make_record: Callable[..., CycleRecord]) -> None:
     file = io.StringIO()
     console = Console(file=file, force_terminal=True, width=80, height=24, _environ={"TERM": "xterm"})
-    view = LiveView("test run", console=console)
+    view, _ = live_view(console=console)
     with pytest.raises(ZeroDivisionError), view:
         view.update(1 / 0)
     assert "\x1b[?1049l" in file.getvalue()
@@ -401,7 +406,7 @@ def test_an_error_in_the_run_gives_the_terminal_back(make_record: Callable[..., 
 
 def test_an_unknown_unit_is_refused() -> None:
     with pytest.raises(ConfigError, match="furlong"):
-        LiveView("test run", unit="furlong")
+        live_view(unit="furlong")
 
 
 def test_rows_go_to_the_first_claims_first_and_headings_come_all_or_none() -> None:

@@ -10,8 +10,8 @@ import pytest
 from live_view_svg import save_svg
 
 from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.cli.live_view import LiveView
 from stadimeter.cli.target_panel import big_digits
+from support.cycle_records import live_view
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -26,9 +26,9 @@ def texts(path: Path) -> str:
 def test_the_picture_is_well_formed_and_holds_the_figures(
     make_record: Callable[..., CycleRecord], tmp_path: Path, width: int, height: int
 ) -> None:
-    view = LiveView("test <run> & more")
+    view, show = live_view("test <run> & more")
     for number in range(100):
-        view.update(make_record(number / 10))
+        show(make_record(number / 10))
     save_svg(view, tmp_path / "view.svg", width, height)
     shown = texts(tmp_path / "view.svg")
     assert "test <run> & more" in shown
@@ -38,8 +38,8 @@ def test_the_picture_is_well_formed_and_holds_the_figures(
 
 
 def test_the_same_view_gives_the_same_picture(make_record: Callable[..., CycleRecord], tmp_path: Path) -> None:
-    view = LiveView("test run")
-    view.update(make_record())
+    view, show = live_view()
+    show(make_record())
     for name in ("one.svg", "other.svg"):
         save_svg(view, tmp_path / name)
     assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stadimeter.app.live.history import Sample
 from stadimeter.cli.formatting import FOOT
 from stadimeter.cli.glyphs import ASCII, UNICODE
-from stadimeter.cli.run_history import Sample
 from stadimeter.cli.strip_chart import LIMIT, LINE, StripChart, chart_scale
 
 

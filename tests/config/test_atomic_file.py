@@ -97,7 +97,6 @@ WRITES_FILES = {"write_text", "write_bytes", "imwrite", "savefig", "tofile", "sa
 SAVES = {
     "workbench/tuning/plot.py": "into memory",
     "app/service.py": "a counter of failed starts, which counts from 0 where it cannot be read",
-    "app/recordings/recorded_configuration.py": "into a temporary folder",
     "workbench/bench.py": "into a temporary folder",
 }
 

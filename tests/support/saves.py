@@ -68,12 +68,14 @@ class Saving:
     Attributes:
         prepare: Makes what is there before.
         save: Saves, and yields after each step.
+        halfway: Makes what a cut between the names of two files leaves behind, which no step does.
         read: Returns what the program finds when it starts, and raises what it would end with. May change the files.
     """
 
     prepare: Callable[[Path], object]
     save: Callable[[Path], Iterator[object]]
     read: Callable[[Path], object]
+    halfway: Callable[[Path], object] | None = None
 
 
 def nothing(_folder: Path) -> None:
@@ -93,14 +95,18 @@ def save_setup_again(folder: Path) -> Iterator[object]:
     yield from write_files(folder / "new", setup_files(OTHER_LENS, "50 cm"))
 
 
+def save_half_of_setup(folder: Path) -> None:
+    save_camera_model(folder / "new" / "camera.toml", OTHER_LENS)
+
+
 def read_setup(folder: Path) -> object:
     """Return the lens and the rules; a setup that has no configuration yet can be begun again."""
     file = folder / "new" / "stadimeter.toml"
     if not file.exists():
         return list(write_files(folder / "new", setup_files(LENS, "1 m"))) and None
     loaded = load_configuration(file)
-    copies = {copy.name[:-6]: copy.read_bytes() for copy in (folder / "new").glob("*.bak")}
-    assert all(text in [each.encode() for each in setup_files(LENS, "1 m").values()] for text in copies.values())
+    before = setup_files(LENS, "1 m")
+    assert all(copy.read_text() == before[copy.name] for copy in (folder / "new" / "versions").glob("*/[!.]*"))
     return loaded.camera_model, loaded.text
 
 
@@ -290,7 +296,9 @@ def read_events(folder: Path) -> object:
 
 SAVINGS = {
     "the files of a first setup": Saving(nothing, save_first_setup, read_setup),
-    "the files of a setup over older ones": Saving(lambda f: list(save_first_setup(f)), save_setup_again, read_setup),
+    "the files of a setup over older ones": Saving(
+        lambda f: list(save_first_setup(f)), save_setup_again, read_setup, save_half_of_setup
+    ),
     "the answers of a setup": Saving(nothing, save_answers_again, read_answers),
     "a camera file": Saving(nothing, save_lens, read_lens),
     "a camera file over an older one": Saving(prepare_lens, save_lens, read_lens),

@@ -1,7 +1,8 @@
 """The temperature and the supply of a board, as its kernel and its firmware report them.
 
 Sources: ``/sys/class/thermal`` and the kernel's hwmon driver ``rpi_volt`` (Linux documentation); the bits of
-``vcgencmd get_throttled`` are those of Raspberry Pi's documentation, "Raspberry Pi OS", section ``get_throttled``.
+``vcgencmd get_throttled`` are those of Raspberry Pi's documentation, "Raspberry Pi OS", section ``get_throttled``. The
+kernel of Raspberry Pi OS gives the same number, in hexadecimal, in a file of its firmware driver.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 THERMAL = "sys/class/thermal/thermal_zone0/temp"
+THROTTLED = "sys/bus/platform/drivers/raspberrypi-firmware/*/get_throttled"
 HOT_C = 70.0
 THROTTLED_C = 80.0
 """From here on a Raspberry Pi slows its processor; a 3B+ from 60 °C."""
@@ -35,6 +37,16 @@ def throttling(bits: int) -> Throttling:
         now=tuple(words for bit, words in meanings.items() if bits >> bit & 1),
         before=tuple(words for bit, words in meanings.items() if bits >> (bit + SINCE_START) & 1),
     )
+
+
+def throttled_now(root: Path = Path("/")) -> tuple[str, ...]:
+    """Return what is wrong with supply and heat at this moment, as far as the kernel says; starts no program."""
+    for file in sorted(root.glob(THROTTLED)):
+        try:
+            return throttling(int(file.read_text("ascii"), 16)).now
+        except (OSError, ValueError):
+            continue
+    return (SUPPLY_BITS[0],) if is_under_voltage(root) else ()
 
 
 def temperature_c(root: Path = Path("/")) -> float | None:

@@ -15,7 +15,7 @@ from stadimeter.core.command import Command
 from stadimeter.core.decide import State, decide
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
-from stadimeter.core.operator import OperatorCommand
+from stadimeter.core.operator import AnyCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
@@ -68,7 +68,10 @@ class Cycle:
         self.perceiver = Perceiver(self.detectors, self.camera_model)
 
     def run(
-        self, state: State, operator_commands: tuple[OperatorCommand, ...] = (), wall: WallTime | None = None
+        self,
+        state: State,
+        operator_commands: tuple[AnyCommand, ...] = (),
+        wall: WallTime | None = None,
     ) -> tuple[State, CycleRecord, Frame | None]:
         """Run one cycle.
 
@@ -113,6 +116,7 @@ class Cycle:
             applied=applied,
             timings_s=watch.laps_s,
             rejected={found.target: found.rejected for found in detections if found.rejected},
+            detections=detections,
             decision=decision,
         )
         return state, record, frame

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar
 
-from pydantic import ConfigDict
+from pydantic import ConfigDict, GetPydanticSchema
 
 from stadimeter.core.command import Command
 from stadimeter.core.decision import Decision
-from stadimeter.core.detection import RejectedCandidate
+from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.observation import Observation
+
+_NotWritten = GetPydanticSchema(lambda _type, handler: handler(Any))
+"""For what is in no journal: pydantic need not know how to write it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +27,8 @@ class CycleRecord:
         timings_s: How long each part of the cycle took, in seconds: ``capture``, ``measure``, ``decide``, ``apply``.
         rejected: By target, what was looked at in the new frame and is not the target, the most like it first; only
             targets for which there is something. It explains, and decides nothing: it is in no journal.
+        detections: Where each target is in the new frame, or why it is not there; empty without a frame. Likewise in
+            no journal: it is drawn.
     """
 
     # What is broken is recorded as it was: null would replay to something else than NaN, and a bare NaN is no JSON.
@@ -33,4 +38,10 @@ class CycleRecord:
     applied: tuple[Command, ...]
     timings_s: Mapping[str, float]
     rejected: Mapping[str, tuple[RejectedCandidate, ...]] = field(default_factory=dict)
+    detections: Annotated[tuple[Detection, ...], _NotWritten] = ()
     decision: Decision
+
+    @property
+    def busy_s(self) -> float:
+        """How long it was computed, without the wait for the frame."""
+        return sum(self.timings_s.values()) - self.timings_s.get("capture", 0.0)

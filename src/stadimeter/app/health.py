@@ -51,9 +51,8 @@ class Health:
         self.frames += 1
         if self.first_command_s is None:
             self.first_command_s = program_age_s()
-        busy_s = sum(record.timings_s.values()) - record.timings_s.get("capture", 0.0)
-        self.cycle_times_s.append(busy_s)
-        self.data_ages_s.append(record.observation.now_s - stamp.captured_at_s + busy_s)
+        self.cycle_times_s.append(record.busy_s)
+        self.data_ages_s.append(record.observation.now_s - stamp.captured_at_s + record.busy_s)
         for track in record.decision.tracks:
             statuses = self.track_statuses.get(track.target)
             if statuses is None:

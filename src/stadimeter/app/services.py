@@ -10,7 +10,7 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.wall_time import TimeOfDay, goes_by_the_clock
 from stadimeter.core.decide import State, initial_state
 from stadimeter.core.observation import WallTime
-from stadimeter.core.operator import OperatorCommand
+from stadimeter.core.operator import AnyCommand
 from stadimeter.core.plan import Plan
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
@@ -69,7 +69,7 @@ class Services:
             recording.resumed(resumption.text())
         return resumption.of(state)
 
-    def operator_commands(self) -> tuple[OperatorCommand, ...]:
+    def operator_commands(self) -> tuple[AnyCommand, ...]:
         """Attend to what was asked since the last cycle; return what operators want of rules. Never waits."""
         return self.control.operator_commands() if self.control is not None else ()
 

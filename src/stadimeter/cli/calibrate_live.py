@@ -17,6 +17,7 @@ from stadimeter.core.camera_model import ToneCurve
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import Calibration
 from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance, Take
+from stadimeter.workbench.frame_source import opened
 
 AtOption = Annotated[
     list[str] | None,
@@ -46,7 +47,7 @@ def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, setting
     _check(at)
     typer.echo("opening the camera …", err=True)
     session = LiveDistance(
-        camera_choice(live),
+        opened(camera_choice(live)),
         wanted.choices[0],
         date=today(),
         distance_relative_sigma=settings.distance_relative_sigma,

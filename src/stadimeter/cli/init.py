@@ -26,14 +26,15 @@ from stadimeter.config.addresses import address_for_people
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.measuring import Measuring
+from stadimeter.workbench.saving import VERSIONS
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers
 from stadimeter.workbench.setup.files import rule_names, written_files
 from stadimeter.workbench.setup.interview import Interview, all_answered, check_keys
 from stadimeter.workbench.setup.known import CONFIGURATION, PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Question
 from stadimeter.workbench.setup.target import chosen_target
-from stadimeter.workbench.setup.writing import copy_name, was_left, write_files
 from stadimeter.workbench.setup.writing import example as load_example
+from stadimeter.workbench.setup.writing import was_left, write_files
 from stadimeter.workbench.wiring.outputs import parts_of, wired_outputs
 
 BACK = "back"
@@ -68,7 +69,7 @@ def init(
 
     Writes a camera file, a configuration with two tests for each thing that shall happen, and pictures of what was
     found, in the folder init. Then it checks the configuration, runs its tests, and names the next three commands. A
-    file that is there already is kept as a copy, such as stadimeter.toml.1.bak.
+    file that is there already is kept in the folder versions.
 
     With --example it asks nothing either, and writes a configuration that shows one of the three uses, for you to edit.
 
@@ -141,7 +142,7 @@ def _asked(console: Console, folder: Path) -> Known:
 def _may_replace(console: Console, file: Path) -> None:
     if not file.exists():
         return
-    console.print(f"{file} is there already. At the end it is kept as {copy_name(file).name}.", markup=False)
+    console.print(f"{file} is there already. At the end it is kept in {file.parent / VERSIONS}.", markup=False)
     if _typed(console, "Make a new one? (yes or no)", "yes").lower() not in {"y", "yes"}:
         console.print("Nothing was changed.")
         raise typer.Exit(NOT_FOUND)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from types import TracebackType
@@ -16,10 +16,10 @@ from rich.live import Live
 from rich.text import Text
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.live.feed import LiveFeed
 from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs, heading
 from stadimeter.cli.keyboard import RunKeys
-from stadimeter.cli.run_history import LookedAt, RunHistory, Snapshot
 from stadimeter.cli.run_panels import (
     Block,
     event_block,
@@ -31,8 +31,9 @@ from stadimeter.cli.run_panels import (
     output_blocks,
     rule_blocks,
 )
+from stadimeter.cli.shown import Shown
+from stadimeter.cli.strip_chart import WINDOW_S
 from stadimeter.cli.target_panel import figure_rows, target_lines
-from stadimeter.core.message import Message
 
 REFRESH_S = 0.1
 """The screen is drawn anew this often at most."""
@@ -49,10 +50,7 @@ class LiveView:
     times a second. Without that, `render` may be printed at any time.
 
     Args:
-        trouble: Says what is wrong outside the loop, such as with the broker; an empty string if nothing.
-        messages: Returns what was sent to other programs and when, newest first.
-        limits_m: Distances to mark in the chart of each target, such as those of its rules.
-        narration: Says what happens in a simulated world; an empty string if nothing.
+        feed: Where snapshots of the run come from.
         keys: What keys do; they are attended to after each cycle.
         real_time_s: A monotonic clock of real time, in seconds. Simulated time would draw too often, or too seldom.
 
@@ -63,28 +61,19 @@ class LiveView:
     def __init__(
         self,
         title: str,
+        feed: LiveFeed,
         *,
         unit: str = "m",
-        trouble: Callable[[], str] = str,
-        messages: Callable[[], Sequence[tuple[float, Message]]] = tuple,
-        limits_m: Mapping[str, Sequence[float]] | None = None,
-        narration: Callable[[], str] = str,
         keys: RunKeys | None = None,
         console: Console | None = None,
         real_time_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._title = title
         self._unit = length_unit(unit)
-        self._trouble = trouble
-        self._messages = messages
-        self._limits_m = dict(limits_m or {})
-        self._narration = narration
+        self._feed = feed
         self._keys = keys
         self._console = console or Console()
         self._real_time_s = real_time_s
-        self._history = RunHistory()
-        self._looked_at = LookedAt()
-        self._record: CycleRecord | None = None
         self._live: Live | None = None
         self._draw_at_s = 0.0
 
@@ -103,11 +92,8 @@ class LiveView:
             self._live.stop()
         self._live = None
 
-    def update(self, record: CycleRecord) -> None:
-        """Take note of a cycle; draw if it is time to."""
-        self._record = record
-        self._history.add(record)
-        self._looked_at.add(record)
+    def update(self, _record: CycleRecord) -> None:
+        """Attend to the keys after a cycle, which the feed knows; draw if it is time to."""
         if self._keys is not None:
             self._keys.attend(self._draw)
         started_s = self._real_time_s()
@@ -123,23 +109,12 @@ class LiveView:
 
     def render(self) -> RenderableType:
         """Return the view as it is now; it fits itself to the console that it is printed on."""
-        history, keys = self._history, self._keys
+        keys = self._keys
         return LiveScreen(
-            snapshot=Snapshot(
+            shown=Shown(
+                snapshot=self._feed.snapshot(WINDOW_S),
                 title=self._title,
                 unit=self._unit,
-                record=self._record,
-                started_s=history.started_s,
-                frame_rate_hz=history.frame_rate_hz,
-                frame_age_s=history.frame_age_s,
-                tilts_rad=history.tilts_rad,
-                looked_at=self._looked_at.by_target,
-                samples={target: tuple(samples) for target, samples in history.samples.items()},
-                events=tuple(history.events),
-                messages=self._messages(),
-                limits_m=self._limits_m,
-                trouble=self._trouble(),
-                narration=self._narration(),
                 keys=keys.keys if keys is not None else None,
                 is_paused=keys is not None and keys.is_paused,
                 is_explained=keys is not None and keys.is_explained,
@@ -158,49 +133,49 @@ WIDE = 100
 class LiveScreen:
     """A snapshot as rich prints it."""
 
-    snapshot: Snapshot
+    shown: Shown
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
         """Yield the lines, exactly as many and as wide as there is room for."""
         glyphs = ASCII if options.ascii_only else UNICODE
         width, height = options.max_width, options.height or console.height
-        yield from screen_lines(self.snapshot, width, height, glyphs)
+        yield from screen_lines(self.shown, width, height, glyphs)
 
 
-def screen_lines(snapshot: Snapshot, width: int, height: int, glyphs: Glyphs = UNICODE) -> list[Text]:
+def screen_lines(shown: Shown, width: int, height: int, glyphs: Glyphs = UNICODE) -> list[Text]:
     """Lay everything out.
 
     Returns:
         Exactly `height` lines of exactly `width` columns.
     """
-    lines = header_lines(snapshot, width, glyphs)[: max(1, height // 4)]
+    lines = header_lines(shown, width, glyphs)[: max(1, height // 4)]
     footer: list[Text] = []
     if height >= FRAMED_HEIGHT:
-        lines += narration_lines(snapshot, width, glyphs)[: height // 6]
-        footer = [footer_line(snapshot.keys, width, glyphs)] if snapshot.keys is not None else []
+        lines += narration_lines(shown, width, glyphs)[: height // 6]
+        footer = [footer_line(shown.keys, width, glyphs)] if shown.keys is not None else []
     rows = height - len(lines) - len(footer)
-    if snapshot.is_explained:
-        lines += explanation_lines(snapshot, width, glyphs)[:rows]
-    elif snapshot.record is not None:
+    if shown.is_explained:
+        lines += explanation_lines(shown, width, glyphs)[:rows]
+    elif shown.snapshot.record is not None:
         body = _wide if width >= WIDE else _narrow
-        lines += body(snapshot, snapshot.record, width, rows, glyphs)
+        lines += body(shown, shown.snapshot.record, width, rows, glyphs)
     lines = [*lines, *(Text() for _ in range(height - len(lines) - len(footer))), *footer]
     for line in lines:
         line.no_wrap, line.overflow = True, "crop"
     return [glyphs.fit(line, width) for line in lines[:height]]
 
 
-def _narrow(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
+def _narrow(shown: Shown, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Put everything in one column; what matters most gets its rows first."""
     targets = len(record.decision.tracks)
-    rest = _Rest.of(snapshot, record, width, height, glyphs)
+    rest = _Rest.of(shown, record, width, height, glyphs)
     rules, outputs = len(rest.rules), len(rest.outputs)
     rows = grant_rows(
         height,
         [
             ("targets", targets), ("outputs", min(outputs, 2)), ("rules", min(rules, 3)), ("targets", targets),
             ("events", 1), ("outputs", outputs - 2), ("rules", rules - 3), ("messages", 1),
-            ("headings", rest.headings), ("targets", _figure_rows(snapshot, record, width, glyphs) - 2 * targets),
+            ("headings", rest.headings), ("targets", _figure_rows(shown, record, width, glyphs) - 2 * targets),
             ("outputs", rest.loud(rest.outputs) - outputs), ("rules", rest.loud(rest.rules) - rules),
             ("events", rest.newest - 1), ("outputs", rest.full(rest.outputs) - rest.loud(rest.outputs)),
             ("targets", 5), ("rules", rest.full(rest.rules) - rest.loud(rest.rules)), ("events", 1), ("messages", 1),
@@ -208,14 +183,14 @@ def _narrow(snapshot: Snapshot, record: CycleRecord, width: int, height: int, gl
         ],
         rest.most(),
     )  # fmt: skip
-    return [*_targets(snapshot, record, width, rows["targets"], glyphs), *rest.lines(rows)]
+    return [*_targets(shown, record, width, rows["targets"], glyphs), *rest.lines(rows)]
 
 
-def _wide(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
+def _wide(shown: Shown, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Put targets on the left, the rest on the right."""
     left_width = width * 11 // 20
     right_width = width - left_width - 2
-    rest = _Rest.of(snapshot, record, right_width, height, glyphs)
+    rest = _Rest.of(shown, record, right_width, height, glyphs)
     rows = grant_rows(
         height,
         [
@@ -227,7 +202,7 @@ def _wide(snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyp
         ],
         rest.most(),
     )  # fmt: skip
-    left = _targets(snapshot, record, left_width, height, glyphs)
+    left = _targets(shown, record, left_width, height, glyphs)
     return [
         Text.assemble(glyphs.fit(one, left_width), "  ", glyphs.fit(other, right_width))
         for one, other in zip_longest(left, rest.lines(rows), fillvalue=Text())
@@ -246,23 +221,23 @@ def grant_rows(free: int, claims: Sequence[tuple[str, int]], most: dict[str, int
     return rows
 
 
-def _figure_rows(snapshot: Snapshot, record: CycleRecord, width: int, glyphs: Glyphs) -> int:
+def _figure_rows(shown: Shown, record: CycleRecord, width: int, glyphs: Glyphs) -> int:
     """Return the rows that all targets take without their charts."""
-    return sum(figure_rows(snapshot, track, width, glyphs) for track in record.decision.tracks)
+    return sum(figure_rows(shown, track, width, glyphs) for track in record.decision.tracks)
 
 
-def _targets(snapshot: Snapshot, record: CycleRecord, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
+def _targets(shown: Shown, record: CycleRecord, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
     tracks = record.decision.tracks
     if not tracks or rows <= 0:
         return []
     each, rest = divmod(rows, len(tracks))
     if each == 0:
-        lines = [line for track in tracks[:rows] for line in target_lines(snapshot, track, width, 1, glyphs)]
+        lines = [line for track in tracks[:rows] for line in target_lines(shown, track, width, 1, glyphs)]
         return with_more(lines, len(tracks))
     return [
         line
         for number, track in enumerate(tracks)
-        for line in target_lines(snapshot, track, width, each + (number < rest), glyphs)
+        for line in target_lines(shown, track, width, each + (number < rest), glyphs)
     ]
 
 
@@ -282,10 +257,10 @@ class _Rest:
     messages: Sequence[Text]
 
     @classmethod
-    def of(cls, snapshot: Snapshot, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> Self:
+    def of(cls, shown: Shown, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> Self:
         """Put everything into words."""
-        unit, started_s = snapshot.unit, snapshot.started_s
-        events, messages = snapshot.events[:height], snapshot.messages[:height]
+        unit, started_s = shown.unit, shown.snapshot.started_s
+        events, messages = shown.snapshot.events[:height], shown.snapshot.messages[:height]
         rules, outputs = rule_blocks(record, unit, glyphs), output_blocks(record, unit, width, glyphs)
         return cls(
             width=width,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from rich.text import Text
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.live.snapshot import why
 from stadimeter.cli.formatting import (
     LengthUnit,
     format_age,
@@ -20,12 +21,10 @@ from stadimeter.cli.formatting import (
 )
 from stadimeter.cli.glyphs import Glyphs
 from stadimeter.cli.keyboard import Key
-from stadimeter.cli.run_history import Snapshot
+from stadimeter.cli.shown import Shown
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
-from stadimeter.core.decision import Decision, Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.decision import Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message
-from stadimeter.core.rules.explaining import explain
-from stadimeter.core.rules.reasons import Reasons
 
 RULE_STYLES = {
     RuleStatus.IDLE: "dim",
@@ -69,26 +68,25 @@ FRAMES_WIDTH = 56
 """From this many columns on the top line has room for what is known of the frames."""
 
 
-def header_lines(snapshot: Snapshot, width: int, glyphs: Glyphs) -> list[Text]:
+def header_lines(shown: Shown, width: int, glyphs: Glyphs) -> list[Text]:
     """Return the top line: what runs, whether outputs may act, how fresh the frames are; below it, what is wrong."""
+    snapshot, health = shown.snapshot, shown.snapshot.health
     record = snapshot.record
     if record is None:
-        return [glyphs.fit(Text.assemble((f" {glyphs.words(snapshot.title)} ", "bold"), " waiting for a frame"), width)]
+        return [glyphs.fit(Text.assemble((f" {glyphs.words(shown.title)} ", "bold"), " waiting for a frame"), width)]
     mode = record.decision.safety
-    badge = (
-        Text(" PAUSED ", PAUSED_STYLE) if snapshot.is_paused else Text(f" {mode.value.upper()} ", SAFETY_STYLES[mode])
-    )
-    age = "no frame" if snapshot.frame_age_s is None else f"age {format_age(snapshot.frame_age_s)}"
+    badge = Text(" PAUSED ", PAUSED_STYLE) if shown.is_paused else Text(f" {mode.value.upper()} ", SAFETY_STYLES[mode])
+    age = "no frame" if health.frame_age_s is None else f"age {format_age(health.frame_age_s)}"
     now = format_time(record.observation.now_s - snapshot.started_s)
-    frames = f"{snapshot.frame_rate_hz:.1f} fps  {age}  " if width >= FRAMES_WIDTH else ""
+    frames = f"{health.frame_rate_hz:.1f} fps  {age}  " if width >= FRAMES_WIDTH else ""
     right = Text.assemble(badge, f"  {frames}", (f"{now} ", "bold"))
-    left = glyphs.fit(Text(f" {glyphs.words(snapshot.title)}", "bold"), max(0, width - right.cell_len - 1))
+    left = glyphs.fit(Text(f" {glyphs.words(shown.title)}", "bold"), max(0, width - right.cell_len - 1))
     return [
         glyphs.fit(Text.assemble(left, " ", right), width),
         *(
             line
-            for words in _warnings(snapshot, record)
-            for line in _warning(in_unit(words, snapshot.unit), width, glyphs)
+            for words in _warnings(health.trouble, record)
+            for line in _warning(in_unit(words, shown.unit), width, glyphs)
         ),
     ]
 
@@ -97,9 +95,9 @@ def _warning(words: str, width: int, glyphs: Glyphs) -> list[Text]:
     return glyphs.hang(Text(" ! ", "yellow"), Text(glyphs.words(words), "yellow"), width)
 
 
-def narration_lines(snapshot: Snapshot, width: int, glyphs: Glyphs) -> list[Text]:
+def narration_lines(shown: Shown, width: int, glyphs: Glyphs) -> list[Text]:
     """Return what happens in a simulated world."""
-    words = glyphs.words(in_unit(snapshot.narration, snapshot.unit))
+    words = glyphs.words(in_unit(shown.snapshot.narration, shown.unit))
     return glyphs.hang(Text(" "), Text(words, "bold bright_cyan"), width) if words else []
 
 
@@ -114,9 +112,9 @@ def footer_line(keys: Sequence[Key], width: int, glyphs: Glyphs) -> Text:
     return line
 
 
-def explanation_lines(snapshot: Snapshot, width: int, glyphs: Glyphs) -> list[Text]:
+def explanation_lines(shown: Shown, width: int, glyphs: Glyphs) -> list[Text]:
     """Return what the keys do and what the screen shows, in place of it."""
-    keys = [(key.name, f"{key.does}; again: {key.undoes}" if key.undoes else key.does) for key in snapshot.keys or ()]
+    keys = [(key.name, f"{key.does}; again: {key.undoes}" if key.undoes else key.does) for key in shown.keys or ()]
     states = "  ".join(f"{dot} {status.value}" for dot, status in zip(glyphs.dots, RuleStatus, strict=True))
     rows = [*keys, ("Ctrl-C", "stop every output at once, and quit"), *SCREEN, ("states", states)]
     return [
@@ -126,14 +124,14 @@ def explanation_lines(snapshot: Snapshot, width: int, glyphs: Glyphs) -> list[Te
     ]
 
 
-def _warnings(snapshot: Snapshot, record: CycleRecord) -> list[str]:
+def _warnings(trouble: str, record: CycleRecord) -> list[str]:
     warnings = [record.decision.safety_reason]
     fault = record.observation.camera_fault
-    if record.decision.safety is not SafetyMode.ACTIVE and fault not in snapshot.trouble:
+    if record.decision.safety is not SafetyMode.ACTIVE and fault not in trouble:
         warnings.append(
             fault
         )  # a slow camera has nothing new in many a cycle; that is worth saying only if it stops us
-    return [words for words in (*warnings, snapshot.trouble) if words]
+    return [words for words in (*warnings, trouble) if words]
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,13 +191,6 @@ def _rule_block(
         Text(glyphs.words(in_unit(words, unit)), "dim" if trace.status is RuleStatus.IDLE else ""),
         is_quiet=trace.status in {RuleStatus.IDLE, RuleStatus.UNKNOWN},
     )
-
-
-def why(decision: Decision, rule: str) -> str:
-    """Return why a rule does what it does, as ``stadimeter explain``; the reason alone if read from a file."""
-    if isinstance(decision.reasons, Reasons):
-        return explain(decision, rule).sentence
-    return decision.reasons.get(rule, "")
 
 
 def _drives(trace: RuleTrace, outputs: Sequence[OutputTrace]) -> tuple[str, str]:

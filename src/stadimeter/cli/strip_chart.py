@@ -9,9 +9,9 @@ from itertools import pairwise
 
 from rich.text import Text
 
+from stadimeter.app.live.history import Sample
 from stadimeter.cli.formatting import METRE, LengthUnit
 from stadimeter.cli.glyphs import UNICODE, Glyphs
-from stadimeter.cli.run_history import WINDOW_S, Sample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,6 +25,9 @@ class Layer:
 BAND = Layer(style="blue", character=":")
 LIMIT = Layer(style="yellow", character="-")
 LINE = Layer(style="bright_cyan", character="*")
+
+WINDOW_S = 30.0
+"""A chart shows this long."""
 
 SPAN_MIN_M = 0.4
 """The scale spans at least this much, so that the noise of a target at rest looks like rest."""

@@ -21,7 +21,7 @@ from stadimeter.cli.formatting import (
     format_time,
 )
 from stadimeter.cli.glyphs import Glyphs, heading
-from stadimeter.cli.run_history import Snapshot
+from stadimeter.cli.shown import Shown
 from stadimeter.cli.strip_chart import StripChart
 from stadimeter.core.track import Track, TrackStatus
 
@@ -45,45 +45,46 @@ WHY_ROWS = 4
 """The reason why a target is not measured has this many lines of its own at most, if there is room for all of it."""
 
 
-def target_lines(snapshot: Snapshot, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
+def target_lines(shown: Shown, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
     """Show one target in the room that there is, in at most `rows` lines."""
-    figures = _Figures(snapshot, track, glyphs)
+    figures = _Figures(shown, track, glyphs)
     if rows < 2:
         return [glyphs.fit(figures.one_line(), width)][:rows]
     is_big = rows >= BIG_ROWS and width >= BIG_WIDTH and not glyphs.ascii_only
     why = figures.why_not(width, WHY_ROWS)
-    shown = figures.large if is_big else figures.small if width < SPLIT_WIDTH else figures.normal
-    if 1 + len(shown(with_reason=False)) + len(why) > rows:
+    figured = figures.large if is_big else figures.small if width < SPLIT_WIDTH else figures.normal
+    if 1 + len(figured(with_reason=False)) + len(why) > rows:
         why = []
     top = [
         heading(track.target, width, glyphs, (track.status.value, f"bold {STATUS_STYLES[track.status]}")),
-        *shown(with_reason=not why),
+        *figured(with_reason=not why),
         *why,
     ][:rows]
     chart = StripChart(
         width=width,
         height=rows - len(top),
-        unit=snapshot.unit,
-        limits_m=tuple(snapshot.limits_m.get(track.target, ())),
+        unit=shown.unit,
+        limits_m=tuple(shown.snapshot.limits_m.get(track.target, ())),
         glyphs=glyphs,
     )
+    snapshot = shown.snapshot
     now_s = snapshot.record.observation.now_s if snapshot.record else 0.0
     return [glyphs.fit(line, width) for line in (*top, *chart.render(snapshot.samples.get(track.target, ()), now_s))]
 
 
-def figure_rows(snapshot: Snapshot, track: Track, width: int, glyphs: Glyphs) -> int:
+def figure_rows(shown: Shown, track: Track, width: int, glyphs: Glyphs) -> int:
     """Return the rows that a target takes without its chart: its heading, its figures, and why it is not measured."""
-    figures = _Figures(snapshot, track, glyphs)
-    shown = figures.small if width < SPLIT_WIDTH else figures.normal
-    return 1 + len(shown(with_reason=False)) + len(figures.why_not(width, WHY_ROWS))
+    figures = _Figures(shown, track, glyphs)
+    figured = figures.small if width < SPLIT_WIDTH else figures.normal
+    return 1 + len(figured(with_reason=False)) + len(figures.why_not(width, WHY_ROWS))
 
 
 class _Figures:
     """The words and figures about one target."""
 
-    def __init__(self, snapshot: Snapshot, track: Track, glyphs: Glyphs) -> None:
-        self._snapshot = snapshot
-        self._unit: LengthUnit = snapshot.unit
+    def __init__(self, shown: Shown, track: Track, glyphs: Glyphs) -> None:
+        self._snapshot = shown.snapshot
+        self._unit: LengthUnit = shown.unit
         self._track = track
         self._glyphs = glyphs
         colour = STATUS_STYLES[track.status]

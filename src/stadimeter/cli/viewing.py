@@ -8,7 +8,7 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TextIO
@@ -17,6 +17,7 @@ import typer
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.health import Health, peak_memory_mb, percentile
+from stadimeter.app.live.snapshot import looked_at
 from stadimeter.app.loop import Loop
 from stadimeter.cli.formatting import (
     format_best,
@@ -29,12 +30,9 @@ from stadimeter.cli.formatting import (
     length_unit,
 )
 from stadimeter.cli.glyphs import ASCII, UNICODE
-from stadimeter.cli.run_history import LookedAt
 from stadimeter.core.command import Command, LevelCommand
-from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import Event, RuleStatus, RuleTrace, SafetyMode
-from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.track import Track
 
 if TYPE_CHECKING:
@@ -78,12 +76,13 @@ class PlainView:
         self._due_s = 0.0
         self._narration = narration
         self._said = self._narrated = ""
-        self._looked_at = LookedAt()
+        self._looked_at: Mapping[str, Sequence[RejectedCandidate]] = {}
 
     def update(self, record: CycleRecord) -> None:
         """Write what there is to say about a cycle."""
         now_s = record.observation.now_s
-        self._looked_at.add(record)
+        if record.observation.frame is not None:
+            self._looked_at = looked_at(record)
         if self._started_s is None:
             self._started_s = self._due_s = now_s
         self._narrate(now_s)
@@ -128,7 +127,7 @@ class PlainView:
         if track.is_valid:
             distance = format_distance(track.distance_m, track.sigma_m, self._unit)
             return f"{track.target} {distance} {track.status.value}"
-        best = format_best(track.reason, self._looked_at.by_target.get(track.target, ()))
+        best = format_best(track.reason, self._looked_at.get(track.target, ()))
         why = "; ".join(words for words in (track.reason, best) if words)
         return f"{track.target} {track.status.value}" + (f" ({why})" if why else "")
 
@@ -232,16 +231,14 @@ def narration_of(loop: Loop) -> Callable[[], str]:
 
 def live_view_of(loop: Loop, title: str, unit: str, keys: RunKeys | None = None) -> LiveView:
     """Return the live view of a run, not shown yet; `unit` is that of distances."""
+    from stadimeter.app.live.watching import live_feed  # noqa: PLC0415 - likewise
     from stadimeter.cli.live_view import LiveView  # noqa: PLC0415 - it takes long, and few runs show it
 
     return LiveView(
         title,
+        live_feed(loop),
         unit=unit,
-        trouble=loop.trouble,
-        narration=narration_of(loop),
         keys=keys,
-        messages=lambda: tuple(loop.published),
-        limits_m=chart_limits_m(loop.parts.configuration.plan),
     )
 
 
@@ -261,26 +258,6 @@ class _TroubleLines:
         if trouble and trouble != self._said:
             typer.echo(f"warning: {trouble}", err=True)
         self._said = trouble
-
-
-def chart_limits_m(plan: Plan) -> dict[str, list[float]]:
-    """Return, by target, the distances at which rules begin, nearest first, to mark them in a chart."""
-    limits_m: dict[str, set[float]] = {target: set() for target in plan.targets}
-    for rule in plan.rules:
-        limits_m[rule.target].update(_limits_m(rule))
-    return {target: sorted(values) for target, values in limits_m.items()}
-
-
-def _limits_m(rule: AnyRule) -> tuple[float, ...]:
-    match rule:
-        case AlarmRule(condition=DistanceCondition(above_m=above_m, below_m=below_m)):
-            return tuple(limit_m for limit_m in (above_m, below_m) if limit_m is not None)
-        case RampRule():
-            return (rule.start_m,)
-        case FollowRule():
-            return (rule.distance_m,)
-        case _:
-            return ()
 
 
 class ViewThread:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
-from stadimeter.config.toml_source import as_toml, read_toml
+from stadimeter.config.toml_source import Texts, as_toml, read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance, ToneCurve
 from stadimeter.core.frame import Optics, Subsampling
@@ -143,13 +143,13 @@ def camera_model_from_table(table: Mapping[str, Any]) -> CameraModel:
     return _model(table, "", {})
 
 
-def load_camera_model(path: Path) -> CameraModel:
+def load_camera_model(path: Path, texts: Texts | None = None) -> CameraModel:
     """Read a camera file. One that does not say how well its edge bias is known is not sure of it.
 
     Raises:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
     """
-    source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=HOW_TO_MAKE_ONE)
+    source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=HOW_TO_MAKE_ONE, texts=texts)
     return _model({"edge_bias_sigma_px": UNKNOWN_EDGE_BIAS_SIGMA_PX, **source.table}, str(path), source.spans)
 
 

@@ -16,7 +16,7 @@ from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rules.compiled import CompiledRule, compile_rules
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.config.toml_source import UNREADABLE
+from stadimeter.config.toml_source import UNREADABLE, Texts
 from stadimeter.config.units import path_from, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, Problem
@@ -33,7 +33,7 @@ _TAKEN: dict[str, set[str]] = {
     "actuators": {"camera", BASE_NAME},
     "buttons": set(),
     "notifiers": set(),
-    "rules": {"safety", "safe"},
+    "rules": {"safety", "safe", "operator"},
 }
 """Names that mean something else in events and traces."""
 
@@ -114,14 +114,15 @@ def parts_of(whole: Any) -> Iterator[tuple[tuple[str, ...], DriverChoice]]:
             yield (section,), found
 
 
-def read_draft(table: Mapping[str, Any], file: Path, *, with_tests: bool = True) -> Draft:
+def read_draft(table: Mapping[str, Any], file: Path, *, with_tests: bool = True, texts: Texts | None = None) -> Draft:
     """Read every part of a configuration.
 
     Args:
         table: The file as the TOML parser read it.
         file: The file; paths are relative to its folder.
+        texts: What to read in place of other files.
     """
-    reader = _Reader(table, file)
+    reader = _Reader(table, file, texts)
     draft = reader.read()
     if with_tests:
         reader.read_tests()
@@ -131,7 +132,8 @@ def read_draft(table: Mapping[str, Any], file: Path, *, with_tests: bool = True)
 class _Reader:
     """Fills a draft, part by part."""
 
-    def __init__(self, table: Mapping[str, Any], file: Path) -> None:
+    def __init__(self, table: Mapping[str, Any], file: Path, texts: Texts | None) -> None:
+        self.texts = texts
         self.draft = Draft(table=table)
         self.context = validation_context(file)
         self.folder = file.parent
@@ -181,7 +183,7 @@ class _Reader:
 
     def _camera_file(self, file: Path) -> None:
         try:
-            self.draft.camera_model = load_camera_model(file)
+            self.draft.camera_model = load_camera_model(file, self.texts)
         except ConfigError as error:
             for problem in error.problems:
                 if problem.code == UNREADABLE:

@@ -22,7 +22,7 @@ from stadimeter.config.renamed_keys import with_current_keys
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.secrets import without_secrets
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
-from stadimeter.config.toml_source import TomlSource, read_toml
+from stadimeter.config.toml_source import Texts, TomlSource, read_toml
 from stadimeter.config.units import validation_context
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
@@ -90,18 +90,19 @@ class Configuration:
         return self.find_warnings()
 
 
-def load_configuration(path: Path, *, with_tests: bool = True) -> Configuration:
+def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | None = None) -> Configuration:
     """Load a configuration and the camera file that it names.
 
     Args:
         path: The TOML file.
         with_tests: Whether to read the tests of its rules. A run needs none, and one that is wrong does not stop it.
+        texts: What to read in place of the file, or of its camera file, as if it stood there.
 
     Raises:
         ConfigError: It lists every problem, in the order of the file.
     """
-    source, renamed = with_current_keys(read_toml(path, CONFIGURATION_MAX_BYTES))
-    draft = read_draft(source.table, path, with_tests=with_tests)
+    source, renamed = with_current_keys(read_toml(path, CONFIGURATION_MAX_BYTES, texts=texts))
+    draft = read_draft(source.table, path, with_tests=with_tests, texts=texts)
     draft.renamed = renamed
     text, not_hidden = without_secrets(draft, source.text, source.spans)
     findings = [*draft.findings, *error_findings(draft), *_test_findings(draft), *not_hidden]

@@ -17,7 +17,7 @@ from typing import Any
 
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan, key_spans, syntax_error
-from stadimeter.config.untrusted_file import read_untrusted_text
+from stadimeter.config.untrusted_file import read_untrusted_text, size_text
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 UNREADABLE = "unreadable"
@@ -54,20 +54,33 @@ class TomlSource:
     spans: Mapping[KeyPath, SourceSpan]
 
 
-def read_toml(path: Path, most_bytes: int, missing_hint: str = "") -> TomlSource:
-    """Read a TOML file.
+Texts = Mapping[Path, str]
+"""What is to be read in place of files, by their paths: what was typed and not saved yet, or stands in a recording."""
+
+
+def read_toml(path: Path, most_bytes: int, missing_hint: str = "", texts: Texts | None = None) -> TomlSource:
+    """Read a TOML file, or the text that stands for it.
 
     Raises:
         ConfigError: It cannot be read, or as for `parse_toml`.
     """
     try:
-        text = read_untrusted_text(path, most_bytes)
+        text = _text_instead(path, most_bytes, texts or {})
+        if text is None:
+            text = read_untrusted_text(path, most_bytes)
     except UnreadableError as error:
         is_missing = isinstance(error.__cause__, FileNotFoundError)
         message = error.reason if is_missing else f"the file cannot be read: {error.reason}"
         hint = missing_hint if is_missing else "is it a TOML file?" if error.line else ""
         raise ConfigError([Problem(message, str(path), error.line, hint=hint, code=UNREADABLE)]) from error
     return parse_toml(text, str(path))
+
+
+def _text_instead(path: Path, most_bytes: int, texts: Texts) -> str | None:
+    text = texts.get(path)
+    if text is not None and len(text.encode(errors="replace")) > most_bytes:
+        raise UnreadableError(path, f"it is larger than {size_text(most_bytes)}, the most that is read of such a file")
+    return text
 
 
 def parse_toml(text: str, file: str) -> TomlSource:

@@ -12,8 +12,10 @@ from dataclasses import dataclass, field, replace
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
+from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.observation import Observation, OutputFault
-from stadimeter.core.outputs import OutputStep, command_all, new_output
+from stadimeter.core.operator import Answer, HoldCommand, OperatorCommand
+from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
 from stadimeter.core.plan import Plan
 from stadimeter.core.rules.reasons import Reasons
 from stadimeter.core.rules.scheduler import EvaluatedRules, judge, new_rules
@@ -33,6 +35,7 @@ class State:
         faults: The outputs that were out of order in the last cycle.
         events: How many events there were in the run.
         due: Events of what happened between two cycles; they are part of the next decision.
+        holds: The outputs that people hold.
     """
 
     plan: Plan
@@ -45,6 +48,7 @@ class State:
     faults: tuple[OutputFault, ...] = ()
     events: int = 0
     due: tuple[Event, ...] = ()
+    holds: tuple[Hold, ...] = ()
 
 
 def initial_state(plan: Plan) -> State:
@@ -69,11 +73,8 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
     inputs = _known(state, tracks, observation, is_after_gap=gap_s is not None)
     sample = _sample(state, safety)
-    rules, outcome = judge(plan.rules, state.rules, inputs, sample, cycle, observation.operator_commands)
-    # After a gap the outputs have been stopped by their leases: they start from there, not from the last command.
-    before = state.outputs if step_s <= plan.safety.max_frame_age_s else tuple(map(new_output, plan.outputs))
-    slew_s = min(step_s, plan.safety.max_frame_age_s)
-    outputs = command_all(plan.outputs, before, rules.wanted, safety, observation.output_faults, slew_s)
+    rules, outcome = judge(plan.rules, state.rules, inputs, sample, cycle, _for_rules(observation))
+    holds, answers, outputs = _act(state, observation, safety, rules, is_after_gap=gap_s is not None)
     events = _numbered(
         state.due
         + _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
@@ -91,7 +92,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         outputs=tuple([step.trace for step in outputs]),
         rules=rules.traces,
         notices=outcome.notices,
-        answers=outcome.answers,
+        answers=outcome.answers + answers,
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
     remembered = State(
@@ -104,8 +105,30 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         outputs=outputs,
         faults=observation.output_faults,
         events=state.events + len(events),
+        holds=holds,
     )
     return remembered, decision
+
+
+def _act(
+    state: State, observation: Observation, safety: SafetyState, rules: EvaluatedRules, *, is_after_gap: bool
+) -> tuple[tuple[Hold, ...], tuple[Answer, ...], tuple[OutputStep, ...]]:
+    """Return who holds outputs, the answers to those who asked for it, and what each output does."""
+    plan, now_s = state.plan, observation.now_s
+    step_s = 0.0 if state.now_s is None else now_s - state.now_s
+    forbidden = forbidden_outputs(plan.outputs, safety, observation.output_faults)
+    held = () if is_after_gap else state.holds
+    asked = [each for each in observation.operator_commands if isinstance(each, HoldCommand)]
+    holds, answers = step_holds(held, asked, plan.outputs, forbidden, now_s)
+    # After a gap the outputs have been stopped by their leases: they start from there, not from the last command.
+    before = state.outputs if step_s <= plan.safety.max_frame_age_s else tuple(map(new_output, plan.outputs))
+    slew_s = min(step_s, plan.safety.max_frame_age_s)
+    wanted = with_holds(rules.wanted, holds, plan.rules)
+    return holds, answers, command_all(plan.outputs, before, wanted, safety, forbidden, slew_s)
+
+
+def _for_rules(observation: Observation) -> tuple[OperatorCommand, ...]:
+    return tuple([each for each in observation.operator_commands if isinstance(each, OperatorCommand)])
 
 
 def _known(state: State, tracks: Mapping[str, Track], observation: Observation, *, is_after_gap: bool) -> RuleInputs:

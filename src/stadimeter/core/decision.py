@@ -137,15 +137,17 @@ class OutputTrace:
     """Who commands one output in one cycle, and who would have liked to.
 
     Attributes:
-        winner: The rule that commands it, ``safety``, or ``safe`` if nobody asks for anything.
+        winner: The rule that commands it, ``safety``, ``operator``, or ``safe`` if nobody asks for anything.
         reason: Why safety commands it, or nobody; empty if a rule does, whose reason is in `Decision.reasons`.
         losers: The rules that asked too, with less priority.
+        held_by: Who holds it to try it; empty if nobody does.
     """
 
     output: str
     winner: str
     reason: str = ""
     losers: tuple[str, ...] = ()
+    held_by: str = ""
 
 
 class SafetyMode(StrEnum):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.operator import OperatorCommand
+from stadimeter.core.operator import AnyCommand
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,4 +67,4 @@ class Observation:
     not_for_motion: str = ""
     output_faults: tuple[OutputFault, ...] = ()
     wall: WallTime | None = None
-    operator_commands: tuple[OperatorCommand, ...] = ()
+    operator_commands: tuple[AnyCommand, ...] = ()

@@ -44,6 +44,29 @@ class OperatorCommand:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HoldCommand:
+    """A person holds an output for a moment, to try it, or lets go of it.
+
+    Attributes:
+        level: For an actuator, from 0 to 1.
+        linear_mps: For a base: speed forwards.
+        angular_radps: For a base: rate of turn, positive to the left.
+        is_release: Whether it ends a hold.
+    """
+
+    id: str
+    output: str
+    level: float | None = None
+    linear_mps: float | None = None
+    angular_radps: float | None = None
+    is_release: bool = False
+    by: str = ""
+
+
+AnyCommand = OperatorCommand | HoldCommand
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
     """What became of an operator's command.
 

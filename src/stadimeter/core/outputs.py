@@ -43,48 +43,60 @@ def command_all(
     before: tuple[OutputStep, ...],
     requests: Mapping[str, Sequence[Request]],
     safety: SafetyState,
-    faults: tuple[OutputFault, ...],
+    forbidden: Mapping[str, str],
     step_s: float,
 ) -> tuple[OutputStep, ...]:
     """Return one command for each output, and why.
 
     Args:
         before: Their steps in the cycle before.
-        requests: What the rules want, for each output the winner first.
-        faults: The outputs that are out of order.
+        requests: What is wanted of them, for each output the winner first.
+        forbidden: The outputs that may not act, and why.
     """
-    out_of_order = {fault.output: fault.reason for fault in faults}
-    no_output_may = safety.reason if safety.mode is not SafetyMode.ACTIVE else ""
     return tuple(
-        _step(output, last, requests.get(output.name, ()), safety, out_of_order.get(output.name, no_output_may), step_s)
+        _step(output, last, requests.get(output.name, ()), safety, forbidden.get(output.name, ""), step_s)
         for output, last in zip(outputs, before, strict=True)
     )
+
+
+def forbidden_outputs(
+    outputs: tuple[Output, ...], safety: SafetyState, faults: tuple[OutputFault, ...]
+) -> dict[str, str]:
+    """Return the outputs that may not act, and why: one that is out of order, or all of them."""
+    if safety.mode is SafetyMode.ACTIVE and not faults:
+        return {}
+    none_may = {} if safety.mode is SafetyMode.ACTIVE else {output.name: safety.reason for output in outputs}
+    return none_may | {fault.output: fault.reason for fault in faults}
 
 
 def _step(
     output: Output, before: OutputStep, wanted: Sequence[Request], safety: SafetyState, forbidden: str, step_s: float
 ) -> OutputStep:
     if forbidden or safety.frame is None:
-        trace = _trace(before, "safety", forbidden, wanted, losing_from=0)
+        trace = _trace(before, ("safety", forbidden, ""), wanted, losing_from=0)
         return OutputStep(command=safe_command(output), trace=trace, wanted=wanted)
     winner = wanted[0] if wanted else None
     command = _command(output, before.command, winner, safety.frame.captured_at_s, step_s)
-    who, reason = (winner.rule, "") if winner else ("safe", NOBODY)
-    trace = _trace(before, who, reason, wanted, losing_from=1)
+    told = (winner.rule, "", winner.by) if winner else ("safe", NOBODY, "")
+    trace = _trace(before, told, wanted, losing_from=1)
     if command is before.command and trace is before.trace and wanted is before.wanted:
         return before
     return OutputStep(command=command, trace=trace, wanted=wanted)
 
 
-def _trace(before: OutputStep, winner: str, reason: str, wanted: Sequence[Request], *, losing_from: int) -> OutputTrace:
-    """Return the trace of the cycle before while it says the same."""
+def _trace(
+    before: OutputStep, told: tuple[str, str, str], wanted: Sequence[Request], *, losing_from: int
+) -> OutputTrace:
+    """Return the trace of the cycle before while it says the same: the winner, the reason, and who holds the output."""
     last = before.trace
-    if wanted is before.wanted and winner == last.winner and reason == last.reason:
+    is_as_before = told == (last.winner, last.reason, last.held_by)
+    if wanted is before.wanted and is_as_before:
         return last
     losers = tuple([request.rule for request in wanted[losing_from:]])
-    if (winner, reason, losers) == (last.winner, last.reason, last.losers):
+    if is_as_before and losers == last.losers:
         return last
-    return OutputTrace(output=last.output, winner=winner, reason=reason, losers=losers)
+    winner, reason, held_by = told
+    return OutputTrace(output=last.output, winner=winner, reason=reason, losers=losers, held_by=held_by)
 
 
 def _command(output: Output, before: Command, request: Request | None, captured_at_s: float, step_s: float) -> Command:

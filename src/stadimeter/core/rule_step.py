@@ -14,12 +14,16 @@ OBSERVED = "observed"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelRequest:
-    """A rule wants an actuator to act, at a level from 0 to 1. Of several requests the highest priority wins."""
+    """A rule wants an actuator to act, at a level from 0 to 1. Of several requests the highest priority wins.
+
+    With `by`, a person who holds the output wants it, and no rule; likewise below.
+    """
 
     rule: str
     output: str
     priority: int
     level: float
+    by: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +35,7 @@ class TwistRequest:
     priority: int
     linear_mps: float
     angular_radps: float
+    by: str = ""
 
 
 Request = LevelRequest | TwistRequest

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 
 class StagedWorld(Protocol):
@@ -10,6 +11,15 @@ class StagedWorld(Protocol):
 
     def narration(self) -> str:
         """Return in a sentence what happens now; an empty string if there is nothing to say."""
+        ...
+
+    def state(self) -> Mapping[str, Any]:
+        """Return where things are, and what goes wrong, for a view from above.
+
+        Returns:
+            ``targets`` and ``camera`` with ``x_m`` to the east and ``y_m`` to the north, the camera with its
+            ``heading_rad`` counter-clockwise from east; ``faults``: by kind, whether it is there now.
+        """
         ...
 
     def goes_wrong(self, fault: str) -> bool:
@@ -22,4 +32,12 @@ class StagedWorld(Protocol):
 
     def toggle(self, fault: str) -> None:
         """Make something go wrong, or put it right again."""
+        ...
+
+    def ball_at_m(self) -> tuple[float, float]:
+        """Return where the ball is now: metres to the east, where the camera looks at first, and to the north."""
+        ...
+
+    def move_ball(self, x_m: float, y_m: float) -> None:
+        """Put the ball somewhere; it leaves its path, and stays there."""
         ...

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
@@ -289,6 +289,17 @@ class World:
         with self._lock:
             return self._narrator.words([kind for kind in KNOBS if self.goes_wrong(kind)], self.now_s - self._start_s)
 
+    def state(self) -> dict[str, Any]:
+        """Return where ball and camera are, and what goes wrong, for a view from above."""
+        now_s = self.now_s
+        x_m, y_m, _ = self.ball.position_m(now_s)
+        pose = self.robot.pose_at(now_s)
+        return {
+            "targets": [{"name": "ball", "x_m": round(x_m, 3), "y_m": round(y_m, 3)}],
+            "camera": {"x_m": round(pose.x_m, 3), "y_m": round(pose.y_m, 3), "heading_rad": round(pose.heading_rad, 3)},
+            "faults": {kind.value: self.goes_wrong(kind) for kind in KNOBS},
+        }
+
     def goes_wrong(self, fault: str) -> bool:
         """Return whether a fault of this `FaultKind` is there now."""
         return bool(getattr(self.faults, KNOBS[FaultKind(fault)]))
@@ -296,6 +307,18 @@ class World:
     def toggle(self, fault: str) -> None:
         """Turn the knob of a `FaultKind`. It stays so until it is turned again, or its next time in the schedule."""
         setattr(self.faults, KNOBS[FaultKind(fault)], not self.goes_wrong(fault))
+
+    def ball_at_m(self) -> tuple[float, float]:
+        """Return where the ball is now: metres to the east, where the robot looks at first, and to the north."""
+        x_m, y_m, _ = self.ball.position_m(self._clock.now_s())
+        return x_m, y_m
+
+    def move_ball(self, x_m: float, y_m: float) -> None:
+        """Put the ball somewhere; it leaves its path, and stays there."""
+        here = WayPoint.model_validate({"at": "0 s", "x": f"{x_m} m", "y": f"{y_m} m"})
+        self.ball = Ball(
+            diameter_m=self.ball.diameter_m, height_m=self.ball.height_m, path=(here,), loop=False, start_s=0.0
+        )
 
     def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
         """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 from stadimeter.app.capture import Capture, capture_for
@@ -12,6 +12,7 @@ from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, EndOfFramesError
+from stadimeter.workbench.simulated_room import SimulatedRoom
 
 FRAME_WAIT_S = 0.5
 SETTLING_FRAMES = 10
@@ -26,10 +27,22 @@ class Source:
 
     Attributes:
         is_live: Whether they come at the camera's own pace; of a recording every frame counts.
+        room: The room that is simulated before the camera; None before a real one.
     """
 
     capture: Capture
     is_live: bool
+    room: SimulatedRoom | None = None
+
+    def settle(self) -> None:
+        """Open it, and pass over the first frames of a live camera.
+
+        Raises:
+            DriverError: It cannot be opened, or no frame comes.
+        """
+        self.capture.open()
+        for _ in range(SETTLING_FRAMES if self.is_live else 0):
+            self.capture.latest(SETTLING_WAIT_S)
 
     def frames(self, note: Callable[[str], None]) -> Iterator[Frame]:
         """Yield the frames of the open source until they end; of a live camera the newest, without an end.
@@ -59,6 +72,9 @@ def open_source(choice: DriverChoice) -> Source:
     Raises:
         DriverError: It cannot be built.
     """
+    if choice.plugin.needs_world:
+        room = SimulatedRoom(choice)
+        return Source(capture=room.capture, is_live=True, room=room)
     clock = SteppedClock()
     camera: Camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=clock))
     if not camera.is_live:
@@ -77,19 +93,21 @@ def opened(choice: DriverChoice) -> Iterator[Source]:
     """
     source = open_source(choice)
     try:
-        source.capture.open()
-        for _ in range(SETTLING_FRAMES if source.is_live else 0):
-            source.capture.latest(SETTLING_WAIT_S)
+        source.settle()
         yield source
     finally:
         source.capture.close()
 
 
-def settled_frame(choice: DriverChoice) -> Frame:
+Opening = Callable[[DriverChoice], AbstractContextManager[Source]]
+"""Gives a camera that is open and has settled: `opened`, or something that keeps it open."""
+
+
+def settled_frame(choice: DriverChoice, opening: Opening = opened) -> Frame:
     """Return one frame of a camera, as its settings make it: of a live one not the first ones.
 
     Raises:
         DriverError: It cannot be opened, or no frame comes.
     """
-    with opened(choice) as source:
+    with opening(choice) as source:
         return source.capture.latest(SETTLING_WAIT_S)

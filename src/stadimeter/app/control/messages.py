@@ -13,20 +13,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
-from stadimeter.core.operator import OperatorAction, OperatorCommand
+from stadimeter.core.operator import AnyCommand, HoldCommand, OperatorAction, OperatorCommand
 from stadimeter.core.rules.explaining import Explanation
-from stadimeter.errors import ControlError
+from stadimeter.errors import ControlError, Problem
 
 LINE_MAX_BYTES = 64 * 1024
 """A longer line is no request."""
 
 _Words = Annotated[str, StringConstraints(max_length=500, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
 _Name = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+
+
+_Number = Annotated[float, Field(strict=False)]
+_Place = Annotated[float, Field(ge=-100, le=100, strict=False)]
 
 
 class _Strict(BaseModel):
@@ -62,8 +66,69 @@ class ExplainArgs(_Strict):
 
     rule: _Name = ""
     """The rule; empty for each."""
-    at_unix_s: Annotated[float, Field(strict=False)] | None = None
+    at_unix_s: _Number | None = None
     """The moment, in seconds since 1970 on the wall clock; None for now."""
+    ago_s: Annotated[float, Field(ge=0, strict=False)] | None = None
+    """In place of that: how long ago it was."""
+
+
+class HoldArgs(_Strict):
+    """An output to hold for a moment, and how. `app` and `core` know which output takes what."""
+
+    output: _Name
+    level: _Number | None = None
+    linear_mps: _Number | None = None
+    angular_radps: _Number | None = None
+    release: bool = False
+    """Let go of it."""
+    by: _Name = ""
+
+
+class RecordArgs(_Strict):
+    """Begin or end a recording."""
+
+    do: Literal["start", "stop"]
+
+
+class WorldArgs(_Strict):
+    """What shall happen in a simulated world: its target is put somewhere, let go of, or something goes wrong."""
+
+    target: _Name = ""
+    """Its name in the configuration; empty for the only one."""
+    x_m: _Place | None = None
+    y_m: _Place | None = None
+    bearing_rad: _Number | None = None
+    """As the camera sees it, positive to the right; with `distance_m`."""
+    distance_m: Annotated[float, Field(gt=0, le=100, strict=False)] | None = None
+    release: bool = False
+    """Let the target go on along its path."""
+    fault: _Name = ""
+    """Make this go wrong, or put it right again."""
+
+
+Picture = Literal["plain", "drawn"]
+
+
+class SubscribeArgs(_Strict):
+    """What somebody who watches a run wants to get, and how often."""
+
+    rate_hz: Annotated[float, Field(gt=0, le=10, strict=False)] = 10.0
+    """How many snapshots a second, at most."""
+    image: Literal["none"] | Picture = "none"
+    """Whether the frame comes with it as JPEG, and whether what was found is drawn in."""
+    quality: Annotated[int, Field(ge=10, le=95)] = 80
+    """Quality of the JPEG."""
+
+
+class FrameArgs(_Strict):
+    """In which form the newest frame is wanted."""
+
+    encoding: Literal["jpeg", "raw"] = "jpeg"
+    """As JPEG, or row by row, each pixel three bytes, blue first."""
+    image: Picture = "plain"
+    """Whether what was found is drawn in."""
+    quality: Annotated[int, Field(ge=10, le=95)] = 80
+    """Quality of the JPEG."""
 
 
 class _Request(_Strict):
@@ -94,14 +159,62 @@ class ExplainRequest(_Request):
 class PlainRequest(_Request):
     """What needs no more than its name: who are you, how are you, read your configuration again."""
 
-    op: Literal["hello", "status", "reload"]
+    op: Literal["hello", "status", "reload", "restart", "alarms"]
     args: NoArgs = Field(default_factory=NoArgs)
 
 
-Transaction = str | int | None
-Request = OperatorRequest | ShelveRequest | ExplainRequest | PlainRequest
+class SubscribeRequest(_Request):
+    """Send snapshots until I hang up."""
 
-OPS = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back", "reload", "explain", "status", "hello")
+    op: Literal["subscribe"]
+    args: SubscribeArgs = Field(default_factory=SubscribeArgs)
+
+
+class FrameRequest(_Request):
+    """Send the newest frame."""
+
+    op: Literal["frame"]
+    args: FrameArgs = Field(default_factory=FrameArgs)
+
+
+class HoldRequest(_Request):
+    """Hold an output for a moment, to try it."""
+
+    op: Literal["hold-output"]
+    args: HoldArgs
+
+
+class RecordRequest(_Request):
+    """Begin or end a recording."""
+
+    op: Literal["record"]
+    args: RecordArgs
+
+
+class WorldRequest(_Request):
+    """Do something to a simulated world."""
+
+    op: Literal["world"]
+    args: WorldArgs = Field(default_factory=WorldArgs)
+
+
+Transaction = str | int | None
+Request = (
+    OperatorRequest
+    | ShelveRequest
+    | ExplainRequest
+    | PlainRequest
+    | HoldRequest
+    | RecordRequest
+    | WorldRequest
+    | SubscribeRequest
+    | FrameRequest
+)
+
+OPS = (
+    "ack", "reset", "shelve", "unshelve", "take-out", "put-back", "reload", "restart", "explain", "status", "alarms",
+    "hold-output", "record", "world", "hello", "subscribe", "frame",
+)  # fmt: skip
 
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
 
@@ -117,16 +230,29 @@ _ACTIONS: Mapping[str, OperatorAction] = {
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """An answer: what was asked for, or why it is not done."""
+    """An answer: what was asked for, or why it is not done.
+
+    Attributes:
+        problems: Those of a configuration that is wrong.
+        json: The data, as JSON in ASCII already; then `data` is not looked at.
+        attached: Bytes that follow the line, such as a picture.
+    """
 
     data: Any = None
     error: str = ""
+    problems: tuple[Problem, ...] = ()
+    json: str = ""
+    attached: bytes = b""
 
     def line(self, transaction: Transaction) -> bytes:
         """Return one line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair."""
         answer: dict[str, Any] = {"transaction": transaction, "status": "error" if self.error else "ok"}
-        answer |= {"error": self.error} if self.error else {"data": self.data}
-        return json.dumps(answer, separators=(",", ":")).encode("ascii") + b"\n"
+        answer |= {"problems": [asdict(problem) for problem in self.problems]} if self.problems else {}
+        answer |= {"bytes": len(self.attached)} if self.attached else {}
+        answer |= {"error": self.error} if self.error else {} if self.json else {"data": self.data}
+        line = json.dumps(answer, separators=(",", ":"))
+        line = f'{line[:-1]},"data":{self.json}}}' if self.json else line
+        return line.encode("ascii") + b"\n"
 
 
 def parse_request(line: bytes) -> Request:
@@ -148,13 +274,23 @@ def transaction_of(line: bytes) -> Transaction:
     return transaction if is_usable else None
 
 
-def operator_command(request: OperatorRequest | ShelveRequest, number: str) -> OperatorCommand:
-    """Return what an operator tells a rule, as the core sees it."""
+def operator_command(request: OperatorRequest | ShelveRequest | HoldRequest, number: str) -> AnyCommand:
+    """Return what an operator tells a rule or an output, as the core sees it."""
     args = request.args
+    if isinstance(args, HoldArgs):
+        return HoldCommand(
+            id=number,
+            output=args.output,
+            level=args.level,
+            linear_mps=args.linear_mps,
+            angular_radps=args.angular_radps,
+            is_release=args.release,
+            by=args.by,
+        )
     for_s, one_shot = (args.for_s, args.one_shot) if isinstance(args, ShelveArgs) else (None, False)
     return OperatorCommand(
         id=number,
-        action=_ACTIONS[request.op],
+        action=_ACTIONS[str(request.op)],
         rule=args.rule,
         by=args.by,
         why=args.why,

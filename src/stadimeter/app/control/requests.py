@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from stadimeter.app.control.client import in_words
 from stadimeter.app.control.messages import (
     ExplainRequest,
+    HoldRequest,
     OperatorRequest,
     PlainRequest,
     Reply,
@@ -22,7 +23,7 @@ from stadimeter.app.control.socket_server import Answer, Asked
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.core.decision import Decision
-from stadimeter.core.operator import OperatorCommand
+from stadimeter.core.operator import AnyCommand
 from stadimeter.core.reload import ReloadedState
 from stadimeter.core.rules.explaining import explain
 
@@ -38,8 +39,16 @@ class Requests(Protocol):
         ...
 
 
+Act = Callable[[Any, Answer], None]
+"""Does what a request with these arguments asks for, and answers. Called between two cycles; it never waits."""
+
+
 class Control:
-    """Attends to what is asked of a running loop."""
+    """Attends to what is asked of a running loop.
+
+    Args:
+        acts: What it does for operations that are about neither rules nor the configuration, by their names.
+    """
 
     def __init__(
         self,
@@ -47,13 +56,15 @@ class Control:
         reloader: Reloader,
         unix_s: Callable[[], float] = time.time,
         deliveries: Callable[[], list[dict[str, Any]]] = list,
+        acts: Mapping[str, Act] | None = None,
     ) -> None:
+        self._acts = acts or {}
         self._requests = requests
         self._reloader = reloader
         self._unix_s = unix_s
         self._deliveries = deliveries
         self._commands = 0
-        self._waiting: dict[str, Answer] = {}
+        self._waiting: dict[str, Asked] = {}
         self._questions: list[Asked] = []
         self._past: deque[tuple[float, Decision]] = deque()
         self._reload_for: Answer | None = None
@@ -62,8 +73,8 @@ class Control:
         """Have the configuration read again before the next cycle. May be called from a signal handler."""
         self._reload_for = lambda reply: tell(_reload_words(reply))
 
-    def operator_commands(self) -> tuple[OperatorCommand, ...]:
-        """Attend to what was asked since the last cycle; return what operators want of rules, for the next cycle."""
+    def operator_commands(self) -> tuple[AnyCommand, ...]:
+        """Attend to what was asked since the last cycle; return what operators want of rules and outputs now."""
         if self._reload_for is not None:
             answer, self._reload_for = self._reload_for, None
             self._reloader.ask(answer)
@@ -83,23 +94,28 @@ class Control:
         """Answer what a cycle can answer, and remember it."""
         self._remember(record)
         for given in record.decision.answers:
-            answer = self._waiting.pop(given.id, None)
-            if answer is not None:
-                answer(Reply({"words": given.words}) if given.accepted else Reply(error=given.words))
+            asked = self._waiting.pop(given.id, None)
+            if asked is not None:
+                done = {"words": given.words, **_applied(asked, record)}
+                asked.answer(Reply(done) if given.accepted else Reply(error=given.words))
         questions, self._questions = self._questions, []
         for asked in questions:
             asked.answer(self._reply(asked.request, record))
 
-    def _sorted(self, asked: Asked) -> OperatorCommand | None:
+    def _sorted(self, asked: Asked) -> AnyCommand | None:
         """Return the command that a request is; attend to it otherwise if it is none."""
         request = asked.request
-        if isinstance(request, OperatorRequest | ShelveRequest):
+        if isinstance(request, OperatorRequest | ShelveRequest | HoldRequest):
             self._commands += 1
             number = f"asked-{self._commands}"
-            self._waiting[number] = asked.answer
+            self._waiting[number] = asked
             return operator_command(request, number)
         if isinstance(request, PlainRequest) and request.op == "reload":
             self._reloader.ask(asked.answer)
+        elif request.op in self._acts:
+            self._acts[request.op](request.args, asked.answer)
+        elif request.op not in {"explain", "status"}:
+            asked.answer(Reply(error=f"this run cannot do that: {request.op}"))
         else:
             self._questions.append(asked)
         return None
@@ -116,7 +132,9 @@ class Control:
         return lambda: Reply({**_status(record.decision), "deliveries": self._deliveries()})
 
     def _explained(self, request: ExplainRequest, now_s: float) -> Reply | Callable[[], Reply]:
-        ago_s = 0.0 if request.args.at_unix_s is None else self._unix_s() - request.args.at_unix_s
+        ago_s = request.args.ago_s or 0.0
+        if request.args.at_unix_s is not None:
+            ago_s = self._unix_s() - request.args.at_unix_s
         if ago_s < 0:
             return Reply(error="that moment is still to come")
         past = next(((at_s, decision) for at_s, decision in reversed(self._past) if at_s <= now_s - ago_s), None)
@@ -124,6 +142,14 @@ class Control:
             known_s = now_s - self._past[0][0]
             return Reply(error=f"only the last {known_s:.0f} s are remembered; a journal remembers all of a run")
         return lambda: _explanation(past[1], request.args.rule, now_s - past[0])
+
+
+def _applied(asked: Asked, record: CycleRecord) -> dict[str, Any]:
+    """Return what an output does that is held; nothing for any other request."""
+    if not isinstance(asked.request, HoldRequest):
+        return {}
+    commands = [each for each in record.applied if each.output == asked.request.args.output]
+    return {"applied": asdict(commands[0]) if commands else None}
 
 
 def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:

@@ -23,13 +23,18 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from stadimeter.app.control.messages import (
     LINE_MAX_BYTES,
+    FrameArgs,
+    FrameRequest,
     PlainRequest,
     Reply,
     Request,
+    SubscribeArgs,
+    SubscribeRequest,
+    Transaction,
     parse_request,
     transaction_of,
 )
@@ -45,12 +50,26 @@ ANSWER_MAX_S = 90.0
 """The loop is waited for this long; a reload takes longest."""
 END_WAIT_S = 0.5
 """Closing waits this long for the threads of connections, which end as soon as their sockets are shut down."""
+UNREAD_MAX_S = 5.0
+"""Whoever has subscribed and does not read a snapshot for this long is hung up on."""
 RETRY_S = 0.05
 """After a connection that could not be accepted: the process has no file descriptors left, and no loop must spin."""
 
 Answer = Callable[[Reply | Callable[[], Reply]], None]
 """Gives the answer to a request. May be called from any thread, once; it never waits. An answer that takes long to put
 into words is given as a function, which is called in the thread of the connection."""
+
+
+class Watched(Protocol):
+    """What can be watched of a run, without asking the loop."""
+
+    def subscribe(self, args: SubscribeArgs, wake: Answer) -> Callable[[], None]:
+        """Begin to call ``wake`` with what makes the next snapshot, from any thread; return what ends it."""
+        ...
+
+    def frame(self, args: FrameArgs) -> Reply:
+        """Return the newest frame."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +86,21 @@ class ControlSocket:
     Args:
         path: Where; only our user may ask there.
         hello: What the socket tells of the instance by itself, without the loop.
+        watched: What can be watched of the run; None for nothing.
         idle_max_s: How long a client may send nothing, or read nothing.
     """
 
-    def __init__(self, path: Path, hello: Callable[[], object], *, idle_max_s: float = IDLE_MAX_S) -> None:
+    def __init__(
+        self,
+        path: Path,
+        hello: Callable[[], object],
+        *,
+        watched: Watched | None = None,
+        idle_max_s: float = IDLE_MAX_S,
+    ) -> None:
         self.path = path
         self.hello = hello
+        self.watched = watched
         self.idle_max_s = idle_max_s
         self.speaking = threading.Lock()  # one thread at a time takes the processor from the loop
         self._asked: deque[Asked] = deque()
@@ -111,12 +139,14 @@ class _Connection:
     Attributes:
         since_s: When its client last sent a line, or was answered, on the monotonic clock.
         is_owed: Whether we owe it an answer. Else we wait for the client: for a line, or to read what we said.
+        is_closed: Whether we have hung up.
         replies: Takes the answer that we owe.
     """
 
     socket: Any
     since_s: float = field(default_factory=time.monotonic)
     is_owed: bool = False
+    is_closed: bool = False
     replies: queue.SimpleQueue[Reply | Callable[[], Reply]] = field(default_factory=queue.SimpleQueue)
     thread: threading.Thread | None = None
 
@@ -126,6 +156,7 @@ class _Connection:
 
     def hang_up(self) -> None:
         """Let its thread end, whatever it waits for: the client, or the loop."""
+        self.is_closed = True
         with suppress(OSError):  # the client is gone already
             self.socket.shutdown(socket.SHUT_RDWR)
         self.replies.put(Reply(error="the connection was closed"))
@@ -147,27 +178,65 @@ class _Handler(socketserver.StreamRequestHandler):
         while (line := self.rfile.readline(LINE_MAX_BYTES + 1)).endswith(b"\n"):
             if line.strip():
                 connection.turn(is_owed=True)
-                said = self._answer(line, connection)
-                connection.turn(is_owed=False)
-                self.wfile.write(said)
+                if not self._answer(line, connection):
+                    return
         if len(line) > LINE_MAX_BYTES:
             self.wfile.write(Reply(error=f"a line of more than {LINE_MAX_BYTES} bytes is no request").line(None))
 
-    def _answer(self, line: bytes, connection: _Connection) -> bytes:
+    def _answer(self, line: bytes, connection: _Connection) -> bool:
+        """Answer a line; return whether more may be asked on this connection."""
         control = self.server.control
         with control.speaking:
             transaction = transaction_of(line)
             try:
                 request = parse_request(line)
-                if isinstance(request, PlainRequest) and request.op == "hello":
-                    return Reply(control.hello()).line(transaction)
-                control.put(request, connection.replies.put)
+                if isinstance(request, SubscribeRequest):
+                    end = self._watched().subscribe(request.args, connection.replies.put)
+                else:
+                    self._pass_on(request, connection)
             except ControlError as error:
-                return Reply(error=str(error)).line(transaction)
+                request = None
+                connection.replies.put(Reply(error=str(error)))
+        if isinstance(request, SubscribeRequest):
+            try:
+                self._tell_until_hung_up(transaction, connection)
+            finally:
+                end()
+            return False
         # Without an answer in time the connection ends: the next request would be given the one that comes too late.
-        reply = connection.replies.get(timeout=ANSWER_MAX_S)
-        with control.speaking:
-            return (reply if isinstance(reply, Reply) else _put_into_words(reply)).line(transaction)
+        self._say(connection.replies.get(timeout=ANSWER_MAX_S), transaction, connection)
+        return True
+
+    def _pass_on(self, request: Request, connection: _Connection) -> None:
+        control = self.server.control
+        if isinstance(request, PlainRequest) and request.op == "hello":
+            connection.replies.put(Reply(control.hello()))
+        elif isinstance(request, FrameRequest):
+            connection.replies.put(partial(self._watched().frame, request.args))
+        else:
+            control.put(request, connection.replies.put)
+
+    def _watched(self) -> Watched:
+        watched = self.server.control.watched
+        if watched is None:
+            raise ControlError("this run cannot be watched")
+        return watched
+
+    def _tell_until_hung_up(self, transaction: Transaction, connection: _Connection) -> None:
+        """Write each snapshot. What ends it is an error of writing, or a connection that was closed by us."""
+        self.request.settimeout(UNREAD_MAX_S)
+        while not connection.is_closed:
+            connection.turn(is_owed=True)
+            self._say(connection.replies.get(), transaction, connection)
+
+    def _say(self, reply: Reply | Callable[[], Reply], transaction: Transaction, connection: _Connection) -> None:
+        with self.server.control.speaking:
+            known = reply if isinstance(reply, Reply) else _put_into_words(reply)
+            line = known.line(transaction)
+        connection.turn(is_owed=False)
+        self.wfile.write(line)
+        if known.attached:
+            self.wfile.write(known.attached)
 
 
 class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):

@@ -28,7 +28,7 @@ _RECORD = TypeAdapter(CycleRecord)
 _OBSERVATION = TypeAdapter(Observation)
 _EVENTS = TypeAdapter(tuple[Event, ...])
 _RULE = TypeAdapter(RuleTrace)
-_LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "rejected": True}
+_LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "rejected": True, "detections": True}
 _NO_EVENTS = b'"events":[],'
 _NO_FRAME = b'"frame":null,'
 _FRAME_BEFORE = 80
@@ -79,7 +79,9 @@ def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
 def cycle_schema() -> dict[str, Any]:
     """Return the JSON Schema of a cycle as `CycleEncoder` writes it."""
     schema = _RECORD.json_schema(mode="serialization")
-    del schema["properties"]["rejected"], schema["$defs"]["Decision"]["properties"]["reasons"]
+    for key in ("rejected", "detections"):
+        del schema["properties"][key]
+    del schema["$defs"]["Decision"]["properties"]["reasons"]
     return schema
 
 

@@ -6,7 +6,6 @@ A recording is read on another computer, or years later: it must hold all that i
 from __future__ import annotations
 
 import hashlib
-import tempfile
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -41,19 +40,17 @@ def to_be_recorded(configuration: Configuration) -> RecordedConfiguration:
 
 def load_recorded(recorded: RecordedConfiguration, source: Path) -> Configuration:
     """Load the configuration of a recording; a `ConfigError` names the recording."""
-    with tempfile.TemporaryDirectory(prefix="stadimeter-") as name:
-        try:
-            path = _laid_out(recorded, Path(name).resolve())
-        except (OSError, ValueError) as error:  # names that no file can have
-            raise ConfigError([Problem(f"its configuration cannot be laid out: {error}", str(source))]) from error
-        try:
-            loaded = load_configuration(path)
-        except ConfigError as error:
-            inside = f"{source} (its configuration)"
-            raise ConfigError(
-                replace(problem, file=inside if problem.file == str(path) else problem.file)
-                for problem in error.problems
-            ) from error
+    path = source / FILE_NAME  # below a file is no place, so nothing is read there but what was recorded
+    try:
+        texts = {path_from(path.parent, name): text for name, text in recorded.files.items()}
+        loaded = load_configuration(path, texts={**texts, path: recorded.text})
+    except ValueError as error:
+        if not isinstance(error, ConfigError):  # names that no file can have
+            raise ConfigError([Problem(f"its configuration cannot be read: {error}", str(source))]) from error
+        inside = f"{source} (its configuration)"
+        raise ConfigError(
+            replace(problem, file=inside if problem.file == str(path) else problem.file) for problem in error.problems
+        ) from error
     return replace(loaded, path=source, text=recorded.text)
 
 
@@ -66,18 +63,3 @@ def _camera_files(configuration: Configuration) -> dict[str, str]:
     except UnreadableError:  # it was there when the configuration was loaded
         return {}
     return {model: words_for_people(text)}
-
-
-def _laid_out(recorded: RecordedConfiguration, top: Path) -> Path:
-    """Write the files as they stood to each other, below a folder, and return where the configuration is."""
-    depth = max((Path(name).parts.count("..") for name in recorded.files), default=0)
-    folder = top.joinpath(*["folder"] * depth)
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in recorded.files.items():
-        file = path_from(folder, name).resolve()
-        if file.is_relative_to(top):  # another place was written out whole, and is looked for there
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text, "utf-8")
-    path = folder / FILE_NAME
-    path.write_text(recorded.text, "utf-8")
-    return path

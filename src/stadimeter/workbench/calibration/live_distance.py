@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
@@ -24,7 +25,7 @@ from stadimeter.ranging.calibration import (
     measured_depth_m,
 )
 from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, opened
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source
 from stadimeter.workbench.picture_quality import picture_remarks
 
 FRAMES = 9
@@ -84,13 +85,14 @@ class LiveDistance:
     get smaller by counting all of them.
 
     Args:
+        camera: The camera, such as `opened` gives it.
         target: The target to look for: one.
         note: Takes a sentence for the person, such as on a setting that the camera did not take.
     """
 
     def __init__(
         self,
-        camera: DriverChoice,
+        camera: AbstractContextManager[Source],
         target: DriverChoice,
         *,
         date: str,
@@ -98,7 +100,7 @@ class LiveDistance:
         tone_curve: ToneCurve = "srgb",
         note: Callable[[str], None] = lambda _words: None,
     ) -> None:
-        self._opening = opened(camera)
+        self._opening = camera
         self._source: Source
         self._choices = (target,)
         (self._target,) = build_detectors(self._choices, None)

@@ -34,10 +34,10 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import JournalError, PictureError
 
 if TYPE_CHECKING:
-    from mcap.records import Chunk
+    from mcap.records import Chunk, Message
 
-_RECORD_HEAD = struct.Struct("<BQ")
-_CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 0x06, 0x09, 0x0C, 0x0F
+RECORD_HEAD = struct.Struct("<BQ")
+CHUNK, MESSAGE_INDEX, _ATTACHMENT, _METADATA, DATA_END = 0x06, 0x07, 0x09, 0x0C, 0x0F
 """The opcodes of the records that matter here."""
 
 _WINDOW_MAX_BYTES = 2**25
@@ -168,7 +168,7 @@ def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
     files: dict[str, str] = {}
     length = 0
     for place, opcode, data in _records(path):
-        if opcode == _CHUNK:
+        if opcode == CHUNK:
             break
         length += len(data)
         if length > JSON_MAX_BYTES:
@@ -187,23 +187,34 @@ def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
 
 def _messages(path: Path, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
     """Yield the messages of some topics with the topic and the message's counter, in the order of the file."""
+    channels: dict[int, str] = {}
+    for place, opcode, data in _records(path):
+        if opcode == DATA_END:
+            return
+        if opcode != CHUNK:
+            continue
+        for topic, message in messages_in(place, data, channels):
+            if topic in topics:
+                yield topic, message.sequence, message.data
+
+
+def messages_in(place: str, chunk: bytes, channels: dict[int, str]) -> Iterator[tuple[str, Message]]:
+    """Yield the messages of a chunk that was read, each behind its topic.
+
+    Args:
+        channels: The topics by the numbers that messages have for them. Those that the chunk introduces are added.
+    """
     from mcap.records import Channel, Message  # noqa: PLC0415 - it is an extra
     from mcap.stream_reader import breakup_chunk  # noqa: PLC0415 - likewise
 
-    channels: dict[int, str] = {}
-    for place, opcode, data in _records(path):
-        if opcode == _DATA_END:
-            return
-        if opcode != _CHUNK:
-            continue
-        for record in _read(place, breakup_chunk, _decompressed_chunk(place, data)):
-            if isinstance(record, Channel) and record.topic in topics:
-                channels[record.id] = record.topic
-            elif isinstance(record, Message) and record.channel_id in channels:
-                topic = channels[record.channel_id]
-                if topic != IMAGES:
-                    _check_length(place, len(record.data))
-                yield topic, record.sequence, record.data
+    for record in _read(place, breakup_chunk, _decompressed_chunk(place, chunk)):
+        if isinstance(record, Channel):
+            channels[record.id] = record.topic
+        elif isinstance(record, Message):
+            topic = channels.get(record.channel_id, "")
+            if topic != IMAGES:
+                _check_length(place, len(record.data))
+            yield topic, record
 
 
 def _check_length(place: str, length: int) -> None:
@@ -218,8 +229,8 @@ def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
     """
     with readable(path) as file:
         at = file.seek(len(MAGIC))
-        while len(head := file.read(_RECORD_HEAD.size)) == _RECORD_HEAD.size:
-            opcode, length = _RECORD_HEAD.unpack(head)
+        while len(head := file.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
+            opcode, length = RECORD_HEAD.unpack(head)
             place = f"{path}, byte {at}"
             if length > CHUNK_MAX_BYTES:
                 raise JournalError(f"{place}: the recording is damaged: a record of {length} bytes")
@@ -227,7 +238,7 @@ def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
             if len(data) < length:
                 return
             yield place, opcode, data
-            at += _RECORD_HEAD.size + length
+            at += RECORD_HEAD.size + length
 
 
 def _decompressed_chunk(place: str, data: bytes) -> Chunk:

@@ -15,18 +15,22 @@ from stadimeter.core.frame import Frame
 from stadimeter.errors import PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras
-from stadimeter.workbench.frame_source import Source, open_source, settled_frame
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, settled_frame
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.known import PICTURES, Known
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
+from stadimeter.workbench.simulated_room import BALL
 
 SHOWN = f"{PICTURES}/camera.png"
 """The picture in which places are meant that answers name."""
 
 PICTURES_RATE = "10 Hz"
 """So fast are picture files shown, as a camera would."""
+
+SIMULATED = "simulated"
+"""The camera in a room that is not there."""
 
 MOST_FRAMES = 4
 """So many pictures of a recording are kept, from all over it."""
@@ -50,19 +54,21 @@ class CameraStep(Step):
         pictures = _pictures_in(known.folder)
         options = [Option(each.choice, f"{each.name}: {words}") for each, words in listed]
         options += [Option(pictures, "the pictures in this folder")] if pictures else []
+        ready = options[0].answer if options else ""
+        options.append(Option(SIMULATED, f"a simulated room with a ball of {BALL}, to try it without a camera"))
         return Question(
             key=self.key,
             text="Which camera?",
             found=() if cameras else (_no_camera(pictures),),
             options=tuple(options),
-            ready=options[0].answer if options else "",
+            ready=ready,
             form="a device such as /dev/video0, picamera2, the address of a stream, a video file, or picture files",
         )
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Take pictures with the camera."""
         choice = known.chosen(CAMERA, ("camera",), table_of(text))
-        known.frames, known.is_live = _frames(choice)
+        known.frames, known.is_live = _frames(known, choice)
         known.camera = choice
         known.camera_model = None
         write_picture(known.path(SHOWN), known.frame.image)
@@ -96,16 +102,18 @@ def table_of(text: str) -> dict[str, Any]:
     return {"driver": "images", "paths": files, "rate": PICTURES_RATE}
 
 
-def _frames(choice: DriverChoice) -> tuple[tuple[Frame, ...], bool]:
+def with_exposure(text: str, exposure: str) -> str:
+    """Return the answer for a camera with its exposure locked at a time such as ``10 ms``, in place of another one."""
+    kept = [part for part in text.split(",") if not part.startswith("exposure=")]
+    return ",".join([*kept, f"exposure={exposure.strip()}"])
+
+
+def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool]:
     """Return pictures of a camera, and whether it is live."""
-    source = open_source(choice)
-    if source.is_live:
-        return (settled_frame(choice),), True
-    source.capture.open()
-    try:
+    with known.opening(choice) as source:
+        if source.is_live:
+            return (source.capture.latest(SETTLING_WAIT_S),), True
         frames = _spread(_recorded(source))
-    finally:
-        source.capture.close()
     if not frames:
         raise PictureError(f"the camera {choice.driver} gives no picture")
     return frames, False
@@ -130,11 +138,11 @@ def _spread(frames: Iterator[Frame]) -> tuple[Frame, ...]:
 
 def _try(known: Known, camera: AttachedCamera, number: int) -> str:
     """Take a picture with a camera that is there, and say where it is, or what is wrong."""
-    if camera.trouble:
-        return camera.trouble
+    if camera.trouble or not known.is_each_tried:
+        return camera.trouble or camera.node
     name = f"{PICTURES}/camera-{number}.png"
     try:
-        frame = settled_frame(known.chosen(CAMERA, ("camera",), camera_table(camera.choice)))
+        frame = settled_frame(known.chosen(CAMERA, ("camera",), camera_table(camera.choice)), known.opening)
     except StadimeterError as error:
         return str(error)
     write_picture(known.path(name), frame.image, frame.optics)

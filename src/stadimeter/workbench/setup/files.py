@@ -10,7 +10,7 @@ from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.toml_source import as_toml
 from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.workbench.setup.camera_step import table_of
+from stadimeter.workbench.setup.camera_step import SIMULATED, table_of
 from stadimeter.workbench.setup.known import CAMERA_FILE, CONFIGURATION
 from stadimeter.workbench.setup.target import target_table
 from stadimeter.workbench.setup.wish_steps import (
@@ -57,7 +57,7 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
     tables += [(f"actuators.{name}", actuator_table(answer)) for name, answer in outputs.values() if name]
     if "base" in answers:
         tables.append(("base", base_table(answers)))
-        tables += [("world", {})] if answers["base"] == SCREEN else []  # a base that is not there needs a place
+    tables += _world(answers)
     if "broker" in answers:
         tables.append(("messenger", messenger_table(answers["broker"])))
     written: dict[str, str] = {}
@@ -65,6 +65,13 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
         written[name] = f"[{name}]\n" + "".join(f"{key} = {as_toml(value)}\n" for key, value in table.items())
     rules = [_rules(wish, answers, outputs.get(wish.key, ("", ""))[0]) for wish in wanted(answers)]
     return _TITLE + "\n".join([*written.values(), *rules])
+
+
+def _world(answers: Mapping[str, str]) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return the world for a camera or a base that is not there."""
+    if answers["camera"] == SIMULATED:
+        return [("world", {"ball_diameter": answers["size"]} if answers["target"] == "ball" else {})]
+    return [("world", {})] if answers.get("base") == SCREEN else []
 
 
 def _targets(answers: Mapping[str, str]) -> list[tuple[str, Mapping[str, Any]]]:

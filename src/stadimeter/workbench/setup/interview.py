@@ -36,13 +36,14 @@ class Interview:
     Args:
         folder: Where the files will be.
         earlier: Answers of an earlier interview, which are ready in this one.
+        known: What it knows, with another way to open cameras; None for nothing yet.
 
     Raises:
         ConfigError: The folder cannot be made.
     """
 
-    def __init__(self, folder: Path, earlier: Mapping[str, str] | None = None) -> None:
-        self.known = Known(folder=folder)
+    def __init__(self, folder: Path, earlier: Mapping[str, str] | None = None, known: Known | None = None) -> None:
+        self.known = known or Known(folder=folder)
         self.known.make_folder()
         self._earlier = dict(earlier or {})
         self._first: tuple[Step, ...] = (
@@ -71,7 +72,8 @@ class Interview:
         if step is None:
             return None
         asked = step.question(self.known)
-        return replace(asked, ready=self._doubted.get(step.key) or self._earlier.get(step.key) or asked.ready)
+        ready = self._doubted.get(step.key) or self._earlier.get(step.key) or asked.ready
+        return replace(asked, ready=ready, kind=step.kind)
 
     def answer(self, text: str, *, confirm: bool = True) -> Accepted:
         """Answer the next question.

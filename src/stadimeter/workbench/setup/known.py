@@ -12,6 +12,7 @@ from stadimeter.config.units import validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, Problem
+from stadimeter.workbench.frame_source import Opening, opened
 
 CONFIGURATION = "stadimeter.toml"
 CAMERA_FILE = "camera.toml"
@@ -31,6 +32,8 @@ class Known:
         frames: Pictures of it: one of a live camera, a few from all over a recording. The first is shown to people.
         camera_model: The lens; None before the calibration.
         model_file: The camera file that was there already; empty where one has to be written.
+        opening: Opens the camera for a look through it.
+        is_each_tried: Whether a picture of each camera is taken before people choose one.
     """
 
     folder: Path
@@ -40,6 +43,8 @@ class Known:
     frames: tuple[Frame, ...] = ()
     camera_model: CameraModel | None = None
     model_file: str = ""
+    opening: Opening = opened
+    is_each_tried: bool = True
 
     @property
     def frame(self) -> Frame:

@@ -26,6 +26,8 @@ class Question:
         ready: The answer that is taken if none is given; empty if there is none.
         form: How an answer may look, for people who want another one.
         unattended: The answer that is taken where no person is there to put the target somewhere; empty for `ready`.
+        kind: What it asks for, for faces that show more than text: ``camera``, ``target``, ``size``, ``tag``,
+            ``colour``, ``calibration``, ``proof``, ``wish``, ``blank``, ``output``, ``base`` or ``broker``.
     """
 
     key: str
@@ -35,6 +37,7 @@ class Question:
     ready: str = ""
     form: str = ""
     unattended: str = ""
+    kind: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +65,11 @@ class Step(ABC):
 
     key: str
     names_files = False
+
+    @property
+    def kind(self) -> str:
+        """What it asks for; see `Question.kind`."""
+        return self.key
 
     def is_asked(self, known: Known) -> bool:  # noqa: ARG002 - most are
         """Return whether earlier answers leave this open."""

@@ -72,7 +72,7 @@ def look(known: Known, choice: DriverChoice) -> tuple[Detection, str]:
         Where it is in that picture, and a sentence about it.
     """
     if known.is_live and known.camera is not None:
-        known.frames = (settled_frame(known.camera),)
+        known.frames = (settled_frame(known.camera, known.opening),)
     (named,) = build_detectors([choice], known.camera_model)
     seen: list[tuple[Frame, Detection]] = []
     for frame in known.frames:
@@ -82,13 +82,14 @@ def look(known: Known, choice: DriverChoice) -> tuple[Detection, str]:
             break
     frame, found = next((each for each in seen if each[1].status is DetectionStatus.FOUND), seen[0])
     known.frames = (frame, *(each for each in known.frames if each is not frame))
-    words = _in_words(choice.name, found)
+    words = found_in_words(choice.name, found)
     mark = Mark(detection=found, headline=choice.name, lines=(words,))
     write_picture(known.path(FOUND), annotate(frame.image, [mark]))
     return found, f"{words} {FOUND} shows it." if found.status is DetectionStatus.FOUND else words
 
 
-def _in_words(name: str, found: Detection) -> str:
+def found_in_words(name: str, found: Detection) -> str:
+    """Say what was found, or why it was not."""
     x_px, y_px = found.centre_px
     number = "" if found.number is None else f" number {found.number}"
     reason = f"; {found.reason}" if found.reason else ""

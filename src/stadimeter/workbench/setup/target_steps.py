@@ -8,9 +8,11 @@ from stadimeter.config.ball_sizes import BALLS
 from stadimeter.config.paper import PAPER
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.errors import ConfigError
+from stadimeter.workbench.setup.camera_step import SIMULATED
 from stadimeter.workbench.setup.known import Known
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
 from stadimeter.workbench.setup.target import chosen_target, family_in_view, look
+from stadimeter.workbench.simulated_room import BALL
 
 KINDS = (
     Option("ball", "a ball of one colour"),
@@ -54,6 +56,7 @@ class SizeStep(Step):
         """Ask for the size that the kind of target has."""
         kind = known.answers["target"]
         ready, form = _SIZES[kind]
+        ready = BALL if kind == "ball" and known.answers["camera"] == SIMULATED else ready
         return Question(
             key=self.key,
             text=f"How large is the {kind}? The distances are as right as this is: measure it.",

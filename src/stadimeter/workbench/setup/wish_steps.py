@@ -88,6 +88,7 @@ class BlankStep(Step):
 
     wish: Wish
     blank: Blank
+    kind = "blank"
 
     def __post_init__(self) -> None:
         self.key = f"{self.wish.key}_{self.blank.key}"
@@ -123,6 +124,7 @@ class OutputStep(Step):
     """What a wish drives."""
 
     wish: Wish
+    kind = "output"
 
     def __post_init__(self) -> None:
         self.key = f"{self.wish.key}_output"
@@ -168,6 +170,7 @@ class SecondTargetStep(Step):
     """The other of two targets."""
 
     key = "apart_second"
+    kind = "blank"
 
     def question(self, known: Known) -> Question:
         """Ask what tells it from the first."""
@@ -221,6 +224,7 @@ class WheelsStep(Step):
     """The robot's wheels."""
 
     key = "wheels"
+    kind = "blank"
 
     def question(self, known: Known) -> Question:  # noqa: ARG002
         """Ask for all figures at once."""

@@ -1,0 +1,177 @@
+"""How a run is doing, in figures and in words."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stadimeter.app.board_health import HOT_C, temperature_c, throttled_now
+from stadimeter.app.health import percentile
+from stadimeter.app.live.history import RunHistory
+
+LOOK_EVERY_S = 5.0
+"""The board is looked at this often: its files take up to a millisecond each, and nothing there changes faster."""
+
+DISK_FREE_MIN_BYTES = 200e6
+"""With less room than this, recordings and logs come to an end soon."""
+
+OLD_S = 0.5
+"""A picture older than this is no longer a live one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Note:
+    """One thing about a run's health, in words."""
+
+    what: str
+    words: str
+    is_good: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardState:
+    """What a board says of itself; None where it does not."""
+
+    temperature_c: float | None = None
+    throttling: tuple[str, ...] = ()
+    disk_free_bytes: int | None = None
+    memory_bytes: int | None = None
+
+
+@dataclass(slots=True)
+class Board:
+    """Looks at the board now and then.
+
+    Attributes:
+        folder: Where the run writes; the room there is told.
+        root: The root of the file system, for tests.
+    """
+
+    folder: Path = field(default_factory=Path)
+    root: Path = Path("/")
+    clock: Callable[[], float] = time.monotonic
+    _state: BoardState = field(default_factory=BoardState)
+    _look_at_s: float = float("-inf")
+
+    def state(self) -> BoardState:
+        """Return what the board said lately."""
+        if self.clock() >= self._look_at_s:
+            self._look_at_s = self.clock() + LOOK_EVERY_S
+            self._state = BoardState(
+                temperature_c=temperature_c(self.root),
+                throttling=throttled_now(self.root),
+                disk_free_bytes=_disk_free_bytes(self.folder),
+                memory_bytes=_memory_bytes(self.root),
+            )
+        return self._state
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveHealth:
+    """How a run is doing.
+
+    Attributes:
+        frame_rate_hz: Frames a second, of late; 0 if none came.
+        frame_age_s: Age of the newest frame in the newest cycle; None before the first.
+        latency_s: From the capture of a frame until its commands had been applied, median of late.
+        cycle_s: The computing time of a cycle, median and 95th percentile of late.
+        dropped_frames: How many frames the camera delivered that no cycle took.
+        broker: How the link to the broker is; empty if there is none.
+        trouble: A fault outside the loop; empty if there is none.
+    """
+
+    frame_rate_hz: float = 0.0
+    frame_age_s: float | None = None
+    latency_s: float | None = None
+    cycle_s: tuple[float | None, float | None] = (None, None)
+    dropped_frames: int = 0
+    board: BoardState = field(default_factory=BoardState)
+    broker: str = ""
+    trouble: str = ""
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """All of it in words, the most important first."""
+        return (*self._of_frames(), *self._of_board())
+
+    def _of_frames(self) -> Iterator[Note]:
+        if self.frame_age_s is None:
+            yield Note(what="camera", words="no picture yet", is_good=False)
+        else:
+            words = f"{self.frame_rate_hz:.1f} pictures a second, the newest {_age(self.frame_age_s)} old"
+            yield Note(what="camera", words=words, is_good=self.frame_age_s < OLD_S)
+        if self.latency_s is not None:
+            yield Note(what="latency", words=f"{_age(self.latency_s)} from the picture to the outputs (median)")
+        median_s, p95_s = self.cycle_s
+        if median_s is not None and p95_s is not None:
+            words = f"median {median_s * 1e3:.1f} ms, p95 {p95_s * 1e3:.1f} ms"
+            yield Note(what="cycle time", words=words)
+        words = "none" if not self.dropped_frames else f"{self.dropped_frames} since the start"
+        yield Note(what="dropped frames", words=words)
+
+    def _of_board(self) -> Iterator[Note]:
+        board = self.board
+        if board.temperature_c is not None:
+            is_hot = board.temperature_c >= HOT_C
+            words = f"{board.temperature_c:.0f} °C{', cool it' if is_hot else ''}"
+            yield Note(what="processor", words=words, is_good=not is_hot)
+        if board.throttling:
+            yield Note(what="supply and heat", words=", ".join(board.throttling), is_good=False)
+        if self.broker:
+            yield Note(what="broker", words=self.broker, is_good=self.broker == CONNECTED)
+        if board.disk_free_bytes is not None:
+            has_room = board.disk_free_bytes >= DISK_FREE_MIN_BYTES
+            yield Note(what="disk", words=f"{_bytes(board.disk_free_bytes)} free", is_good=has_room)
+        if board.memory_bytes is not None:
+            yield Note(what="memory", words=f"{_bytes(board.memory_bytes)} in use by this run")
+        if self.trouble:
+            yield Note(what="trouble", words=self.trouble, is_good=False)
+
+
+CONNECTED = "connected"
+
+
+def live_health(history: RunHistory, board: Board, broker: str, trouble: str) -> LiveHealth:
+    """Return how a run is doing now."""
+    cycle_s = sorted(history.cycle_times_s)
+    return LiveHealth(
+        frame_rate_hz=history.frame_rate_hz,
+        frame_age_s=history.frame_age_s,
+        latency_s=_median(history.data_ages_s),
+        cycle_s=(percentile(cycle_s, 0.5), percentile(cycle_s, 0.95)),
+        dropped_frames=history.dropped_frames,
+        board=board.state(),
+        broker=broker,
+        trouble=trouble,
+    )
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return percentile(sorted(values), 0.5)
+
+
+def _age(seconds: float) -> str:
+    return f"{seconds * 1e3:.0f} ms" if seconds < 1 else f"{seconds:.1f} s"
+
+
+def _bytes(count: float) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
+
+
+def _disk_free_bytes(folder: Path) -> int | None:
+    try:
+        found = os.statvfs(folder)
+    except OSError:
+        return None
+    return found.f_bavail * found.f_frsize
+
+
+def _memory_bytes(root: Path) -> int | None:
+    try:
+        pages = (root / "proc/self/statm").read_text("ascii").split()[1]
+    except (OSError, IndexError):
+        return None
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")

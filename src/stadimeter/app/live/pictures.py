@@ -1,0 +1,134 @@
+"""Frames for those who watch: as JPEG, with what was found drawn in or without.
+
+OpenCV and libjpeg let other threads run while they work.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.live.history import Seen
+from stadimeter.core.decision import RuleStatus
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.frame import Frame, Image
+
+SHOWN_MAX_PX = 1280
+"""A larger picture is made smaller before it is encoded: no page shows more, and to encode it takes long."""
+
+Kind = Literal["none", "plain", "drawn"]
+
+_Colour = tuple[int, int, int]
+
+GREEN: _Colour = (110, 230, 60)
+ORANGE: _Colour = (40, 160, 255)
+WHITE: _Colour = (255, 255, 255)
+DARK: _Colour = (20, 20, 20)
+
+REFERENCE_PX = 640.0
+"""Lines and letters are meant for a picture this wide; in others they grow and shrink with it."""
+
+FAR_OUT_PX = 1e5
+"""Beyond this nothing is drawn: OpenCV counts in whole numbers of 32 bits."""
+
+SUBPIXEL_BITS = 3
+RULES_MAX = 4
+QUIET = frozenset({RuleStatus.IDLE, RuleStatus.UNKNOWN})
+
+
+class Pictures:
+    """Encodes each frame once for all who want it in the same form, and keeps no more than the newest."""
+
+    def __init__(self) -> None:
+        self._of: Frame | None = None
+        self._made: dict[tuple[Kind, int], bytes] = {}
+
+    def jpeg(self, seen: Seen, kind: Kind, quality: int) -> bytes:
+        """Return the frame as JPEG; nothing if there is no frame, or none is wanted."""
+        if seen.frame is None or kind == "none":
+            return b""
+        if seen.frame is not self._of:
+            self._of, self._made = seen.frame, {}
+        if (kind, quality) not in self._made:
+            image = _small(seen.frame.image)
+            drawn_in = drawn(image, seen.record, seen.frame.width_px) if kind == "drawn" else image
+            self._made[kind, quality] = _jpeg(drawn_in, quality)
+        return self._made[kind, quality]
+
+    def forget(self) -> None:
+        """Keep nothing: nobody watches."""
+        self._of, self._made = None, {}
+
+
+def drawn(image: Image, record: CycleRecord, width_px: int) -> Image:
+    """Return a copy of a picture with outline, centre and distance of each target, and the rules that do something.
+
+    Args:
+        width_px: The width of the frame that was measured, of which the picture may be a smaller copy.
+    """
+    canvas = np.array(image, np.uint8)
+    pen = canvas.shape[1] / REFERENCE_PX
+    tracks = {track.target: track for track in record.decision.tracks}
+    for found in record.detections:
+        if found.status is DetectionStatus.NOT_FOUND or not len(found.outline_px):
+            continue
+        track = tracks.get(found.target)
+        words = found.target
+        if track is not None and track.is_valid and track.distance_m is not None:
+            words += f" {track.distance_m:.2f} m +/- {track.sigma_m or 0.0:.2f}"
+        _draw_target(canvas, found, words, canvas.shape[1] / width_px, pen)
+    acting = [trace for trace in record.decision.rules if trace.status not in QUIET]
+    for line, trace in enumerate(acting[:RULES_MAX]):
+        _write(canvas, f"{trace.rule}: {trace.status.value}", (8 * pen, (20 + 20 * line) * pen), WHITE, pen)
+    return canvas
+
+
+def _draw_target(canvas: Image, found: Detection, words: str, scale: float, pen: float) -> None:
+    """Draw a target; `scale` leads from the frame's pixels to those of the canvas."""
+    points = found.outline_px[np.isfinite(found.outline_px).all(axis=1)]
+    points = np.clip((points + 0.5) * scale - 0.5, -FAR_OUT_PX, FAR_OUT_PX)
+    centre = (np.array(found.centre_px) + 0.5) * scale - 0.5
+    if not len(points) or not np.isfinite(centre).all() or abs(centre).max() > FAR_OUT_PX:
+        return
+    colour = GREEN if found.status is DetectionStatus.FOUND else ORANGE
+    around = points[np.argsort(np.arctan2(points[:, 1] - centre[1], points[:, 0] - centre[0]))]
+    fixed = np.round(around * 2**SUBPIXEL_BITS).astype(np.int32).reshape(-1, 1, 2)
+    x, y, arm = round(float(centre[0])), round(float(centre[1])), max(3, round(5 * pen))
+    for shade, width in ((DARK, 4 * pen), (colour, 2 * pen)):
+        thickness = max(1, round(width))
+        cv2.polylines(canvas, [fixed], True, shade, thickness, cv2.LINE_AA, SUBPIXEL_BITS)
+        cv2.line(canvas, (x - arm, y), (x + arm, y), shade, max(1, thickness // 2), cv2.LINE_AA)
+        cv2.line(canvas, (x, y - arm), (x, y + arm), shade, max(1, thickness // 2), cv2.LINE_AA)
+    _write(canvas, words, (float(points[:, 0].min()), float(points[:, 1].min()) - 6 * pen), colour, pen)
+
+
+def _write(canvas: Image, words: str, at: tuple[float, float], colour: _Colour, pen: float) -> None:
+    """Write a line on a dark strip, its lower left corner at a place, moved into the picture.
+
+    OpenCV's letters are ASCII only.
+    """
+    text = words.encode("ascii", "replace").decode("ascii")
+    size, thickness, font = 0.5 * pen, max(1, round(pen)), cv2.FONT_HERSHEY_SIMPLEX
+    (width, height), below = cv2.getTextSize(text, font, size, thickness)
+    x = math.floor(min(max(at[0], 3), max(3, canvas.shape[1] - width - 3)))
+    y = math.floor(min(max(at[1], height + 3), canvas.shape[0] - below - 3))
+    cv2.rectangle(canvas, (x - 3, y - height - 3), (x + width + 3, y + below), DARK, cv2.FILLED)
+    cv2.putText(canvas, text, (x, y), font, size, colour, thickness, cv2.LINE_AA)
+
+
+def _small(image: Image) -> Image:
+    scale = SHOWN_MAX_PX / max(image.shape[:2])
+    if scale >= 1:
+        return image
+    return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _jpeg(image: Image, quality: int) -> bytes:
+    import simplejpeg  # noqa: PLC0415 - only who watches needs it
+
+    encoded: bytes = simplejpeg.encode_jpeg(np.ascontiguousarray(image), quality, "BGR", "420", fastdct=True)
+    return encoded

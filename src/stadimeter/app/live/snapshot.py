@@ -1,0 +1,144 @@
+"""All that there is to see of a run at one moment: what the terminal's live view draws, and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.live.health import Board, LiveHealth, live_health
+from stadimeter.app.live.history import RunHistory, Samples, Seen
+from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.decision import Decision, Event
+from stadimeter.core.detection import RejectedCandidate
+from stadimeter.core.measurement import MeasurementStatus
+from stadimeter.core.message import Message
+from stadimeter.core.plan import Plan
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rules.explaining import explain
+from stadimeter.core.rules.reasons import Reasons
+
+MESSAGES_MAX = 50
+"""This many messages to other programs are shown at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surroundings:
+    """What a run has beside its cycles, for those who watch it. Each may be asked from any thread, at any time.
+
+    Attributes:
+        plan: Its rules, outputs and targets, as they are after the newest reload; None if there is no plan.
+        trouble: What is wrong outside the loop, such as with the broker; empty if nothing is.
+        broker: How the link to the broker is, in words; empty if there is none.
+        messages: What was sent to other programs and when, newest first.
+        narration: What happens in a simulated world; empty if there is nothing to say.
+        run: What the run is: its configuration and so on.
+        recording: The recording under way; None if there is none.
+        has_corners: By target, whether its outline is corners in order, or else points on a rim.
+    """
+
+    plan: Callable[[], Plan | None] = lambda: None
+    trouble: Callable[[], str] = str
+    broker: Callable[[], str] = str
+    messages: Callable[[], Sequence[tuple[float, Message]]] = tuple
+    narration: Callable[[], str] = str
+    run: Callable[[], Mapping[str, object]] = dict
+    recording: Callable[[], Mapping[str, object] | None] = lambda: None
+    has_corners: Mapping[str, bool] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Snapshot:
+    """All that there is to see of a run at one moment.
+
+    Attributes:
+        record: The newest cycle; None before the first.
+        seen: The newest frame, and what was found in exactly this frame; None before the first.
+        started_s: The time of the first cycle, on the run's monotonic clock.
+        samples: The recent distances of each target, oldest first.
+        events: Newest first.
+        messages: The messages to other programs, each with its time, newest first.
+        limits_m: The distances at which rules begin, by target, nearest first.
+        health: How the run is doing.
+    """
+
+    record: CycleRecord | None = None
+    seen: Seen | None = None
+    started_s: float = 0.0
+    samples: Mapping[str, Samples] = field(default_factory=dict)
+    events: Sequence[Event] = ()
+    messages: Sequence[tuple[float, Message]] = ()
+    limits_m: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    health: LiveHealth = field(default_factory=LiveHealth)
+    narration: str = ""
+    plan: Plan | None = None
+    has_corners: Mapping[str, bool] = field(default_factory=dict)
+    run: Mapping[str, object] = field(default_factory=dict)
+    recording: Mapping[str, object] | None = None
+
+    @property
+    def looked_at(self) -> Mapping[str, Sequence[RejectedCandidate]]:
+        """The rejected candidates of each target that the newest frame does not show, the most like it first."""
+        return looked_at(self.seen.record) if self.seen is not None else {}
+
+    @property
+    def tilts_rad(self) -> Mapping[str, float]:
+        """Tilt of each flat target that was measured in the newest frame."""
+        seen = self.seen.record.observation.measurements if self.seen is not None else ()
+        return {each.target: each.tilt_rad for each in seen if each.tilt_rad is not None}
+
+
+def why(decision: Decision, rule: str) -> str:
+    """Return why a rule does what it does, as ``stadimeter explain``; the reason alone if read from a file."""
+    if isinstance(decision.reasons, Reasons):
+        return explain(decision, rule).sentence
+    return decision.reasons.get(rule, "")
+
+
+def snapshot_of(history: RunHistory, surroundings: Surroundings, board: Board, since_s: float) -> Snapshot:
+    """Return what there is to see now, with the distances from a time on."""
+    plan, seen = surroundings.plan(), history.seen
+    return Snapshot(
+        record=history.record,
+        seen=seen,
+        started_s=history.started_s,
+        samples=history.samples_since(since_s),
+        events=tuple(history.events),
+        messages=tuple(surroundings.messages())[:MESSAGES_MAX],
+        limits_m=limits_m(plan) if plan is not None else {},
+        health=live_health(history, board, surroundings.broker(), surroundings.trouble()),
+        narration=surroundings.narration(),
+        plan=plan,
+        has_corners=surroundings.has_corners,
+        run=surroundings.run(),
+        recording=surroundings.recording(),
+    )
+
+
+def looked_at(record: CycleRecord) -> Mapping[str, Sequence[RejectedCandidate]]:
+    """Return the rejected candidates in a frame, for each target that was not measured in it."""
+    return {
+        measured.target: record.rejected.get(measured.target, ())
+        for measured in record.observation.measurements
+        if measured.status is not MeasurementStatus.MEASURED
+    }
+
+
+def limits_m(plan: Plan) -> dict[str, list[float]]:
+    """Return, by target, the distances at which rules begin, nearest first, to mark them in a chart."""
+    found: dict[str, set[float]] = {target: set() for target in plan.targets}
+    for rule in plan.rules:
+        found[rule.target].update(_limits_m(rule))
+    return {target: sorted(values) for target, values in found.items()}
+
+
+def _limits_m(rule: AnyRule) -> tuple[float, ...]:
+    match rule:
+        case AlarmRule(condition=DistanceCondition(above_m=above_m, below_m=below_m)):
+            return tuple(limit_m for limit_m in (above_m, below_m) if limit_m is not None)
+        case RampRule():
+            return (rule.start_m,)
+        case FollowRule():
+            return (rule.distance_m,)
+        case _:
+            return ()

@@ -1,0 +1,62 @@
+"""How a run is watched: the one feed of its snapshots, for the terminal and for other processes."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import stadimeter
+from stadimeter.app.live.feed import LiveFeed
+from stadimeter.app.live.health import CONNECTED, Board
+from stadimeter.app.live.snapshot import Surroundings
+from stadimeter.app.recordings.recorded_configuration import sha256_of
+from stadimeter.app.service import is_service
+
+if TYPE_CHECKING:
+    from stadimeter.app.loop import Loop
+
+
+def live_feed(loop: Loop) -> LiveFeed:
+    """Return the feed of a run that has not begun yet; the first call lets it listen to the loop."""
+    for listener in loop.listeners:
+        if isinstance(listener, LiveFeed):
+            return listener
+    configuration = loop.parts.configuration
+    folder = configuration.path.parent
+    feed = LiveFeed(loop.parts.clock, _surroundings(loop), Board(folder))
+    loop.listeners.append(feed)
+    return feed
+
+
+def _surroundings(loop: Loop) -> Surroundings:
+    parts = loop.parts
+    started_unix_s = time.time()
+    detectors = parts.cycle.perceiver.detectors
+
+    def run() -> Mapping[str, object]:
+        configuration = parts.configuration
+        return {
+            "configuration": str(configuration.path.resolve()),
+            "title": configuration.path.name,
+            "version": stadimeter.__version__,
+            "pid": os.getpid(),
+            "started_unix_s": round(started_unix_s, 3),
+            "digest": sha256_of(configuration.text),
+            "is_service": is_service(),
+            "world": parts.world.state() if parts.world is not None else None,
+        }
+
+    def broker() -> str:
+        return "" if parts.messenger is None else parts.messenger.trouble() or CONNECTED
+
+    return Surroundings(
+        plan=lambda: parts.configuration.plan,
+        trouble=loop.trouble,
+        broker=broker,
+        messages=lambda: tuple(loop.published),
+        narration=parts.world.narration if parts.world is not None else str,
+        run=run,
+        has_corners={name: detector.target_shape.has_corners for name, detector in detectors.items()},
+    )

@@ -1,0 +1,189 @@
+"""Any moment of a recording with pictures, soon enough for a slider.
+
+A recording consists of chunks of about a second, each with the times of what is in it at its beginning. Only these are
+read to find a moment; then one chunk is decompressed, and kept, since the next moment that is asked for is near.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stadimeter.app.recordings.cycle_json import RecordedCycle
+from stadimeter.app.recordings.journal import readable
+from stadimeter.app.recordings.record_file import MAGIC
+from stadimeter.app.recordings.recording import CYCLES, IMAGES
+from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES
+from stadimeter.core.frame import Frame
+from stadimeter.errors import JournalError
+from stadimeter.workbench.replay.recording_reader import (
+    CHUNK,
+    DATA_END,
+    MESSAGE_INDEX,
+    RECORD_HEAD,
+    McapRecording,
+    RecordedImage,
+    decoded_frame,
+    messages_in,
+    read_mcap,
+)
+
+_TIMES = struct.Struct("<QQ")
+"""A chunk begins with the times of its first and its last message, in nanoseconds."""
+
+_BACK_MAX = 60
+"""So many chunks are looked through for the newest picture before a moment: about a minute."""
+
+_KEPT_MAX = 2
+"""So many chunks are kept as they were read: of full HD, one takes 10 MB."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Chunk:
+    at_byte: int
+    length: int
+    from_ns: int
+    to_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """A cycle, and the picture that was new in it, if it was recorded."""
+
+    at_ns: int
+    cycle: RecordedCycle
+    image: RecordedImage | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What a recording holds of one moment.
+
+    Attributes:
+        at_s: When it was, since the beginning of the recording.
+        cycle: The newest cycle by then.
+        frame: The newest picture by then that was recorded; None if there is none nearby.
+        seen: The cycle in which that picture was new.
+    """
+
+    at_s: float
+    cycle: RecordedCycle
+    frame: Frame | None = None
+    seen: RecordedCycle | None = None
+
+
+@dataclass(slots=True, kw_only=True)
+class RecordingIndex:
+    """Where the moments of a recording stand in its file."""
+
+    recording: McapRecording
+    _chunks: list[_Chunk]
+    _topics: dict[int, str] = field(default_factory=dict)
+    _kept: dict[int, list[_Entry]] = field(default_factory=dict)
+
+    @property
+    def seconds(self) -> float:
+        """How long it is."""
+        return (self._chunks[-1].to_ns - self._chunks[0].from_ns) / 1e9
+
+    def moment(self, at_s: float) -> Moment:
+        """Return what it holds of a moment, which may be before the first or after the last.
+
+        Args:
+            at_s: Since the beginning of the recording.
+
+        Raises:
+            JournalError: The recording is damaged there.
+        """
+        begin_ns = self._chunks[0].from_ns
+        at_ns = begin_ns + round(min(max(at_s, 0.0), self.seconds) * 1e9)
+        number = max(0, bisect_right(self._chunks, at_ns, key=lambda chunk: chunk.from_ns) - 1)
+        entries = self._entries(number)
+        now = max((each for each in entries if each.at_ns <= at_ns), key=lambda each: each.at_ns, default=None)
+        if now is None:
+            now = self._first(entries)
+        shown = self._newest_with_image(number, max(at_ns, now.at_ns))
+        frame = decoded_frame(shown.image, shown.cycle) if shown is not None and shown.image is not None else None
+        found_s = (now.at_ns - begin_ns) / 1e9
+        return Moment(found_s, now.cycle, frame, shown.cycle if shown is not None and frame is not None else None)
+
+    def _first(self, entries: list[_Entry]) -> _Entry:
+        if not entries:
+            raise JournalError(f"{self.recording.path}: there is no whole cycle at that moment")
+        return entries[0]
+
+    def _newest_with_image(self, number: int, at_ns: int) -> _Entry | None:
+        for before in range(number, max(-1, number - _BACK_MAX), -1):
+            found = [each for each in self._entries(before) if each.image is not None and each.at_ns <= at_ns]
+            if found:
+                return found[-1]
+        return None
+
+    def _entries(self, number: int) -> list[_Entry]:
+        if number not in self._kept:
+            while len(self._kept) >= _KEPT_MAX:
+                del self._kept[next(iter(self._kept))]
+            self._kept[number] = self._read(self._chunks[number])
+        return self._kept[number]
+
+    def _read(self, chunk: _Chunk) -> list[_Entry]:
+        path = self.recording.path
+        entries: list[_Entry] = []
+        image: RecordedImage | None = None
+        for topic, message in messages_in(f"{path}, byte {chunk.at_byte}", _content(path, chunk), self._topics):
+            place = f"{path}, frame or cycle {message.sequence}"
+            if topic == IMAGES:
+                image = RecordedImage(message.sequence, message.data, place)
+            elif topic == CYCLES:
+                entries.append(_Entry(message.log_time, RecordedCycle(message.data, b"[]", place), image))
+                image = None
+        return entries
+
+
+def read_index(path: Path) -> RecordingIndex:
+    """Open a recording and find out where its moments are.
+
+    Raises:
+        JournalError: It cannot be read, or ends before its first second was on the disk.
+        DriverUnavailableError: The library ``mcap`` is not installed.
+    """
+    recording = read_mcap(path)
+    chunks, introduced = _scanned(path)
+    if not chunks:
+        raise JournalError(f"{path}: the recording ends before its first cycle")
+    topics: dict[int, str] = {}
+    for chunk in introduced:
+        for _ in messages_in(f"{path}, byte {chunk.at_byte}", _content(path, chunk), topics):
+            pass
+    return RecordingIndex(recording=recording, _chunks=chunks, _topics=topics)
+
+
+def _scanned(path: Path) -> tuple[list[_Chunk], list[_Chunk]]:
+    """Return the whole chunks, and those in which a topic comes up for the first time, which introduce it."""
+    chunks: list[_Chunk] = []
+    first: dict[int, _Chunk] = {}
+    with readable(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        at = file.seek(len(MAGIC))
+        while len(head := file.read(RECORD_HEAD.size + _TIMES.size)) >= RECORD_HEAD.size:
+            opcode, length = RECORD_HEAD.unpack_from(head)
+            end = at + RECORD_HEAD.size + length
+            if opcode == DATA_END or end > size:
+                break
+            if opcode == CHUNK and len(head) == RECORD_HEAD.size + _TIMES.size:
+                chunks.append(_Chunk(at, length, *_TIMES.unpack_from(head, RECORD_HEAD.size)))
+            elif opcode == MESSAGE_INDEX and chunks:
+                first.setdefault(int.from_bytes(head[RECORD_HEAD.size :][:2], "little"), chunks[-1])
+            at = file.seek(end)
+    return chunks, list(dict.fromkeys(first.values()))
+
+
+def _content(path: Path, chunk: _Chunk) -> bytes:
+    if chunk.length > CHUNK_MAX_BYTES:
+        raise JournalError(f"{path}, byte {chunk.at_byte}: the recording is damaged: a record of {chunk.length} bytes")
+    with readable(path) as file:
+        file.seek(chunk.at_byte + RECORD_HEAD.size)
+        return file.read(chunk.length)

@@ -1,0 +1,193 @@
+"""Saving a configuration and the files beside it: together, each whole, and what was there before is kept.
+
+What a save replaces goes into a folder of its own below `VERSIONS`, beside the configuration. Its number says the
+order, since the clock of a Pi without a network may go backwards.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import zip_longest
+from pathlib import Path
+
+from stadimeter.config.atomic_file import write_all_atomically, write_atomically
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, size_text
+from stadimeter.errors import ConfigError, NotThereError, Problem
+
+VERSIONS = "versions"
+"""The folder of former versions, beside a configuration."""
+
+KEPT_MAX = 100
+"""A save more, and the oldest version goes."""
+
+KEPT_MAX_BYTES = 20_000_000
+"""All versions together. Usual ones have some kilobytes; the newest is kept whatever its size."""
+
+_ID = re.compile(r"(\d{4,9})-(\d{8}T\d{6}Z)")
+_STAMP = "%Y%m%dT%H%M%SZ"
+_NAME = re.compile(r"(?!\.)[\w .+-]+(/(?!\.)[\w .+-]+)*")
+_WORDS_MAX = 80
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """What a save replaced.
+
+    Attributes:
+        id: Its name: a number and when it was replaced.
+    """
+
+    folder: Path
+
+    @property
+    def id(self) -> str:  # noqa: D102 - see the attributes
+        return self.folder.name
+
+    @property
+    def number(self) -> int:
+        """How many saves there were before it, and one."""
+        return int(self.id.partition("-")[0])
+
+    @property
+    def unix_s(self) -> float:
+        """When it was replaced."""
+        return datetime.strptime(self.id.partition("-")[2], _STAMP).replace(tzinfo=UTC).timestamp()
+
+    def files(self) -> dict[str, Path]:
+        """Return what it holds, by name."""
+        return {
+            file.relative_to(self.folder).as_posix(): file
+            for file in sorted(self.folder.rglob("*"))
+            if file.is_file() and not file.name.startswith(".")
+        }
+
+
+def save_files(
+    folder: Path, files: Mapping[str, str], check: Callable[[], object] = lambda: None
+) -> tuple[tuple[str, ...], Path | None]:
+    """Save files: all, or none if one cannot be written. Those that would stay the same are left alone.
+
+    Args:
+        files: Their texts, by names below the folder, in the order in which they take their names.
+        check: Called once nobody else can save there. What it raises leaves everything as it was.
+
+    Returns:
+        The names of those that were written, and where the ones that were there are kept; None if there were none.
+
+    Raises:
+        ConfigError: One cannot be written, or leaves the folder.
+    """
+    for name in files:
+        if not _NAME.fullmatch(name):
+            raise ConfigError([Problem("this cannot be the name of a file here", name)])
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with _alone(folder):
+            check()
+            changed = {name: text for name, text in files.items() if not _holds(folder / name, text)}
+            kept = _keep(folder, [name for name in files if (folder / name).exists()]) if changed else None
+            for name in changed:
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            write_all_atomically({folder / name: text.encode() for name, text in changed.items()})
+    except OSError as error:
+        place = folder.joinpath(*list(files)[-1:])
+        raise ConfigError([Problem(f"it cannot be written: {_reason(error)}", str(place))]) from error
+    return tuple(changed), kept
+
+
+def versions(file: Path) -> list[Version]:
+    """Return the versions in which a file was kept, newest first."""
+    return [each for each in reversed(_all(file.parent)) if (each.folder / file.name).is_file()]
+
+
+def files_of(file: Path, version: str) -> dict[str, str]:
+    """Return the text of a file in one of its versions, and of those that a later save of it replaced with it.
+
+    Raises:
+        NotThereError: There is no such version.
+        UnreadableError: It cannot be read.
+    """
+    later = [each for each in reversed(versions(file)) if each.number >= _number(version)]
+    if not later or later[0].id != version:
+        raise NotThereError(f"there is no version {version!r} in {file.parent / VERSIONS}")
+    found = {name: kept for each in reversed(later) for name, kept in each.files().items()}
+    return {name: read_untrusted_text(kept, CONFIGURATION_MAX_BYTES) for name, kept in found.items()}
+
+
+def difference_in_words(former: str, later: str) -> str:
+    """Say how large a version is, and which line of it was the first that changed."""
+    size = size_text(len(former.encode())) if len(former) >= 1000 else f"{len(former.encode())} bytes"
+    for number, (old, new) in enumerate(zip_longest(former.split("\n"), later.split("\n")), start=1):
+        if old != new:
+            was = "was not there" if old is None else f"was: {_short(old)}"
+            return f"{size}; line {number} {was}"
+    return f"{size}; the same text"
+
+
+def _short(line: str) -> str:
+    line = line.strip() or "(empty)"
+    return line if len(line) <= _WORDS_MAX else f"{line[: _WORDS_MAX - 1]}…"
+
+
+def _number(version: str) -> int:
+    match = _ID.fullmatch(version)
+    return int(match[1]) if match else 0
+
+
+def _all(folder: Path) -> list[Version]:
+    """Return every version below a folder, oldest first."""
+    try:
+        found = [Version(each) for each in (folder / VERSIONS).iterdir() if _ID.fullmatch(each.name)]
+    except OSError:
+        return []
+    return sorted(found, key=lambda version: version.number)
+
+
+def _holds(path: Path, text: str) -> bool:
+    try:
+        return path.read_bytes() == text.encode()
+    except FileNotFoundError:
+        return False
+
+
+def _keep(folder: Path, names: list[str]) -> Path | None:
+    if not names:
+        return None
+    before = _all(folder)
+    number = before[-1].number + 1 if before else 1
+    kept = folder / VERSIONS / f"{number:04}-{datetime.now(UTC).strftime(_STAMP)}"
+    for name in names:
+        (kept / name).parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(kept / name, (folder / name).read_bytes(), like=folder / name)
+    _forget_oldest([*before, Version(kept)])
+    return kept
+
+
+def _forget_oldest(kept: list[Version]) -> None:
+    size = 0
+    for count, version in enumerate(reversed(kept), start=1):
+        size += sum(file.stat().st_size for file in version.files().values())
+        if count > KEPT_MAX or (count > 1 and size > KEPT_MAX_BYTES):
+            shutil.rmtree(version.folder, ignore_errors=True)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Wait until nobody else saves in a folder, and keep others waiting."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()

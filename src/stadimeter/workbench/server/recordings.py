@@ -1,0 +1,191 @@
+"""The recordings of a run, for the page: which there are, any moment of them, and to be rid of one."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import stat
+import tomllib
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from stadimeter.app.control.client import HELLO_WAIT_S, ask
+from stadimeter.app.recordings.journal import Journal, JournalHeader
+from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
+from stadimeter.errors import ControlError, JournalError, NotThereError, StadimeterError
+from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.recording_index import RecordingIndex, read_index
+from stadimeter.workbench.server.editing import run_socket
+from stadimeter.workbench.server.operations import Desk, Operation, Reply
+
+ENDINGS = frozenset({".mcap", ".jsonl"})
+"""Of recordings with pictures, and of journals."""
+
+LISTED_MAX = 500
+"""The newest of them; a folder that nobody tidies up has thousands."""
+
+_NOW = re.compile(rb'"now_s":(-?[0-9.eE+-]+)')
+_NOW_WITHIN = 120
+"""The time of a cycle stands at the beginning of its line."""
+
+
+def recordings(desk: Desk, _args: Mapping[str, Any]) -> Reply:
+    """Answer the recordings that there are, newest first."""
+    folder = folder_of(desk)
+    found = [path for path in folder.glob("*") if path.suffix in ENDINGS and _is_file(path)] if folder.is_dir() else []
+    newest = sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
+    listed = [_about(desk, path) for path in newest[:LISTED_MAX]]
+    return Reply(data={"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)})
+
+
+def recording(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Answer what there is to say about one recording; with its configuration and where it is."""
+    path = path_of(desk, args)
+    about = _about(desk, path)
+    header = None if about["damage"] and not about["seconds"] else read_recording(path).header
+    return Reply(data={**about, "path": str(path), "text": header.configuration if header else ""})
+
+
+def delete(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Delete a recording, unless it is being written."""
+    path = path_of(desk, args)
+    with open_untrusted(path) as file:
+        if _is_being_written(file):
+            raise JournalError(f"{path.name} is being recorded; stop that first")
+        path.unlink()
+    desk.kept.pop("recording", None)
+    return Reply(data={"name": path.name})
+
+
+OPERATIONS: dict[str, Operation] = {
+    "recordings": recordings,
+    "recording": recording,
+    "recording-delete": delete,
+}
+
+
+def folder_of(desk: Desk) -> Path:
+    """Return the folder of recordings: that which the run names, or did name, or else that beside the configuration."""
+    try:
+        named = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("recordings")
+    except ControlError:
+        named = None
+    if isinstance(named, str) and named:
+        desk.kept["recordings folder"] = named
+    return Path(desk.kept.get("recordings folder") or desk.configuration.parent / "recordings")
+
+
+def path_of(desk: Desk, args: Mapping[str, Any]) -> Path:
+    """Return where the recording is that is meant; never another file than one of that folder.
+
+    Raises:
+        NotThereError: There is none of that name.
+    """
+    name = args.get("name")
+    folder = folder_of(desk)
+    if isinstance(name, str) and name == Path(name).name and Path(name).suffix in ENDINGS and _is_file(folder / name):
+        return folder / name
+    raise NotThereError(f"there is no recording {name!r} in {folder}")
+
+
+def index_of(desk: Desk, path: Path) -> RecordingIndex:
+    """Return the index of a recording; that of the one that was asked for last is kept."""
+    key = _key(path)
+    if desk.kept.get("recording", (None, None))[0] != key:
+        desk.kept["recording"] = key, read_index(path)
+    index: RecordingIndex = desk.kept["recording"][1]
+    return index
+
+
+def _is_file(path: Path) -> bool:
+    """Return whether there is a file that is no link, which could lead anywhere."""
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def _key(path: Path) -> tuple[str, int, int]:
+    about = path.stat()
+    return str(path), about.st_size, about.st_mtime_ns
+
+
+def _about(desk: Desk, path: Path) -> dict[str, Any]:
+    known: dict[Any, dict[str, Any]] = desk.kept.setdefault("recordings", {})
+    key = _key(path)
+    if key not in known or known[key]["is_growing"]:
+        known[key] = _looked_into(path)
+        while len(known) > LISTED_MAX:
+            del known[next(iter(known))]
+    return known[key]
+
+
+def _looked_into(path: Path) -> dict[str, Any]:
+    about = path.stat()
+    told: dict[str, Any] = {
+        "name": path.name,
+        "kind": "recording" if path.suffix == ".mcap" else "journal",
+        "bytes": about.st_size,
+        "unix_s": about.st_mtime,
+        "seconds": None,
+        "configuration": "",
+        "damage": "",
+        "is_growing": False,
+    }
+    try:
+        with open_untrusted(path) as file:
+            told["is_growing"] = _is_being_written(file)
+        found = read_recording(path)
+        told |= {"unix_s": _began(found.header, about.st_mtime), "configuration": _in_words(found.header)}
+        told["seconds"] = _journal_s(found) if isinstance(found, Journal) else read_index(path).seconds
+        if not told["is_growing"] and found.is_cut_off():
+            told["damage"] = "its end is missing, as after a power cut; what comes before can be used"
+    except StadimeterError as error:
+        told["damage"] = str(error)
+    return told
+
+
+def _began(header: JournalHeader, otherwise_s: float) -> float:
+    try:
+        return datetime.fromisoformat(header.began_at).timestamp()
+    except ValueError:
+        return otherwise_s
+
+
+def _in_words(header: JournalHeader) -> str:
+    """Say which rules a recording was made with."""
+    try:
+        rules = list(tomllib.loads(header.configuration).get("rules", {}))
+    except (tomllib.TOMLDecodeError, AttributeError):
+        return ""
+    return f"rules {', '.join(rules)}" if rules else "no rules"
+
+
+def _journal_s(journal: Journal) -> float:
+    """Return how long a journal is, by the times of its first and its last whole cycle."""
+    with open_untrusted(journal.path) as file:
+        file.readline(JSON_MAX_BYTES)
+        begin = _NOW.search(file.readline(JSON_MAX_BYTES)[:_NOW_WITHIN])
+        end = _NOW.search(_last_line(file)[:_NOW_WITHIN])
+    return float(end[1]) - float(begin[1]) if begin and end else 0.0
+
+
+def _last_line(file: BinaryIO) -> bytes:
+    """Return the last line that is whole and a cycle."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(0, size - JSON_MAX_BYTES))
+    lines = file.read(JSON_MAX_BYTES).split(b"\n")[:-1]
+    return next((line for line in reversed(lines) if _NOW.search(line[:_NOW_WITHIN])), b"")
+
+
+def _is_being_written(file: BinaryIO) -> bool:
+    """Return whether a run writes to it, which keeps it locked."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    fcntl.flock(file, fcntl.LOCK_UN)
+    return False

@@ -1,0 +1,202 @@
+"""Editing on the page: what is found while typing, saving, versions, and two who save at once."""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stadimeter.config.camera_file import camera_file_text
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.errors import ChangedMeanwhileError, ConfigError, NotThereError
+from stadimeter.workbench import saving
+from stadimeter.workbench.server.editing import OPERATIONS
+from stadimeter.workbench.server.operations import Desk
+from support.saves import CONFIGURATION
+
+HERE = CONFIGURATION.format(below="1 m")
+THERE = CONFIGURATION.format(below="50 cm")
+LENS = camera_file_text(CameraModel.with_focal_length(600.0, 640, 480))
+OTHER_LENS = camera_file_text(CameraModel.with_focal_length(700.0, 640, 480))
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Desk:
+    (tmp_path / "camera.toml").write_text(LENS)
+    (tmp_path / "stadimeter.toml").write_text(HERE)
+    return Desk(configuration=tmp_path / "stadimeter.toml", run_socket=tmp_path / "none.sock")
+
+
+def ask(desk: Desk, op: str, **args: object) -> Any:
+    return OPERATIONS[op](desk, args).data
+
+
+def version(desk: Desk) -> str:
+    return str(ask(desk, "configuration")["version"])
+
+
+def test_a_configuration_that_is_not_there_yet_can_be_written(tmp_path: Path) -> None:
+    desk = Desk(configuration=tmp_path / "new" / "stadimeter.toml")
+    before = ask(desk, "configuration")
+    assert (before["text"], before["version"], before["exists"]) == ("", "", False)
+    saved = ask(desk, "save", text=HERE, base_version="", files={"camera.toml": LENS})
+    assert saved == {"version": version(desk), "kept": None, "needs": "nothing"}
+    assert ask(desk, "check", text=HERE)["problems"] == []
+
+
+def test_a_text_that_is_no_toml_has_its_line(desk: Desk) -> None:
+    found = ask(desk, "check", text=HERE + "below = = 2\n")
+    assert [(each["severity"], each["line"]) for each in found["problems"]] == [("error", HERE.count("\n") + 1)]
+    assert found["words"] == []
+
+
+def test_an_error_has_the_columns_of_its_key(desk: Desk) -> None:
+    (problem,) = ask(desk, "check", text=HERE.replace("below", "bellow"))["problems"]
+    line = HERE.replace("below", "bellow").split("\n")[problem["line"] - 1]
+    assert line[problem["column"] : problem["end_column"]] == 'bellow = "1 m"'
+
+
+def test_rules_are_said_in_words_beside_their_lines(desk: Desk) -> None:
+    found = ask(desk, "check", text=HERE)
+    assert found["rules"] == [{"rule": "near", "line": HERE.split("\n").index("[rules.near]") + 1}]
+    assert any("nearer than 1.00 m" in words for words in found["words"])
+
+
+def test_a_text_is_checked_with_a_camera_file_that_is_not_saved_and_nothing_is_written(desk: Desk) -> None:
+    folder = desk.configuration.parent
+    (folder / "camera.toml").unlink()
+    assert "camera file" in ask(desk, "check", text=HERE)["problems"][0]["message"]
+    assert ask(desk, "check", text=HERE, files={"camera.toml": LENS})["problems"] == []
+    wrong = ask(desk, "check", text=HERE, files={"camera.toml": "width_px = -1\n"})["problems"]
+    assert Path(wrong[0]["file"]).name == "camera.toml"
+    assert [each.name for each in folder.iterdir()] == ["stadimeter.toml"]
+
+
+def test_tests_are_run_on_request_and_say_what_they_got(desk: Desk) -> None:
+    text = HERE + '\n[[tests]]\nname = "never"\ninput = { hover = { at = "50 cm", for = "2 s" } }\n'
+    text += "expect.near = { raised = 0 }\n"
+    assert ask(desk, "check", text=text)["tests"] == []
+    (told,) = ask(desk, "check", text=text, tests=True)["tests"]
+    assert (told["name"], told["ok"], told["line"]) == ("never", False, HERE.count("\n") + 2)
+    assert "near.raised: expected 0" in told["words"]
+
+
+def test_the_appliance_is_checked_fast_enough_for_typing() -> None:
+    place = Path(__file__).parents[2] / "config" / "appliance.toml"
+    desk, text = Desk(configuration=place), place.read_text()
+    ask(desk, "check", text=text)
+    began_s = time.perf_counter()
+    found = [ask(desk, "check", text=f"{text}# {number}") for number in range(5)]
+    each_s = (time.perf_counter() - began_s) / 5
+    print(f"{1e3 * each_s:.0f} ms each")
+    assert all(found)
+
+
+def test_a_save_keeps_what_was_there_and_brings_it_back(desk: Desk) -> None:
+    first = ask(desk, "save", text=THERE, base_version=version(desk), files={"camera.toml": OTHER_LENS})
+    (former,) = ask(desk, "versions")
+    assert former["id"] == first["kept"]
+    assert f'line {HERE.split(chr(10)).index("[rules.near]") + 3} was: when = {{ below = "1 m" }}' in former["words"]
+    assert ask(desk, "version", id=former["id"])["text"] == HERE
+    ask(desk, "restore", id=former["id"], base_version=first["version"])
+    assert desk.configuration.read_text() == HERE
+    assert (desk.configuration.parent / "camera.toml").read_text() == LENS
+    assert len(ask(desk, "versions")) == 2, "what was restored over is kept, too"
+
+
+def test_a_version_brings_back_the_camera_file_that_it_had_though_a_later_save_changed_that(desk: Desk) -> None:
+    ask(desk, "save", text=THERE, base_version=version(desk))
+    ask(desk, "save", text=THERE + "# more\n", base_version=version(desk), files={"camera.toml": OTHER_LENS})
+    oldest = ask(desk, "versions")[-1]
+    ask(desk, "restore", id=oldest["id"], base_version=version(desk))
+    assert (desk.configuration.parent / "camera.toml").read_text() == LENS
+
+
+def test_the_second_of_two_savers_is_told_what_the_first_one_changed(desk: Desk) -> None:
+    both_read = version(desk)
+    ask(desk, "save", text=THERE, base_version=both_read)
+    with pytest.raises(ChangedMeanwhileError, match="changed by another") as refused:
+        ask(desk, "save", text=HERE + "# mine\n", base_version=both_read)
+    assert refused.value.code == "conflict"
+    assert refused.value.data["their_text"] == THERE
+    assert '-when = { below = "50 cm" }' in refused.value.data["diff"]
+    assert "+# mine" in refused.value.data["diff"]
+    assert desk.configuration.read_text() == THERE
+
+
+def test_two_who_save_the_same_text_do_not_disturb_each_other(desk: Desk) -> None:
+    both_read = version(desk)
+    ask(desk, "save", text=THERE, base_version=both_read)
+    assert ask(desk, "save", text=THERE, base_version=both_read)["kept"] is None
+
+
+def test_a_folder_that_vanished_is_told_and_the_text_can_be_saved_anew(desk: Desk) -> None:
+    base = version(desk)
+    desk.configuration.unlink()
+    with pytest.raises(ChangedMeanwhileError, match="not there any more"):
+        ask(desk, "save", text=THERE, base_version=base)
+    ask(desk, "save", text=THERE, base_version="")
+    assert desk.configuration.read_text() == THERE
+
+
+def test_a_configuration_with_errors_is_saved_on_request_only(desk: Desk) -> None:
+    wrong = HERE.replace("below", "bellow")
+    with pytest.raises(ConfigError, match="bellow"):
+        ask(desk, "save", text=wrong, base_version=version(desk))
+    assert desk.configuration.read_text() == HERE
+    ask(desk, "save", text=wrong, base_version=version(desk), even_if_wrong=True)
+    assert desk.configuration.read_text() == wrong
+
+
+@pytest.mark.parametrize("name", ["../outside.toml", "/etc/passwd", "a/../../b", ".hidden", "", "a//b", "a\0b"])
+def test_no_file_beside_it_leaves_the_folder(desk: Desk, name: str) -> None:
+    with pytest.raises(ConfigError):
+        ask(desk, "save", text=THERE, base_version=version(desk), files={name: "x"}, even_if_wrong=True)
+    assert desk.configuration.read_text() == HERE
+
+
+@pytest.mark.parametrize("name", ["../..", "", "0001-20260101T000000Z", "."])
+def test_a_version_that_is_not_there_is_a_sentence(desk: Desk, name: str) -> None:
+    ask(desk, "save", text=THERE, base_version=version(desk))
+    for op in ("version", "restore"):
+        with pytest.raises(NotThereError, match="there is no version"):
+            ask(desk, op, id=name, base_version=version(desk))
+
+
+def test_a_disk_that_is_full_at_the_second_file_leaves_both_as_they_were(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[int] = []
+
+    def fsync(descriptor: int) -> None:
+        synced.append(descriptor)
+        if len(synced) == 6:  # two kept, each with its folder; the camera file; the configuration
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    with pytest.raises(ConfigError, match="no space left"):
+        ask(desk, "save", text=THERE, base_version=version(desk), files={"camera.toml": OTHER_LENS})
+    assert len(synced) == 6
+    assert desk.configuration.read_text() == HERE
+    assert (desk.configuration.parent / "camera.toml").read_text() == LENS
+    assert not list(desk.configuration.parent.glob(".*"))
+
+
+def test_the_oldest_versions_go_and_the_newest_stay(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(saving, "KEPT_MAX", 3)
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    for number in range(6):
+        ask(desk, "save", text=f"{HERE}# {number}\n", base_version=version(desk))
+    numbers = [int(each["id"].partition("-")[0]) for each in ask(desk, "versions")]
+    assert numbers == [6, 5, 4]
+
+
+def test_a_kept_version_can_be_read_by_those_only_who_could_read_the_file(desk: Desk) -> None:
+    desk.configuration.chmod(0o640)
+    kept = ask(desk, "save", text=THERE, base_version=version(desk))["kept"]
+    file = desk.configuration.parent / saving.VERSIONS / kept / desk.configuration.name
+    assert file.stat().st_mode & 0o777 == 0o640
