@@ -302,13 +302,14 @@ def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
     from stadimeter.app.control.reloading import Reloader  # noqa: PLC0415 - likewise
     from stadimeter.app.control.requests import Control  # noqa: PLC0415 - it takes long, and short runs have none
     from stadimeter.app.control.socket_server import ControlSocket  # noqa: PLC0415 - likewise
+    from stadimeter.app.live.subscriptions import Subscriptions  # noqa: PLC0415 - likewise
     from stadimeter.app.live.watching import live_feed  # noqa: PLC0415 - likewise
 
     configuration = loop.parts.configuration
     hello = {"configuration": str(configuration.path.resolve()), "pid": os.getpid()}
     try:
         path = serving.socket or socket_path(configuration.path, usable_folder(runtime_folder()))
-        listener = ControlSocket(path, lambda: hello, watched=live_feed(loop))
+        listener = ControlSocket(path, lambda: hello, watched=Subscriptions(live_feed(loop)))
         closing.callback(listener.close)
         listener.open()
     except ControlError as error:

@@ -31,7 +31,24 @@ class StagedWorld(Protocol):
         ...
 
     def toggle(self, fault: str) -> None:
-        """Make something go wrong, or put it right again."""
+        """Make something go wrong, or put it right again; `ValueError` if there is no such fault."""
+        ...
+
+    def place_target(self, x_m: float, y_m: float) -> None:
+        """Have the target go there and stay. Many places a second draw a path."""
+        ...
+
+    def in_world_m(self, bearing_rad: float, distance_m: float) -> tuple[float, float]:
+        """Return where a target is that the camera would see there now.
+
+        Args:
+            bearing_rad: Positive to the right.
+            distance_m: From the camera to the target's centre.
+        """
+        ...
+
+    def let_go(self) -> None:
+        """Have the target go on along its path."""
         ...
 
     def ball_at_m(self) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import LENGTHS_M, Angle, Duration, Length, LengthOrZero, as_written, parse_quantity
 from stadimeter.core.clock import Clock
 from stadimeter.errors import ConfigError
+from stadimeter.simulation.hand import Hand
 from stadimeter.simulation.narration import Narrator, StoryLine
 from stadimeter.simulation.robot import DifferentialRobot, Pose
 
@@ -265,6 +266,7 @@ class World:
             loop=options.loop,
             start_s=start_s,
         )
+        self._hand = Hand(self.ball.position_m)
         self.robot = DifferentialRobot(
             track_width_m=options.track_width,
             ticks_per_metre=options.ticks_per_metre,
@@ -292,7 +294,7 @@ class World:
     def state(self) -> dict[str, Any]:
         """Return where ball and camera are, and what goes wrong, for a view from above."""
         now_s = self.now_s
-        x_m, y_m, _ = self.ball.position_m(now_s)
+        x_m, y_m = self.ball_at_m()
         pose = self.robot.pose_at(now_s)
         return {
             "targets": [{"name": "ball", "x_m": round(x_m, 3), "y_m": round(y_m, 3)}],
@@ -308,17 +310,33 @@ class World:
         """Turn the knob of a `FaultKind`. It stays so until it is turned again, or its next time in the schedule."""
         setattr(self.faults, KNOBS[FaultKind(fault)], not self.goes_wrong(fault))
 
+    def place_target(self, x_m: float, y_m: float) -> None:
+        """Move the ball there, by hand, and leave it there."""
+        self._hand.put((x_m, y_m), self.now_s)
+
+    def let_go(self) -> None:
+        """Let the ball go back to its path."""
+        self._hand.put(None, self.now_s)
+
+    def in_world_m(self, bearing_rad: float, distance_m: float) -> tuple[float, float]:
+        """Return where a ball on the floor is that the camera would see there now: x to the east, y to the north.
+
+        Args:
+            bearing_rad: Positive to the right.
+            distance_m: From the camera to the ball's centre; no less than they differ in height.
+        """
+        pose = self.robot.pose_at(self.now_s)
+        along_floor_m = math.sqrt(max(0.0, distance_m**2 - (self.camera_height_m - self.ball.height_m) ** 2))
+        heading_rad = pose.heading_rad - bearing_rad
+        return (
+            pose.x_m + along_floor_m * math.cos(heading_rad),
+            pose.y_m + along_floor_m * math.sin(heading_rad),
+        )
+
     def ball_at_m(self) -> tuple[float, float]:
         """Return where the ball is now: metres to the east, where the robot looks at first, and to the north."""
-        x_m, y_m, _ = self.ball.position_m(self._clock.now_s())
+        x_m, y_m, _ = self._hand.position_m(self.now_s)
         return x_m, y_m
-
-    def move_ball(self, x_m: float, y_m: float) -> None:
-        """Put the ball somewhere; it leaves its path, and stays there."""
-        here = WayPoint.model_validate({"at": "0 s", "x": f"{x_m} m", "y": f"{y_m} m"})
-        self.ball = Ball(
-            diameter_m=self.ball.diameter_m, height_m=self.ball.height_m, path=(here,), loop=False, start_s=0.0
-        )
 
     def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
         """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.
@@ -328,7 +346,7 @@ class World:
         """
         at_s = self._clock.now_s() if time_s is None else time_s
         pose = self.robot.pose_at(at_s)
-        ball_x, ball_y, ball_z = self.ball.position_m(at_s)
+        ball_x, ball_y, ball_z = self._hand.position_m(at_s)
         east, north = ball_x - pose.x_m, ball_y - pose.y_m
         cos, sin = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
         return (east * sin - north * cos, self.camera_height_m - ball_z, east * cos + north * sin)

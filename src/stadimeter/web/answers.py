@@ -9,11 +9,15 @@ from contextlib import aclosing, suppress
 from typing import Any
 from urllib.parse import quote
 
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from stadimeter.errors import PageError
 from stadimeter.web.exchange import Answer
+
+BODY_MAX_S = 30.0
+"""A body that takes longer to come is not waited for."""
 
 VALUES = "X-Values"
 """The header of a picture that holds what it shows, as JSON with percent signs for what no header may have."""
@@ -37,6 +41,23 @@ def as_error(error: PageError) -> Response:
     if "wait_s" in error.details:
         answer.headers["Retry-After"] = str(error.details["wait_s"])
     return answer
+
+
+async def bounded_body(request: Request, most_bytes: int) -> bytes:
+    """Return the body of a request; `PageError` if it is too large, or does not come."""
+    parts, size = [], 0
+    try:
+        async with asyncio.timeout(BODY_MAX_S):
+            async for part in request.stream():
+                parts.append(part)
+                size += len(part)
+                if size > most_bytes:
+                    raise PageError(413, "too-large", f"more than {most_bytes} bytes are not taken here")
+    except TimeoutError as error:
+        raise PageError(408, "too-slow", f"the request did not come within {BODY_MAX_S:g} s") from error
+    except ClientDisconnect as error:
+        raise PageError(400, "gone", "the browser hung up") from error
+    return b"".join(parts)
 
 
 class Streamed(Response):

@@ -47,6 +47,8 @@ async def take(reader: StreamReader) -> Answer:
     except LimitOverrunError as error:
         raise ValueError("an answer without an end") from error
     found = json.loads(line)
+    if not isinstance(found, dict):
+        raise ValueError("an answer is an object")
     attached = await reader.readexactly(attached_bytes(found))
     if found.get("status") == "error":
         raise refusal(found)

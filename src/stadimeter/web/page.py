@@ -1,58 +1,129 @@
-"""The page as an application: every path of the table, and the answers that this process gives itself."""
+"""What the page's process answers itself: its files, logins, sessions, live snapshots, pictures and downloads."""
 
 from __future__ import annotations
 
-import json
+import asyncio
+import html
+import mimetypes
 import time
-from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
+from collections.abc import AsyncGenerator
+from contextlib import aclosing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs
 
-from starlette.applications import Starlette
-from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import Route
+from starlette.responses import FileResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 
 import stadimeter
 from stadimeter.errors import PageError
-from stadimeter.web.answers import Streamed, as_error, as_json, as_picture
+from stadimeter.web.access import Access
+from stadimeter.web.answers import Streamed, as_json, as_picture, bounded_body
+from stadimeter.web.exchange import Answer
 from stadimeter.web.live import Feeds, Message
-from stadimeter.web.routes import PLACES, Place
+from stadimeter.web.passwords import PasswordFile
+from stadimeter.web.routes import Right
 from stadimeter.web.run_link import RunLink
-from stadimeter.web.workbench_link import WorkbenchLink
+from stadimeter.web.run_process import RunProcess
+from stadimeter.web.workbench_link import WorkbenchLink, command_of_workbench
 
 HERE = Path(__file__).parent
-STATIC = HERE / "static"
+FRESH_S = 0.1
+"""A picture that was asked for by one is given to others for this long: they cost the run nothing."""
 
-Endpoint = Callable[[Request], Awaitable[Response]]
+REVALIDATED = {"Cache-Control": "no-cache"}
+"""The browser keeps a file and asks each time whether it has changed, so that none is older than the others."""
+
+mimetypes.add_type("text/javascript", ".js")  # a system's own table may say otherwise, and then no module is loaded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """How the page is served.
+
+    Attributes:
+        configuration: The file that it is for; it need not be there yet.
+        passwords: Where the passwords are.
+        socket: Where the run listens; None to look for it.
+        allowed_hosts: Names by which browsers may ask for us, besides our own.
+    """
+
+    configuration: Path
+    passwords: Path
+    socket: Path | None = None
+    allowed_hosts: tuple[str, ...] = ()
 
 
 class Page:
-    """What all answers share: the links, the feeds, and who may what."""
+    """The links, the feeds and who may what; and a method for each answer that is the process's own.
 
-    def __init__(self, configuration: Path, run: RunLink, workbench: WorkbenchLink) -> None:
-        self.configuration = configuration
-        self.run = run
-        self.workbench = workbench
-        self.feeds = Feeds(run)
-        self._static = StaticFiles(directory=STATIC, check_dir=False)
+    Args:
+        listens: The address and the port that it is served at.
+    """
+
+    def __init__(self, options: Options, listens: tuple[str, int]) -> None:
+        self.configuration = options.configuration.resolve()
+        self.access = Access(PasswordFile(options.passwords), listens, options.allowed_hosts)
+        self.run = RunLink(self.configuration, options.socket)
+        self.workbench = WorkbenchLink(command_of_workbench(self.configuration, options.socket))
+        self.run_process = RunProcess(self.run)
+        self.feeds = Feeds(self.run)
+        self._static = StaticFiles(directory=HERE / "static", check_dir=False)
+        self._shots: dict[str, tuple[float, Answer]] = {}
+        self._shooting = asyncio.Lock()
+
+    async def close(self) -> None:
+        """End what it started."""
+        self.feeds.close()
+        await asyncio.gather(self.workbench.close(), self.run_process.end())
 
     async def index(self, request: Request) -> Response:
         """The page itself."""
-        return await self._static.get_response("index.html", request.scope)
+        return await self._file("index.html", request)
 
     async def static(self, request: Request) -> Response:
         """A file of the page."""
-        return await self._static.get_response(request.path_params["file"], request.scope)
+        return await self._file(request.path_params["file"], request)
 
-    async def session(self, _request: Request) -> Response:
-        """Who asks may what, and what is there."""
+    async def openapi(self, _request: Request) -> Response:
+        """The description of the API."""
+        return FileResponse(HERE / "openapi.json", media_type="application/json")
+
+    async def login_page(self, _request: Request) -> Response:
+        """The form for the password."""
+        return login_form()
+
+    async def login_style(self, _request: Request) -> Response:
+        """How the form looks."""
+        return FileResponse(HERE / "login.css", media_type="text/css", headers=REVALIDATED)
+
+    async def login(self, request: Request) -> Response:
+        """Begin a session, or say why not."""
+        form = parse_qs((await bounded_body(request, 4096)).decode("utf-8", "replace"), keep_blank_values=True)
+        address = request.client.host if request.client else ""
+        try:
+            passwords, right = await self.access.log_in(form.get("password", [""])[0], address)
+        except PageError as error:
+            return login_form(error)
+        response = RedirectResponse("/", 303)
+        self.access.begin_session(response, passwords, right, request.scope)
+        return response
+
+    async def logout(self, request: Request) -> Response:
+        """End the session of this browser."""
+        response = as_json({})
+        self.access.end_session(response, request.scope)
+        return response
+
+    async def session(self, request: Request) -> Response:
+        """Tell what whoever asks may do, and what is there."""
+        right: Right = request.scope["right"]
         return as_json(
             {
-                "right": "operate",
-                "needs_password": False,
+                "right": right.name.lower(),
+                "needs_password": self.access.needs_password,
                 "version": stadimeter.__version__,
                 "configuration": str(self.configuration),
                 "run": await self._about_run(),
@@ -64,78 +135,72 @@ class Page:
         feed = self.feeds[request.query_params.get("image", "plain")]
         return Streamed(_framed(feed.watch()), "application/octet-stream")
 
+    async def stream(self, request: Request) -> Response:
+        """Pictures, each in the place of the one before, for anything that shows MJPEG."""
+        return Streamed(_parts(self.feeds[_image(request)].watch()), "multipart/x-mixed-replace; boundary=frame")
+
+    async def snapshot(self, request: Request) -> Response:
+        """Give the newest picture."""
+        image = _image(request)
+        async with self._shooting:
+            taken_s, answer = self._shots.get(image, (0.0, None))
+            if answer is None or time.monotonic() - taken_s > FRESH_S:
+                answer = await self.run.ask("frame", {"encoding": "jpeg", "image": image})
+                self._shots[image] = (time.monotonic(), answer)
+        return as_picture(answer, "image/jpeg")
+
+    async def start(self, _request: Request) -> Response:
+        """Start the run."""
+        return as_json({"run": {"is_running": True, **await self.run_process.start()}})
+
+    async def download(self, request: Request) -> Response:
+        """Give a recording as a file."""
+        name = request.path_params["name"]
+        path = await self._recordings() / name
+        is_plain = name == path.name and not name.startswith(".") and not path.is_symlink()
+        if not (is_plain and await asyncio.to_thread(path.is_file)):
+            raise PageError(404, "not-found", f"there is no recording {name!r}")
+        return FileResponse(path, media_type="application/octet-stream", filename=name)
+
+    async def _file(self, name: str, request: Request) -> Response:
+        response = await self._static.get_response(name, request.scope)
+        response.headers.update(REVALIDATED)
+        return response
+
     async def _about_run(self) -> dict[str, Any]:
         try:
             told = (await self.run.ask("hello")).data
         except PageError as error:
-            return {"is_running": False, "words": str(error)}
-        return {"is_running": True, "words": "", **told}
+            return {"is_running": False, "words": str(error), "may_start": self.run_process.may_start}
+        return {"is_running": True, "words": "", "may_start": False, **told}
+
+    async def _recordings(self) -> Path:
+        """Return the folder of recordings, as the run says or, without one, the workbench."""
+        folder = (await self._about_run()).get("recordings")
+        return Path(folder or (await self.workbench.ask("recordings", {}, 60.0)).data["folder"])
+
+
+def login_form(error: PageError | None = None) -> Response:
+    """Return the form for the password, which works without JavaScript, and what was wrong."""
+    words = "" if error is None or error.code == "not-logged-in" else f"{error}"
+    text = (HERE / "login.html").read_text().replace("@MESSAGE@", html.escape(words[:1].upper() + words[1:]))
+    headers = {"Retry-After": str(error.details["wait_s"])} if error and "wait_s" in error.details else {}
+    return Response(text, error.status if error else 200, headers, "text/html")
+
+
+def _image(request: Request) -> str:
+    return "drawn" if request.query_params.get("drawn", "0") in {"1", "true"} else "plain"
 
 
 async def _framed(messages: AsyncGenerator[Message, None]) -> AsyncGenerator[bytes, None]:
-    async for message in messages:
-        yield message.framed()
+    async with aclosing(messages):
+        async for message in messages:
+            yield message.framed()
 
 
-def application(page: Page) -> Starlette:
-    """Return the application: every place of the table, and 404 for all else."""
-    routes = [Route(place.path, _endpoint(page, place), methods=[place.method]) for place in PLACES]
-    return Starlette(routes=routes, exception_handlers={PageError: _refused, HTTPException: _no_such})
-
-
-def _endpoint(page: Page, place: Place) -> Endpoint:
-    if place.to == "own":
-        own: Endpoint = getattr(page, place.op, _not_yet)
-        return own
-
-    async def ask(request: Request) -> Response:
-        args = await _args(request, place)
-        if place.to == "run":
-            answer = await page.run.ask(place.op, args, place.wait_s)
-        else:
-            answer = await page.workbench.ask(place.op, args, place.wait_s)
-        return as_picture(answer, place.media) if place.media else as_json(answer.data)
-
-    return ask
-
-
-async def _args(request: Request, place: Place) -> dict[str, Any]:
-    """Return what is handed on: of the body, of the query, and of the path, which has the last word."""
-    query = {}
-    for name, kind in place.query.items():
-        if name in request.query_params:
-            try:
-                query[name] = kind(request.query_params[name])
-            except ValueError as error:
-                raise PageError(400, "wrong-query", f"{name}: a number is wanted") from error
-    args = {**await _body(request, place), **query, **request.path_params}
-    if "ago_s" in args:
-        args["at_unix_s"] = time.time() - args.pop("ago_s")
-    return args
-
-
-async def _body(request: Request, place: Place) -> Mapping[str, Any]:
-    text = await request.body() if place.body_max else b""
-    if not text:
-        return {}
-    try:
-        found = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise PageError(400, "wrong-body", "the body of the request is no JSON") from error
-    if not isinstance(found, dict):
-        raise PageError(400, "wrong-body", "a JSON object is wanted")
-    return found
-
-
-async def _not_yet(request: Request) -> Response:
-    raise PageError(404, "not-found", f"{request.url.path}: not yet")
-
-
-def _refused(_request: Request, error: Exception) -> Response:
-    assert isinstance(error, PageError)  # noqa: S101
-    return as_error(error)
-
-
-def _no_such(_request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)  # noqa: S101
-    return as_error(PageError(error.status_code, "not-found", error.detail))
+async def _parts(messages: AsyncGenerator[Message, None]) -> AsyncGenerator[bytes, None]:
+    async with aclosing(messages):
+        async for message in messages:
+            if message.picture:
+                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(message.picture)}\r\n\r\n"
+                yield head.encode() + message.picture + b"\r\n"

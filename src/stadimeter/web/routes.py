@@ -80,6 +80,9 @@ def _desk(method: Literal["GET", "POST", "PUT", "DELETE"], path: str, op: str, *
 
 
 _OF_RULES = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back")
+NAMED = frozenset({*_OF_RULES, "hold-output"})
+"""Operations that are told who wants them."""
+
 _JPEG, _SVG = "image/jpeg", "image/svg+xml"
 
 PLACES: tuple[Place, ...] = (

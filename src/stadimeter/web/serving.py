@@ -1,60 +1,100 @@
-"""Serves the page: the socket it listens at, and its end."""
+"""Serves the page: where it listens, its connections and their bounds, and its end."""
 
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 import signal
 import socket
+import ssl
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from pathlib import Path
 
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from stadimeter.errors import PageError
-from stadimeter.web.page import Page, application
+from stadimeter.web.access import is_loopback
+from stadimeter.web.application import application
+from stadimeter.web.page import Options, Page
+from stadimeter.web.passwords import PasswordFile
+
+CONNECTIONS_MAX = 256
+IDLE_MAX_S = 15.0
+"""A connection without a request, or with one that is not whole, is ended after this long."""
+
+STUCK_MAX_S = 30.0
+"""So is one that takes nothing of what we send."""
+
+UNSENT_MAX_BYTES = 128 * 1024
+"""More than this does not wait in the kernel for a slow browser: what waits there is old when it is seen."""
+
+HEADERS_MAX_BYTES = 16 * 1024
+EVERYWHERE = ("::", "0.0.0.0")  # noqa: S104 - only with a password
 
 
-class _Server(uvicorn.Server):
-    """Ends when it is told, and leaves signals to us."""
+def listen(address: str | None, port: int, passwords: Path) -> socket.socket:
+    """Return a socket that listens.
 
-    @contextmanager
-    def capture_signals(self) -> Generator[None, None, None]:
-        yield
+    Args:
+        address: Where; None for the loopback without a password, and everywhere with one.
+
+    Raises:
+        PageError: The port is in use, the address is none of ours, or others could reach us without a password.
+    """
+    has_password = PasswordFile(passwords).passwords() is not None
+    if address is not None and not is_loopback(address) and not has_password:
+        words = f"{address} can be reached by others: set a password first, with `stadimeter web --set-password`"
+        raise PageError(400, "no-passwords", words)
+    wanted = (address,) if address else EVERYWHERE if has_password else ("127.0.0.1",)
+    for each in wanted:
+        try:
+            return _listening(each, port)
+        except OSError as error:
+            if each == wanted[-1] or error.errno in {errno.EADDRINUSE, errno.EACCES}:
+                raise PageError(503, "no-port", _why_not(each, port, error)) from error
+    raise AssertionError("there is at least one address")
 
 
-def listen(address: str, port: int) -> socket.socket:
-    """Return a socket that listens; `PageError` if the port is taken."""
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
+def check_certificate(certificate: Path | None, key: Path | None) -> None:
+    """See that a certificate and its key can be used; `PageError` says why not."""
+    if (certificate is None) is not (key is None):
+        raise PageError(400, "certificate", "--certificate and --key belong together: give both, or none")
+    if certificate is None or key is None:
+        return
     try:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((address, port))
-        listener.listen(128)
+        for each in (certificate, key):
+            each.open().close()
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password=lambda: "")
+    except ssl.SSLError as error:
+        if "KEY_VALUES_MISMATCH" in (error.reason or ""):
+            why = f"{certificate} does not fit the key in {key}: they are not of one pair"
+        else:
+            why = f"{certificate} and {key} are no certificate and no key without a passphrase, both as PEM"
+        raise PageError(400, "certificate", why) from error
     except OSError as error:
-        listener.close()
-        raise PageError(503, "no-port", f"{address}:{port}: {error.strerror}") from error
-    return listener
+        raise PageError(400, "certificate", f"{error.filename}: cannot be read: {error.strerror}") from error
 
 
-def serve(page: Page, listener: socket.socket, ready: Callable[[], None] = lambda: None) -> None:
-    """Serve the page until SIGTERM or SIGINT."""
-    asyncio.run(_serve(page, listener, ready))
+def serve(
+    options: Options,
+    listener: socket.socket,
+    tls: tuple[Path | None, Path | None] = (None, None),
+    ready: Callable[[], None] = lambda: None,
+) -> None:
+    """Serve the page until SIGTERM or SIGINT, which end it at once, streams that are open too."""
+    asyncio.run(_serve(Page(options, listener.getsockname()[:2]), listener, tls, ready))
 
 
-async def _serve(page: Page, listener: socket.socket, ready: Callable[[], None]) -> None:
-    config = uvicorn.Config(
-        application(page),
-        log_config=None,
-        access_log=False,
-        server_header=False,
-        ws="none",
-        http="h11",
-        lifespan="off",
-        timeout_graceful_shutdown=1,
-    )
-    server = _Server(config)
+async def _serve(
+    page: Page, listener: socket.socket, tls: tuple[Path | None, Path | None], ready: Callable[[], None]
+) -> None:
+    server = server_of(page, tls)
 
     def end() -> None:
+        server.force_exit = server.should_exit
         server.should_exit = True
         page.feeds.close()
 
@@ -62,5 +102,91 @@ async def _serve(page: Page, listener: socket.socket, ready: Callable[[], None])
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, end)
     ready()
-    await server.serve(sockets=[listener])
-    await page.workbench.close()
+    try:
+        await server.serve(sockets=[listener])
+    finally:
+        await page.close()
+
+
+def server_of(page: Page, tls: tuple[Path | None, Path | None] = (None, None)) -> uvicorn.Server:
+    """Return what serves a page, until its ``should_exit`` is set."""
+    certificate, key = tls
+    config = uvicorn.Config(
+        application(page),
+        http=_Connection,
+        ws="none",
+        lifespan="off",
+        log_config=None,
+        log_level="error",  # what strangers send must not fill a log
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        h11_max_incomplete_event_size=HEADERS_MAX_BYTES,
+        timeout_graceful_shutdown=1,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
+    )
+    return _Server(config)
+
+
+class _Server(uvicorn.Server):
+    """Leaves signals to us: it would end the process before what it started has ended."""
+
+    @contextmanager
+    def capture_signals(self) -> Generator[None, None, None]:
+        yield
+
+
+class _Connection(H11Protocol):
+    """A connection that cannot be held without asking anything."""
+
+    _since_s = 0.0
+    _timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        if len(self.connections) > CONNECTIONS_MAX:
+            transport.abort()
+        self._since_s = self.loop.time()
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        super().connection_lost(exc)
+
+    def on_response_complete(self) -> None:
+        self._since_s = self.loop.time()
+        super().on_response_complete()
+
+    def _watch(self) -> None:
+        is_busy = self.cycle is not None and not self.cycle.response_complete
+        if not is_busy and self.loop.time() - self._since_s > IDLE_MAX_S:
+            self.transport.abort()
+        else:
+            self._timer = self.loop.call_later(IDLE_MAX_S / 4, self._watch)
+
+
+def _listening(address: str, port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # Connections inherit these.
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(STUCK_MAX_S * 1000))
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_MAX_BYTES)
+        if address == "::":
+            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        listener.bind((address, port))
+        listener.listen(128)
+    except BaseException:
+        listener.close()
+        raise
+    return listener
+
+
+def _why_not(address: str, port: int, error: OSError) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return f"port {port} is in use by another program; give another one with `--port`"
+    if error.errno == errno.EACCES:
+        return f"port {port} is for root only; give one from 1024 on with `--port`"
+    return f"{address}: cannot listen there: {os.strerror(error.errno or 0)}"

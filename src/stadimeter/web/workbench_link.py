@@ -44,6 +44,7 @@ class WorkbenchLink:
         """Ask for an operation; `PageError` if it is refused, takes too long, or its process dies."""
         if self._waiting >= WAITING_MAX:
             raise PageError(503, "busy", f"{WAITING_MAX} questions wait already for the workbench; try again later")
+        self._waiting += 1
         # Whoever asked may hang up: the answer is read all the same, or it would be the next one's.
         return await asyncio.shield(self._begun(self._ask(op, args, wait_s)))
 
@@ -59,7 +60,6 @@ class WorkbenchLink:
         return task
 
     async def _ask(self, op: str, args: Mapping[str, Any], wait_s: float) -> Answer:
-        self._waiting += 1
         try:
             async with self._turn:
                 return await self._answer(op, args, wait_s)

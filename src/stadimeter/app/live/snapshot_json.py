@@ -32,20 +32,21 @@ SAMPLES_AT_ONCE = 100
 _JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 
-def shared_json(snapshot: Snapshot, number: int, now_s: float, unix_s: float) -> str:
+def shared_json(snapshot: Snapshot, number: int, now_s: float, unix_offset_s: float) -> str:
     """Return what all who watch get of a snapshot, as a JSON object without the brace that closes it.
 
     Args:
         number: Counts the snapshots.
-        now_s: The run's clock when it was taken, and ``unix_s`` the computer's.
+        now_s: The run's clock when it was taken.
+        unix_offset_s: What the computer's clock is ahead of it.
     """
     record = snapshot.record
     decision = record.decision if record is not None else None
     shared = {
         "n": number,
         "now_s": _rounded(now_s),
-        "unix_s": _rounded(unix_s),
-        "frame": frame_data(snapshot.seen, unix_s - now_s),
+        "unix_s": _rounded(now_s + unix_offset_s),
+        "frame": frame_data(snapshot.seen, unix_offset_s),
         "targets": [_target(snapshot, track) for track in decision.tracks] if decision is not None else [],
         "rules": [_rule(snapshot, trace) for trace in decision.rules] if decision is not None else [],
         "outputs": list(_outputs(snapshot)),

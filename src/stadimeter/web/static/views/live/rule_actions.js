@@ -21,8 +21,8 @@ export function actionsOf(rule, session) {
   const isShelved = rule.gates.includes("shelved");
   const isOut = rule.gates.includes("out of service");
   return [
-    !rule.acknowledged && action("ack", { isFirst: true }),
-    rule.status === "latched" && action("reset", { isFirst: true }),
+    !rule.acknowledged && action("ack", { isUrgent: true }),
+    rule.status === "latched" && action("reset", { isUrgent: true }),
     rule.severity !== "safety" && action(isShelved ? "unshelve" : "shelve"),
     rule.severity !== "safety" && action(isOut ? "put-back" : "take-out"),
   ].filter(Boolean);

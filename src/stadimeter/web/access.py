@@ -1,0 +1,231 @@
+"""Who may what: hosts that we are known by, sessions in signed cookies, and requests that come from a page of ours."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import secrets
+import socket
+import time
+from collections.abc import Callable, Iterable
+from http.cookies import CookieError, SimpleCookie
+from ipaddress import ip_address
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from stadimeter.errors import PageError
+from stadimeter.web.answers import as_error
+from stadimeter.web.attempts import Attempts
+from stadimeter.web.passwords import PasswordFile, Passwords
+from stadimeter.web.routes import PLACES, Place, Right
+
+SESSION_S = 14 * 24 * 3600
+"""A session lasts this long, on the wall clock."""
+
+LOGINS_MAX = 4
+"""As many logins may wait for each other: one password is hashed at a time."""
+
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; object-src 'none'; base-uri 'none'; "
+    "form-action 'self'; frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",  # with `no-referrer`, forms would be sent with the origin `null`
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+"""Of every answer, unless it says otherwise."""
+
+OPEN_PATHS = frozenset(place.path for place in PLACES if place.right is Right.OPEN)
+
+
+class Access:
+    """Decides who may what.
+
+    Args:
+        file: Where the passwords are.
+        listens: The address and the port that we listen at.
+        allowed_hosts: Names by which we are known, besides our own.
+        wall_clock: Seconds since 1970.
+    """
+
+    def __init__(
+        self,
+        file: PasswordFile,
+        listens: tuple[str, int],
+        allowed_hosts: Iterable[str] = (),
+        wall_clock: Callable[[], float] = time.time,
+    ) -> None:
+        self.file = file
+        self.attempts = Attempts()
+        self._is_local = is_loopback(listens[0])
+        self._cookie = f"stadimeter-{listens[1]}"  # two pages of one computer share the cookies of its name
+        self._hosts = _own_names() | {each.lower().rstrip(".") for each in allowed_hosts}
+        self._unix_s = wall_clock
+        self._hashing = asyncio.Lock()
+        self._logins = 0
+
+    @property
+    def needs_password(self) -> bool:
+        """Whether anyone must log in."""
+        return not self._is_local or self.file.passwords() is not None
+
+    def check_host(self, scope: Scope) -> None:
+        """See that the request is meant for us; else any site could have its name lead here, and ask as us."""
+        given = Headers(scope=scope).getlist("host")
+        name = _host_name(given[0]) if len(given) == 1 else ""
+        if name in self._hosts or _is_address_of_ours(name, scope):
+            return
+        words = f"this page is not known as {name!r}; if that name is yours, start it with `--allow-host {name}`"
+        raise PageError(400, "unknown-host", words if name else "a request names one host")
+
+    def right_of(self, scope: Scope) -> Right:
+        """Return what whoever asks may do."""
+        passwords = self.file.passwords()
+        if passwords is None:
+            return Right.OPERATE if self._is_local else Right.OPEN
+        return self._right_of_session(passwords, Headers(scope=scope))
+
+    def check_place(self, place: Place, scope: Scope) -> None:
+        """See that whoever asks may do what a place does, and that a page of ours asks."""
+        if scope["right"] < place.right:
+            raise PageError(403, "not-allowed", "this needs the password for operating; you may only watch")
+        if not place.changes:
+            return
+        headers = Headers(scope=scope)
+        is_form = place.right is Right.OPEN
+        wanted = "application/x-www-form-urlencoded" if is_form else "application/json"
+        if headers.get("content-type", "").partition(";")[0].strip().lower() != wanted:
+            raise PageError(400, "wrong-content", f"a request that changes something has Content-Type: {wanted}")
+        if not _is_from_us(headers):
+            raise PageError(403, "wrong-origin", "only a page of ours may ask for that: its origin is another")
+
+    async def log_in(self, password: str, address: str) -> tuple[Passwords, Right]:
+        """Return what a password opens; `PageError` if it is wrong, or was tried too often."""
+        passwords = self.file.passwords()
+        if passwords is None:
+            raise PageError(503, "no-passwords", "no password is set: `stadimeter web --set-password` sets one")
+        if self._logins >= LOGINS_MAX:
+            raise PageError(429, "too-many-attempts", "others are logging in; try again in a second", {"wait_s": 1})
+        self.attempts.begin(address)
+        self._logins += 1
+        try:
+            async with self._hashing:
+                right = await asyncio.to_thread(passwords.right_of, password)
+        finally:
+            self._logins -= 1
+        if right is Right.OPEN:
+            raise PageError(401, "wrong-password", "the password is wrong")
+        self.attempts.succeeded(address)
+        return passwords, right
+
+    def begin_session(self, response: Response, passwords: Passwords, right: Right, scope: Scope) -> None:
+        """Give the browser a cookie that says what it may do, and until when."""
+        told = f"{int(right)}.{int(self._unix_s()) + SESSION_S}.{secrets.token_hex(8)}"
+        self._set_cookie(response, f"{told}.{_signature(passwords, told)}", SESSION_S, scope)
+
+    def end_session(self, response: Response, scope: Scope) -> None:
+        """Let the browser forget its cookie."""
+        self._set_cookie(response, "", 0, scope)
+
+    def _set_cookie(self, response: Response, value: str, age_s: int, scope: Scope) -> None:
+        through_proxy = Headers(scope=scope).get("x-forwarded-proto") == "https"
+        is_secure = scope["scheme"] == "https" or through_proxy
+        response.set_cookie(
+            self._cookie, value, max_age=age_s, path="/", secure=is_secure, httponly=True, samesite="strict"
+        )
+
+    def _right_of_session(self, passwords: Passwords, headers: Headers) -> Right:
+        try:
+            found = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
+        except CookieError:
+            found = None
+        told, _, signature = (found.value if found else "").rpartition(".")
+        if not hmac.compare_digest(signature.encode(), _signature(passwords, told).encode()):
+            return Right.OPEN
+        right, until_s, _ = told.split(".")
+        return Right(int(right)) if self._unix_s() < int(until_s) else Right.OPEN
+
+
+class Guard:
+    """Stands before the application: sets headers, and lets nobody past the login who may not."""
+
+    def __init__(self, app: ASGIApp, access: Access, ask_to_log_in: Callable[[PageError], Response]) -> None:
+        self._app = app
+        self._access = access
+        self._ask = ask_to_log_in
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        try:
+            self._admit(scope)
+        except PageError as error:
+            is_page = scope["path"] == "/" and error.status == 401
+            await (self._ask(error) if is_page else as_error(error))(scope, receive, with_headers)
+        else:
+            await self._app(scope, receive, with_headers)
+
+    def _admit(self, scope: Scope) -> None:
+        self._access.check_host(scope)
+        scope["right"] = self._access.right_of(scope)
+        if scope["right"] is Right.OPEN and scope["path"] not in OPEN_PATHS:
+            raise PageError(401, "not-logged-in", "log in first")
+
+
+def is_loopback(address: str) -> bool:
+    """Return whether an address leads to this computer alone."""
+    try:
+        return ip_address(address).is_loopback
+    except ValueError:
+        return address == "localhost"
+
+
+def _own_names() -> set[str]:
+    name = socket.gethostname().lower()
+    short = name.partition(".")[0]
+    return {"localhost", name, short, f"{short}.local"}
+
+
+def _host_name(host: str) -> str:
+    """Return the name of a host without its port, and without the brackets of version 6."""
+    try:
+        return (urlsplit(f"//{host}").hostname or "").rstrip(".")
+    except ValueError:
+        return ""
+
+
+def _is_address_of_ours(name: str, scope: Scope) -> bool:
+    """Return whether it is an address, and the one that the connection came in at, or of the loopback."""
+    try:
+        given = ip_address(name)
+    except ValueError:
+        return False
+    try:
+        ours = ip_address((scope.get("server") or ("",))[0].partition("%")[0])
+    except ValueError:
+        return given.is_loopback
+    return given.is_loopback or given in {ours, getattr(ours, "ipv4_mapped", None)}
+
+
+def _is_from_us(headers: Headers) -> bool:
+    origin = headers.get("origin")
+    if origin is not None:
+        return urlsplit(origin).netloc.lower() == headers.get("host", "").lower() != ""
+    return headers.get("sec-fetch-site") == "same-origin"
+
+
+def _signature(passwords: Passwords, told: str) -> str:
+    return hmac.new(passwords.key, told.encode("utf-8", "replace"), hashlib.sha256).hexdigest()

@@ -1,0 +1,112 @@
+"""The run that the page starts when there is none: a process of its own, which the page ends when it ends itself."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+import tempfile
+from asyncio.subprocess import DEVNULL, Process
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from stadimeter.errors import PageError
+from stadimeter.web.run_link import RunLink
+
+START_MAX_S = 45.0
+"""Loading takes a small Pi many seconds, and some cameras take five to open."""
+
+ASK_EVERY_S = 0.1
+END_WAIT_S = 5.0
+SAID_MAX_BYTES = 4000
+
+
+class RunProcess:
+    """Starts a run, and ends the one that it started.
+
+    Args:
+        link: Tells when it can be asked.
+        environ: Tells whether a service has started us, which starts the run too.
+    """
+
+    def __init__(self, link: RunLink, environ: Mapping[str, str] = os.environ) -> None:
+        self._link = link
+        self._is_of_service = "INVOCATION_ID" in environ
+        self._process: Process | None = None
+        self._turn = asyncio.Lock()
+
+    @property
+    def may_start(self) -> bool:
+        """Whether the page starts runs: not where systemd does."""
+        return not self._is_of_service
+
+    async def start(self) -> Any:
+        """Start the run and return what it says of itself; `PageError` says why it did not start."""
+        async with self._turn:
+            if await self._is_running():
+                raise PageError(409, "is-running", "the run is there already")
+            if self._is_of_service:
+                words = "the service starts the run: `sudo systemctl start stadimeter`"
+                raise PageError(409, "is-service", words)
+            return await self._started()
+
+    async def end(self) -> None:
+        """End the run that we started, as Ctrl-C does; kill it if it does not end."""
+        process = self._process
+        if process is None or process.returncode is not None:
+            return
+        with suppress(ProcessLookupError):
+            process.terminate()
+        try:
+            async with asyncio.timeout(END_WAIT_S):
+                await process.wait()
+        except TimeoutError:
+            with suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+
+    async def _is_running(self) -> bool:
+        try:
+            await self._link.ask("hello")
+        except PageError:
+            return False
+        return True
+
+    async def _started(self) -> Any:
+        await self.end()
+        configuration = self._link.configuration
+        if not configuration.exists():
+            raise PageError(409, "no-configuration", f"{configuration} is not there yet: set it up and save it first")
+        with tempfile.TemporaryFile() as said:
+            self._process = await _begun(configuration, said)
+            try:
+                async with asyncio.timeout(START_MAX_S):
+                    while self._process.returncode is None:
+                        with suppress(PageError):
+                            return (await self._link.ask("hello")).data
+                        await asyncio.sleep(ASK_EVERY_S)
+            except TimeoutError as error:
+                words = f"the run was started, but cannot be asked after {START_MAX_S:g} s: {_tail(said)}"
+                raise PageError(503, "no-answer", words) from error
+            raise PageError(409, "not-started", f"the run did not start: {_tail(said)}")
+
+
+async def _begun(configuration: Path, said: Any) -> Process:
+    command = [sys.executable, "-m", "stadimeter", "run", str(configuration)]
+    try:
+        return await asyncio.create_subprocess_exec(
+            *command, stdin=DEVNULL, stdout=DEVNULL, stderr=said, start_new_session=True
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        raise PageError(503, "not-started", f"the run cannot be started: {error}") from error
+
+
+def _tail(said: Any) -> str:
+    """Return the end of what a process said on standard error."""
+    said.seek(0, os.SEEK_END)
+    said.seek(max(0, said.tell() - SAID_MAX_BYTES))
+    text = said.read().decode("utf-8", "replace").strip()
+    return text.removeprefix("error: ") or "it said nothing"

@@ -1,0 +1,216 @@
+"""Who is let in, and to what: each path of the table, asked by each of those who may ask."""
+
+import re
+
+import pytest
+
+from stadimeter.web.access import HEADERS, SESSION_S
+from stadimeter.web.attempts import FREE
+from stadimeter.web.passwords import PasswordFile
+from stadimeter.web.routes import PLACES, Right
+from support.page import FORM, OPERATE, READ, quicken, served_page
+
+CLOSED = [place for place in PLACES if place.right is not Right.OPEN]
+NAMED = {"rule": "far", "output": "motor", "name": "a.mcap", "id": "1", "file": "app.js"}
+
+
+def path_of(place):
+    return re.sub(r"{(\w+)(:path)?}", lambda found: NAMED[found[1]], place.path)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        quicken(patch)
+        with served_page(tmp_path_factory.mktemp("page"), OPERATE, READ, hosts=("Rover.example.",)) as site:
+            site.log_in(OPERATE)  # which starts the threads that hash passwords and read files, for all tests
+            site.get("/login.css")
+            yield site
+
+
+@pytest.fixture
+def stranger(site):
+    site.cookies.clear()
+    site.page.access.attempts.__init__()
+    return site
+
+
+@pytest.fixture
+def reader(stranger):
+    assert stranger.log_in(READ).status == 303
+    return stranger
+
+
+@pytest.fixture
+def operator(stranger):
+    assert stranger.log_in(OPERATE).status == 303
+    return stranger
+
+
+@pytest.mark.parametrize("place", CLOSED, ids=lambda place: f"{place.method} {place.path}")
+def test_who_is_not_logged_in_gets_nothing(stranger, place):
+    answer = stranger.ask(place.method, path_of(place))
+    assert answer.status == 401
+    assert (b"<form" in answer.body) == (place.path == "/")
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/login/", "//", "/static/../page.py", "/static/", "/api/v1", "/%00"])
+@pytest.mark.parametrize("method", ["GET", "POST", "OPTIONS", "TRACE"])
+def test_nor_from_a_path_that_is_none(stranger, path, method):
+    assert stranger.ask(method, path).status in {401, 404}
+
+
+@pytest.mark.parametrize("place", [place for place in CLOSED if place.right is Right.OPERATE], ids=lambda p: p.path)
+def test_who_may_watch_may_not_operate(reader, place):
+    answer = reader.ask(place.method, path_of(place))
+    assert (answer.status, answer.error) == (403, "not-allowed")
+
+
+CHANGING = [place for place in CLOSED if place.changes]
+
+
+@pytest.mark.parametrize("place", CHANGING, ids=lambda place: f"{place.method} {place.path}")
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://127.0.0.1:1"},
+        {"Origin": ""},
+        {"Origin": "", "Sec-Fetch-Site": "same-site"},
+        {"Origin": "http://evil.example", "Sec-Fetch-Site": "same-origin"},
+    ],
+    ids=str,
+)
+def test_another_site_changes_nothing(operator, place, headers):
+    answer = operator.ask(place.method, path_of(place), headers=headers)
+    assert (answer.status, answer.error) == (403, "wrong-origin")
+
+
+@pytest.mark.parametrize("place", CHANGING, ids=lambda place: f"{place.method} {place.path}")
+def test_nor_does_a_form(operator, place):
+    answer = operator.ask(place.method, path_of(place), headers={"Content-Type": "text/plain"})
+    assert (answer.status, answer.error) == (400, "wrong-content")
+
+
+def test_a_browser_that_says_same_origin_need_not_name_it(operator):
+    assert operator.ask("POST", "/logout", headers={"Origin": "", "Sec-Fetch-Site": "same-origin"}).status == 200
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "10.1.2.3", "", "[", "a@127.0.0.1x", "::1"])
+def test_a_name_that_is_not_ours_leads_nowhere(stranger, host):
+    answer = stranger.get("/login", Host=host or " ")
+    assert answer.status == 400
+    assert b"<form" not in answer.body
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:99", "127.0.0.1", "[::1]:8080", "rover.example"])
+def test_a_name_that_is_ours_does(stranger, host):
+    assert stranger.get("/login", Host=host).status == 200
+
+
+def test_the_login_page_needs_no_script(stranger):
+    page = stranger.get("/login")
+    assert b"<script" not in page.body
+    assert stranger.get("/login.css").headers["content-type"].startswith("text/css")
+    assert stranger.ask("POST", "/login", "password=correct+horse", FORM).headers["location"] == "/"
+
+
+def test_a_wrong_password_is_said_on_the_page(stranger):
+    answer = stranger.log_in("wrong <b>")
+    assert answer.status == 401
+    assert b"The password is wrong" in answer.body
+    assert not stranger.cookies
+
+
+def test_too_many_wrong_passwords_must_wait_and_so_must_the_right_one(stranger):
+    for _ in range(FREE):
+        assert stranger.log_in("wrong").status == 401
+    answer = stranger.log_in(OPERATE)
+    assert (answer.status, answer.headers["retry-after"]) == (429, "10")
+
+
+def test_the_cookie_is_for_us_alone(stranger):
+    cookie = stranger.log_in(OPERATE).headers["set-cookie"].lower()
+    assert all(word in cookie for word in ("httponly", "samesite=strict", "path=/", f"max-age={SESSION_S}"))
+    assert "secure" not in cookie
+    behind_tls = stranger.ask("POST", "/login", "password=correct+horse", {**FORM, "X-Forwarded-Proto": "https"})
+    assert "; secure" in behind_tls.headers["set-cookie"].lower()
+
+
+def test_the_session_says_what_one_may_do(reader):
+    told = reader.get("/api/v1/session").data
+    assert (told["right"], told["needs_password"]) == ("read", True)
+    assert "no-run.sock" in told["run"]["words"] or "no run" in told["run"]["words"]
+
+
+def test_a_cookie_that_was_changed_opens_nothing(reader):
+    (name,) = reader.cookies
+    right, *rest = reader.cookies[name].split(".")
+    assert right == str(int(Right.READ))
+    for value in (".".join((str(int(Right.OPERATE)), *rest)), "", "...", "2.9999999999.x.", "\xff.\xfe.x.y"):
+        reader.cookies[name] = value
+        assert reader.get("/api/v1/session").status == 401
+
+
+def test_a_session_ends_by_itself(operator, monkeypatch):
+    now_s = operator.page.access._unix_s()
+    monkeypatch.setattr(operator.page.access, "_unix_s", lambda: now_s + SESSION_S + 1)
+    assert operator.get("/api/v1/session").status == 401
+
+
+def test_a_session_outlives_the_process_and_a_new_password_ends_it(tmp_path, monkeypatch):
+    quicken(monkeypatch)
+    with served_page(tmp_path, OPERATE) as first:
+        first.log_in(OPERATE)
+        (cookie,) = first.cookies.values()
+    with served_page(tmp_path) as again:
+        again.cookies[f"stadimeter-{again.port}"] = cookie
+        assert again.get("/api/v1/session").status == 200
+        PasswordFile(again.page.access.file.path).set("read", READ)
+        assert again.get("/api/v1/session").status == 401
+
+
+def test_logging_out_takes_the_cookie_away(operator):
+    assert "max-age=0" in operator.ask("POST", "/logout").headers["set-cookie"].lower()
+
+
+def test_without_a_password_this_computer_may_do_all(tmp_path):
+    with served_page(tmp_path) as site:
+        told = site.get("/api/v1/session").data
+        assert (told["right"], told["needs_password"]) == ("operate", False)
+        assert site.ask("POST", "/login", "password=x", FORM).status == 503
+        assert site.get("/api/v1/session", Host="evil.example").status == 400
+
+
+def test_a_password_file_that_cannot_be_read_lets_nobody_in(tmp_path):
+    with served_page(tmp_path) as site:
+        site.page.access.file.path.write_text("{}")
+        assert site.get("/api/v1/session").error == "no-passwords"
+
+
+@pytest.mark.parametrize("path", ["/login", "/login.css", "/", "/nothing", "/api/v1/session"])
+def test_every_answer_has_the_headers_that_protect_it(stranger, path):
+    headers = stranger.get(path).headers
+    assert {name: headers[name] for name in HEADERS if name != "Cache-Control"} == {
+        name: value for name, value in HEADERS.items() if name != "Cache-Control"
+    }
+    assert headers["cache-control"] in {"no-store", "no-cache"}
+    assert "unsafe" not in headers["content-security-policy"]
+    assert "server" not in headers
+
+
+def test_nothing_answers_to_a_head(operator):
+    assert operator.ask("HEAD", "/api/v1/live").status == 405
+
+
+@pytest.mark.parametrize(("path", "most"), [("/login", 4096), ("/api/v1/world", 65536), ("/api/v1/setup/back", 262144)])
+def test_a_body_has_a_bound(operator, path, most):
+    headers = FORM if path == "/login" else {}
+    assert operator.ask("POST", path, b"x" * (most + 1), headers).status == 413
+
+
+@pytest.mark.parametrize("body", [b"{", b"[]", b'"text"', b'{"x": NaN}', b"\xff", b"[" * 50000])
+def test_a_body_that_is_no_object_is_refused(operator, body):
+    answer = operator.ask("POST", "/api/v1/world", body)
+    assert (answer.status, answer.error) == (400, "wrong-body")

@@ -1,0 +1,229 @@
+"""How the page is served: its address, its certificate, its connections, and its end."""
+
+import asyncio
+import http.client
+import json
+import os
+import signal
+import socket
+import ssl
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from stadimeter.cli.main import app
+from stadimeter.errors import PageError
+from stadimeter.testing.eventually import eventually
+from stadimeter.web import serving
+from stadimeter.web.passwords import PasswordFile
+from stadimeter.web.run_link import RunLink
+from stadimeter.web.run_process import RunProcess
+from stadimeter.web.serving import EVERYWHERE, check_certificate, listen
+from support.browser import served
+from support.page import OPERATE, quicken, served_page
+
+
+def test_without_a_password_others_cannot_reach_it(tmp_path):
+    with listen(None, 0, tmp_path / "none") as listener:
+        assert listener.getsockname()[0] == "127.0.0.1"
+    with pytest.raises(PageError, match="set a password first"):
+        listen("192.0.2.1", 0, tmp_path / "none")
+
+
+def test_with_a_password_it_listens_everywhere(tmp_path, monkeypatch):
+    quicken(monkeypatch)
+    PasswordFile(tmp_path / "words").set("operate", OPERATE)
+    with listen(None, 0, tmp_path / "words") as listener:
+        assert listener.getsockname()[0] in EVERYWHERE
+        socket.create_connection(("127.0.0.1", listener.getsockname()[1])).close()
+
+
+def invoked(*words):
+    return CliRunner().invoke(app, ["web", *map(str, words)])
+
+
+def test_a_port_in_use_is_a_sentence(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        done = invoked(tmp_path / "room.toml", "--port", port)
+    assert done.exit_code == 2
+    assert done.stderr == f"error: port {port} is in use by another program; give another one with `--port`\n"
+
+
+def test_an_address_that_is_not_ours_is_a_sentence(tmp_path, monkeypatch):
+    quicken(monkeypatch)
+    PasswordFile(tmp_path / "room.passwords").set("operate", OPERATE)
+    done = invoked(tmp_path / "room.toml", "--address", "192.0.2.1", "--port", 0)
+    assert (done.exit_code, "cannot listen there" in done.stderr) == (2, True)
+
+
+def test_a_configuration_is_named(tmp_path):
+    done = invoked("--password-file", tmp_path / "words")
+    assert (done.exit_code, "name the CONFIG" in done.stderr) == (2, True)
+
+
+def test_without_the_extra_the_command_names_what_installs_it(tmp_path):
+    code = f"""
+import sys
+sys.modules["starlette"] = None
+import importlib.util
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *more: None if name == "starlette" else find(name, *more)
+from stadimeter.cli.main import app
+app(["web", {str(tmp_path / "room.toml")!r}])"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "error: the page needs the extra `web`: pip install 'stadimeter[web]'\n",
+    )
+
+
+@pytest.fixture(scope="module")
+def pairs(tmp_path_factory):
+    """Two certificates, each with its key."""
+    folder = tmp_path_factory.mktemp("certificates")
+    for name in ("one", "two"):
+        command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
+        files = ["-keyout", folder / f"{name}.key", "-out", folder / f"{name}.pem"]
+        try:
+            subprocess.run([*command, *files, "-subj", "/CN=localhost"], check=True, capture_output=True)
+        except FileNotFoundError:
+            pytest.skip("openssl is not installed, which makes certificates: apt install openssl")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("certificate", "key", "words"),
+    [
+        ("one.pem", "two.key", "does not fit the key"),
+        ("one.pem", None, "belong together"),
+        ("one.pem", "none.key", "none.key: cannot be read"),
+        ("one.key", "one.key", "are no certificate and no key"),
+        ("one.pem", "locked.key", "without a passphrase"),
+    ],
+)
+def test_a_certificate_that_does_not_fit_is_a_sentence(pairs, certificate, key, words):
+    command = ["openssl", "ec", "-aes256", "-passout", "pass:secret", "-in", pairs / "one.key"]
+    subprocess.run([*command, "-out", pairs / "locked.key"], check=True, capture_output=True)
+    with pytest.raises(PageError, match=words):
+        check_certificate(pairs / certificate, key and pairs / key)
+
+
+def test_with_a_certificate_it_serves_https(pairs, tmp_path):
+    options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
+    with served(tmp_path, None, *options, runs=False) as here:
+        assert here.url.startswith("https://127.0.0.1:")
+        port = int(here.url.rpartition(":")[2])
+        trust = ssl.create_default_context(cafile=str(pairs / "one.pem"))
+        trust.check_hostname = False
+        connection = http.client.HTTPSConnection("127.0.0.1", port, context=trust, timeout=20)
+        connection.request("GET", "/api/v1/session")
+        assert connection.getresponse().status == 200
+        connection.close()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_ends_at_once_also_with_streams_that_are_open(tmp_path, number):
+    """A grace of uvicorn's would be cut short only by its time-out; here the streams end by themselves."""
+    with served(tmp_path, None, runs=False) as here:
+        connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=20)
+        connection.request("GET", "/api/v1/live")
+        response = connection.getresponse()
+        assert b"gone" in response.read(40)
+        here.page.send_signal(number)
+        assert here.page.wait(20) == 0
+        assert response.read().count(b"gone") <= 1  # and the stream came to its proper end
+        connection.close()
+
+
+def asked(here, method, path):
+    """Ask a page that is served by another process, as a page of its own does."""
+    connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=60)
+    try:
+        connection.request(method, path, headers={"Origin": here.url, "Content-Type": "application/json"})
+        answer = connection.getresponse()
+        return answer.status, json.loads(answer.read())
+    finally:
+        connection.close()
+
+
+def test_it_starts_the_run_and_ends_it_with_itself(tmp_path):
+    with served(tmp_path, runs=False) as here:
+        assert asked(here, "POST", "/api/v1/run/start")[0] == 200
+        told = asked(here, "GET", "/api/v1/session")[1]["run"]
+        assert told["is_running"]
+        assert asked(here, "POST", "/api/v1/run/start")[1]["error"]["code"] == "is-running"
+        here.page.send_signal(signal.SIGTERM)
+        here.page.wait(20)
+        with pytest.raises(ProcessLookupError):
+            os.kill(told["pid"], 0)
+
+
+def test_a_run_that_does_not_start_says_why(tmp_path):
+    with served(tmp_path, "[camera\n", runs=False) as here:
+        status, told = asked(here, "POST", "/api/v1/run/start")
+        assert (status, "stadimeter.toml:1" in told["error"]["message"]) == (409, True)
+
+
+def test_a_service_starts_the_run_itself(tmp_path):
+    link = RunLink(tmp_path / "room.toml", tmp_path / "none.sock")
+    with pytest.raises(PageError, match="systemctl start stadimeter"):
+        asyncio.run(RunProcess(link, {"INVOCATION_ID": "7"}).start())
+
+
+@pytest.fixture
+def hurried(monkeypatch):
+    monkeypatch.setattr(serving, "IDLE_MAX_S", 0.2)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [b"", b"GET / HTTP/1.1\r\nHost: local", b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n"],
+    ids=["nothing", "half a request", "one request and nothing more"],
+)
+def test_a_connection_that_asks_nothing_is_ended(tmp_path, hurried, said):
+    with served_page(tmp_path) as site, socket.create_connection(("127.0.0.1", site.port), timeout=20) as connection:
+        connection.sendall(said)
+        received = b""
+        try:
+            while more := connection.recv(65536):
+                received += more
+        except ConnectionResetError:
+            pass
+        assert received.startswith(b"HTTP/1.1 200") == said.endswith(b"\r\n\r\n")
+
+
+def test_a_head_of_a_request_has_a_bound(tmp_path):
+    with served_page(tmp_path) as site, socket.create_connection(("127.0.0.1", site.port), timeout=20) as connection:
+        connection.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"x" * 2 * serving.HEADERS_MAX_BYTES)
+        assert connection.recv(1000).startswith(b"HTTP/1.1 4")
+
+
+def test_no_more_are_connected_than_there_is_room_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(serving, "CONNECTIONS_MAX", 3)
+    with served_page(tmp_path) as site:
+        held = [socket.create_connection(("127.0.0.1", site.port), timeout=20) for _ in range(3)]
+        for each in held:
+            each.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert each.recv(1000).startswith(b"HTTP/1.1 200")
+        with socket.create_connection(("127.0.0.1", site.port), timeout=20) as fourth:
+            assert ended(fourth)
+        held.pop().close()
+        eventually(lambda: site.get("/login").status == 200 if is_let_in(site.port) else False)
+        for each in held:
+            each.close()
+
+
+def ended(connection):
+    try:
+        return connection.recv(1) == b""
+    except ConnectionResetError:
+        return True
+
+
+def is_let_in(port):
+    with socket.create_connection(("127.0.0.1", port), timeout=20) as trial:
+        trial.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        return not ended(trial)
