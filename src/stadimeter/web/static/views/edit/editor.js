@@ -72,11 +72,11 @@ export class Editor {
   }
 }
 
-/** A strip over the line and an underline from the column to the end of that word. */
+/** A strip over the line and an underline from the column to the end of that key or value. */
 function markOf({ line, column, severity }, text) {
   const rest = (text.split("\n")[line - 1] ?? "").slice(Math.max(0, (column ?? 1) - 1));
-  const length = Math.max(1, rest.match(/^(?:"[^"]*"|[^\s=,\]}]+)/)?.[0].length ?? rest.length);
-  const strip = h("div", { class: `mark ${severity}` }, column ? h("span", { style: { "--column": column - 1, "--length": length } }) : null);
+  const length = Math.max(1, rest.match(/^(?:"[^"]*"|[^,}\]"#])+/)?.[0].trimEnd().length ?? 1);
+  const strip = h("div", { class: `strip ${severity}` }, column ? h("span", { style: { "--column": column - 1, "--length": length } }) : null);
   strip.style.setProperty("--line", line - 1);
   return strip;
 }

@@ -22,7 +22,7 @@ class Desk {
     Object.assign(this, { root, api, say, unit, base: { text: "", version: "" }, path: "" });
     this.editor = new Editor("Configuration, as TOML", () => this.#changed());
     this.meaning = new Meaning(() => this.checker.now(this.editor.text, { tests: true }));
-    this.checker = new Checker(api, (answer) => this.#checked(answer), (error) => this.meaning.fail(error.message));
+    this.checker = new Checker(api, (answer, { tests }) => this.#checked(answer, tests), (error) => this.meaning.fail(error.message));
     this.saving = new Saving(this);
     this.trying = new Trying(this);
     this.versions = new Versions(this);
@@ -118,9 +118,10 @@ class Desk {
     if (this.changes.open) replace(this.changes.lastChild, differenceView(this.base.text, this.editor.text, "What you changed") ?? h("p", { class: "quiet" }, "Nothing."));
   }
 
-  #checked(answer) {
-    this.editor.show(answer.problems);
-    this.meaning.show(answer, (line, column) => this.editor.goTo(line, column));
+  #checked(answer, isTested = false) {
+    const problems = answer.problems.map((each) => ({ ...each, isElsewhere: Boolean(each.file) && each.file !== this.path }));
+    this.editor.show(problems.filter((each) => !each.isElsewhere));
+    this.meaning.show({ ...answer, problems }, (line, column) => this.editor.goTo(line, column), isTested);
   }
 
   #draw() {

@@ -22,7 +22,7 @@ export class Checker {
     const asked = (this.asked = new AbortController());
     try {
       const answer = await this.api.post("configuration/check", { text, ...options }, { signal: asked.signal });
-      if (this.asked === asked) this.onanswer(answer);
+      if (this.asked === asked) this.onanswer(answer, options);
     } catch (error) {
       if (error.name !== "AbortError" && this.asked === asked) this.onfailure(error);
     }
@@ -40,15 +40,18 @@ export function problemList(problems, goTo) {
   return h("ul", { class: "problems" }, problems.map((problem) => h("li", { class: problem.severity }, problemView(problem, goTo))));
 }
 
-function problemView({ message, hint, line, column, severity, file }, goTo) {
+function problemView({ message, hint, line, column, severity, file, isElsewhere }, goTo) {
   const sign = h("span", { class: "sign", "aria-hidden": "true" }, SIGNS[severity]);
-  const where = file ? file.split("/").at(-1) + (line ? `, line ${line}` : "") : line ? `Line ${line}` : "";
-  const words = [sign, h("span", { class: "sr" }, `${severity}: `), where ? h("strong", {}, `${where}: `) : null, message];
-  const told = line && !file ? h("button", { type: "button", class: "to-line", onclick: () => goTo(line, column) }, words) : h("p", {}, words);
-  return [told, hint ? h("p", { class: "hint" }, hint) : null];
+  const where = [isElsewhere && file.split("/").at(-1), line && `line ${line}`].filter(Boolean).join(", ");
+  const words = [sign, h("span", { class: "sr" }, `${severity}: `), where && h("strong", {}, `${where}: `), inCode(message)];
+  const told = line && !isElsewhere ? h("button", { type: "button", class: "to-line", onclick: () => goTo(line, column) }, words) : h("p", {}, words);
+  return [told, hint && h("p", { class: "hint" }, inCode(hint))];
 }
 
 const count = (number, one, many) => (number === 1 ? `1 ${one}` : `${number} ${many}`);
+
+/** Names in backquotes, as the terminal prints them, in the type of code. */
+const inCode = (text) => text.split("`").map((part, at) => (at % 2 ? h("code", {}, part) : part));
 
 /** One line that sums up: read aloud when it changes. */
 export function summed(problems) {
@@ -72,12 +75,13 @@ export class Meaning {
     this.#showTests(null);
   }
 
-  show({ problems, words, tests }, goTo) {
+  /** `isTested` says whether the tests were asked for. */
+  show({ problems, words, tests }, goTo, isTested) {
     write(this.summary, summed(problems));
     replace(this.problems, problems.length ? problemList(problems, goTo) : null);
-    if (words?.length) replace(this.words, words.map((each) => h("li", {}, each)));
+    if (words?.length) replace(this.words, words.map((each) => h("li", {}, inCode(each))));
     else if (!problems.length) replace(this.words, h("li", {}, "No rules yet."));
-    this.#showTests(tests);
+    this.#showTests(isTested ? tests : null);
   }
 
   /** The check itself did not work. */

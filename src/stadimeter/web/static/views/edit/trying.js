@@ -64,7 +64,7 @@ export class Trying {
       h("ul", { class: "words" }, answer.words.map((each) => h("li", {}, inUnit(each, unit)))),
       lanes(seen(answer), unit),
       h("p", { class: "row small" }, h("span", { class: "key run-1" }), "then: as it was recorded", h("span", { class: "key run-2" }), "now: with the text in the field"),
-      changes.length > 0 && h("details", {}, h("summary", {}, `${changes.length} events differ`), h("ul", { class: "list" }, changes)));
+      changes.length > 0 && h("details", {}, h("summary", {}, changes.length === 1 ? "1 event differs" : `${changes.length} events differ`), h("ul", { class: "list" }, changes)));
   }
 }
 
