@@ -50,7 +50,3 @@ class StagedWorld(Protocol):
     def let_go(self) -> None:
         """Have the target go on along its path."""
         ...
-
-    def ball_at_m(self) -> tuple[float, float]:
-        """Return where the ball is now: metres to the east, where the camera looks at first, and to the north."""
-        ...
