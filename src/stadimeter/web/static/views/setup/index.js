@@ -1,6 +1,134 @@
-import { h, replace } from "../../dom.js";
+// Set-up: one question at a time, with the picture beside it. The questions are those of `stadimeter init`.
 
-export function mount(root) {
-  replace(root, h("section", { class: "panel" }, h("h1", null, "Set-up")));
-  return () => {};
+import { h, replace } from "../../dom.js";
+import { Picture } from "./picture.js";
+import { answerForm } from "./question.js";
+import { drawRail } from "./rail.js";
+
+const STEPS = {
+  camera: () => import("./camera.js"),
+  target: () => import("./target.js"),
+  size: () => import("./target.js"),
+  colour: () => import("./colour.js"),
+  calibration: () => import("./calibration.js"),
+  proof: () => import("./calibration.js"),
+  wish: () => import("./wish.js"),
+  blank: () => import("./wish.js"),
+  output: () => import("./output.js"),
+  done: () => import("./save.js"),
+};
+
+/** What is asked for now, `done` when all is answered. */
+const kindOf = (state) => (state.done ? "done" : state.question.kind || state.question.key);
+
+export function mount(root, context) {
+  const setup = new SetUp(root, context);
+  setup.open();
+  return () => setup.takeDown();
+}
+
+class SetUp {
+  #root;
+  #undo = [];
+  #drawn = 0;
+
+  constructor(root, context) {
+    this.#root = root;
+    this.context = context;
+    this.api = context.api;
+    this.picture = new Picture(context);
+  }
+
+  /** Begin, or go on where it was left: here, or on another device. */
+  async open() {
+    replace(this.#root, h("p", { class: "panel quiet" }, "Looking for cameras, and for answers of an earlier time …"));
+    try {
+      const state = await this.api.get("setup");
+      this.show(state.begun ? state : await this.#begin(false));
+    } catch (error) {
+      this.#say(error, () => this.open());
+    }
+  }
+
+  async beginAnew() {
+    this.picture.stop();
+    try {
+      this.show(await this.#begin(true));
+    } catch (error) {
+      this.#say(error, () => this.open());
+    }
+  }
+
+  /** Answer the question; the state that follows is shown. Throws what is wrong with the answer. */
+  async answer(text) {
+    this.show(await this.api.post("setup/answer", { answer: text, confirm: true }));
+  }
+
+  /** Take back the last answers, as many as are told. */
+  async back(count = 1) {
+    try {
+      let state;
+      for (let each = 0; each < count; each += 1) state = await this.api.post("setup/back");
+      if (state) this.show(state);
+    } catch (error) {
+      this.context.say(error.message, "error");
+    }
+  }
+
+  /** Show a state: the rail, the question with what belongs to its kind, and the picture. */
+  async show(state) {
+    const mine = ++this.#drawn;
+    const kind = kindOf(state);
+    const { widget } = (await STEPS[kind]?.()) ?? {};
+    if (mine !== this.#drawn) return;
+    this.#cleanUp();
+    this.state = state;
+    this.picture.mode({});
+    const hasCamera = state.answers.some(({ key }) => key === "camera");
+    const heading = h("h1", { tabindex: -1 }, state.done ? "Save, and run it" : state.question.text);
+    const form = kind === "done" ? widget(this) : answerForm(this, widget);
+    const side = h("aside", { class: "setup-side", hidden: !hasCamera }, this.picture.element, (this.aside = h("div", { class: "stack" })));
+    replace(this.#root,
+      h("div", { class: `setup is-${kind}${hasCamera ? "" : " is-alone"}` },
+        drawRail(this, kind),
+        h("div", { class: "setup-head" }, heading, this.#notes(state)),
+        side,
+        h("div", { class: "setup-ask" }, form)));
+    if (hasCamera) this.picture.start();
+    (form.querySelector("[data-first]") ?? heading).focus({ preventScroll: true });
+    scrollTo({ top: 0 });
+  }
+
+  /** What a step must end when the next one is shown. */
+  onLeave(undo) {
+    this.#undo.push(undo);
+  }
+
+  takeDown() {
+    this.#drawn += 1;
+    this.#cleanUp();
+    this.picture.stop();
+  }
+
+  #begin(anew) {
+    return this.api.post("setup/begin", { anew });
+  }
+
+  #notes(state) {
+    const last = state.answers.at(-1)?.notes ?? [];
+    const notes = [...(state.trouble ? [h("p", { class: "setup-note is-warning" }, state.trouble)] : []), ...last.map((each) => h("p", { class: "setup-note" }, each))];
+    return notes.length > 0 && h("div", { role: "status" }, notes);
+  }
+
+  #cleanUp() {
+    for (const undo of this.#undo.splice(0)) undo();
+  }
+
+  #say(error, again) {
+    this.picture.stop();
+    replace(this.#root, h("div", { class: "panel stack" },
+      h("h1", null, "Set-up"),
+      h("p", { class: "setup-error", role: "alert" }, error.message),
+      h("div", { class: "row" }, h("button", { class: "button primary", onclick: again }, "Try again"))));
+  }
 }
