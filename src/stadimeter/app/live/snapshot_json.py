@@ -169,6 +169,7 @@ def _rule(snapshot: Snapshot, trace: RuleTrace) -> dict[str, Any]:
         "output": trace.output,
         "target": rule.target if rule is not None else "",
         "severity": rule.severity.value if rule is not None else "",
+        "is_alarm": alarm is not None,
         "needs_ack": alarm is not None and alarm.needs_ack,
         "latches": alarm is not None and alarm.latch,
         "reason": why(snapshot.record.decision, trace.rule) if snapshot.record is not None else "",

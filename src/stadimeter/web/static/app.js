@@ -80,7 +80,7 @@ async function logOut() {
 function drawState() {
   const { snapshot, state } = live;
   const isLive = state.status === "live" && snapshot;
-  const active = isLive ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.active && !rule.gates.length && ["alarm", "safety"].includes(rule.severity))) : [];
+  const active = isLive ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.gates.length)) : [];
   const badges = [
     isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
     active.length && { key: "alarms", kind: "alarm", words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}` },

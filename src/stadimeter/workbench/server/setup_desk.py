@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S
+from stadimeter.workbench.run_camera import source_beside_run
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers
 from stadimeter.workbench.setup.camera_step import CameraStep, table_of
 from stadimeter.workbench.setup.colour_trial import ColourTrial
@@ -36,9 +38,9 @@ class SetupDesk:
         history: What was measured in the pictures that were shown, oldest first.
     """
 
-    def __init__(self, configuration: Path) -> None:
+    def __init__(self, configuration: Path, run_socket: Path | None = None) -> None:
         self.folder = configuration.parent
-        self.camera = HeldCamera()
+        self.camera = HeldCamera(partial(source_beside_run, configuration=configuration, socket=run_socket))
         self.trial = ColourTrial()
         self.shown: Frame | None = None
         self.history: deque[Measurement] = deque(maxlen=HISTORY_FRAMES)

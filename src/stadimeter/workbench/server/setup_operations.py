@@ -22,7 +22,7 @@ from stadimeter.workbench.setup.preview import DRAWINGS, drawn, jpeg_of, looked_
 def setup_of(desk: Desk) -> SetupDesk:
     """Return the set-up of a workbench process."""
     if "setup" not in desk.kept:
-        desk.kept["setup"] = made = SetupDesk(desk.configuration)
+        desk.kept["setup"] = made = SetupDesk(desk.configuration, desk.run_socket)
         desk.at_rest.append(made.camera.close)
     found: SetupDesk = desk.kept["setup"]
     return found

@@ -6,13 +6,13 @@ import { drawEvents, SEVERITIES } from "./live/events.js";
 import { act, actionsOf } from "./live/rule_actions.js";
 import { actionButtons, lookOf, stateInWords } from "./live/rules.js";
 
-const ASK_MS = 2000;
+const SLOW_MS = 500;
 
 export function mount(root, context) {
   const { api, live, unit, session } = context;
   const list = h("ul", { class: "list alarms" });
-  const none = h("p", { class: "quiet" }, "There are no rules, so there are no alarms.");
-  const all = h("button", { type: "button", class: "button primary", hidden: true, onclick: () => act(actionsOf({ acknowledged: false, gates: [], severity: "safety" }, session)[0], "", context).then(refresh) }, "Acknowledge all");
+  const none = h("p", { class: "quiet" }, "No rule of this configuration raises an alarm.");
+  const all = h("button", { type: "button", class: "button primary", hidden: true, onclick: () => act(actionsOf({ is_alarm: true, acknowledged: false, gates: [], severity: "safety" }, session)[0], "", context).then(refresh) }, "Acknowledge all");
   const least = h("select", { onchange: () => drawHistory() }, SEVERITIES.map((each) => h("option", { value: each }, each === "info" ? "everything" : `${each} and above`)));
   const history = h("ol", { class: "list events" });
   const nothing = h("p", { class: "quiet" }, "Nothing.");
@@ -26,32 +26,38 @@ export function mount(root, context) {
     const known = new Map([...told.events, ...live.history.events].map((event) => [event.number, event]));
     const events = [...known.values()].filter((event) => SEVERITIES.indexOf(event.severity) >= from).sort((a, b) => b.number - a.number);
     nothing.hidden = events.length > 0;
+    write(nothing, events.length ? "" : "Nothing of this kind has happened yet.");
     drawEvents(history, events, unit);
   };
   const draw = () => {
-    none.hidden = told.alarms.length > 0;
-    all.hidden = session.right !== "operate" || told.alarms.filter((alarm) => !alarm.acknowledged).length < 1;
-    keyed(list, told.alarms, (alarm) => alarm.rule, () => card(context));
+    const past = new Map(told.alarms.map((alarm) => [alarm.rule, alarm]));
+    const rules = (live.snapshot?.rules ?? []).filter((rule) => rule.is_alarm).map((rule) => ({ ...past.get(rule.rule), ...rule }));
+    none.hidden = rules.length > 0;
+    all.hidden = session.right !== "operate" || rules.every((rule) => rule.acknowledged);
+    keyed(list, rules.sort((a, b) => weight(b) - weight(a)), (rule) => rule.rule, () => card(context));
     drawHistory();
   };
   const refresh = async () => {
     try {
-      told = listed(await api.get("alarms"));
+      told = await api.get("alarms");
       draw();
     } catch (error) {
       write(nothing, error.message);
     }
   };
-  const timer = setInterval(refresh, ASK_MS);
-  const leave = live.subscribe((snapshot) => snapshot.events?.length && refresh(), { image: false });
+  let last = 0;
+  const leave = live.subscribe((snapshot) => {
+    if (snapshot.events?.length) refresh();
+    if (performance.now() - last < SLOW_MS) return;
+    last = performance.now();
+    draw();
+  }, { image: false });
   refresh();
-  return () => {
-    clearInterval(timer);
-    leave();
-  };
+  return leave;
 }
 
-const listed = (answer) => (Array.isArray(answer) ? { alarms: answer, events: [] } : { alarms: answer.alarms ?? [], events: answer.events ?? [] });
+/** What needs somebody comes first. */
+const weight = ({ acknowledged, active }) => 2 * !acknowledged + Boolean(active);
 
 function card(context) {
   const name = h("h3");

@@ -7,9 +7,10 @@ import { actionsOf, act } from "./rule_actions.js";
 const LOOKS = { pending: "warning", clearing: "warning", returned: "warning", unknown: "unknown" };
 
 /** What a state looks like: its shape and its colour; its word is always beside them. */
-export function lookOf({ status, severity, gates, acknowledged }) {
+export function lookOf({ status, severity, gates, acknowledged, is_alarm }) {
   if (status !== "active" && status !== "latched") return LOOKS[status] ?? "quiet";
   if (gates.length) return "warning";
+  if (!is_alarm) return "good";
   return severity === "alarm" || severity === "safety" || !acknowledged || status === "latched" ? "alarm" : severity === "info" ? "good" : "warning";
 }
 
