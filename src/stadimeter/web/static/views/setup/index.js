@@ -59,9 +59,19 @@ class SetUp {
     }
   }
 
-  /** Answer the question; the state that follows is shown. Throws what is wrong with the answer. */
-  async answer(text) {
-    this.show(await this.api.post("setup/answer", { answer: text, confirm: true }));
+  /** Answer the question, and those that follow as far as `more` has their answers by key; show the state that
+   *  follows. Throws what is wrong with an answer. */
+  async answer(text, more = {}) {
+    const asked = this.state.question.key;
+    let state = await this.api.post("setup/answer", { answer: text, confirm: true });
+    try {
+      while (!state.doubt && state.question?.key !== asked && state.question?.key in more) {
+        state = await this.api.post("setup/answer", { answer: more[state.question.key], confirm: true });
+      }
+    } catch (error) {
+      this.context.say(error.message, "error");
+    }
+    await this.show(state);
   }
 
   /** Take back the last answers, as many as are told. */
