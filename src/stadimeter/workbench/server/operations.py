@@ -55,6 +55,8 @@ _SETUP_NAMES = "state begin answer back leave picture camera colour take world"
 MODULES: dict[str, str] = {
     **dict.fromkeys(("configuration", "check", "save", "version", "versions", "restore"), _EDITING),
     **dict.fromkeys(("recordings", "recording", "recording-delete"), _RECORDINGS),
+    "replay-diff": "stadimeter.workbench.server.replaying",
+    "recording-frame": "stadimeter.workbench.server.recorded_frame",
     **{f"setup-{name}": _SETUP for name in _SETUP_NAMES.split()},
     **dict.fromkeys(("setup-outlook", "setup-try", "setup-wiring", "setup-files"), _SETUP_RESULTS),
 }
