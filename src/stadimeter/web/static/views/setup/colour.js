@@ -11,7 +11,7 @@ export function widget(step) {
   const kept = h("p", { class: "quiet small" });
   const views = h("div", { class: "setup-views row", role: "group", "aria-label": "What the picture shows" },
     [["mask", "What has this colour"], ["candidates", "Ball, and what is refused"], ["plain", "Plain"]].map(([view, name]) =>
-      h("button", { type: "button", class: "button", "aria-pressed": view === state.view, onclick: (event) => shown(view, event.currentTarget) }, name)));
+      h("button", { type: "button", class: "button", "aria-pressed": String(view === state.view), onclick: (event) => shown(view, event.currentTarget) }, name)));
   const refused = h("ol", { class: "setup-refused small" });
   let isAsking = false;
   let waiting = null;

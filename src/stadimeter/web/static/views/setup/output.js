@@ -18,13 +18,15 @@ export function widget(step) {
   const drawing = h("img", { class: "setup-circuit", alt: "" });
   const wired = h("div", { class: "stack", hidden: true },
     h("label", { class: "field" }, h("span", null, "What is wired"), kind),
-    h("p", { class: "quiet small" }, "Choose the pin of its signal. The other wires are drawn."), h("div", { class: "setup-board" }, header), said, drawing);
+    h("p", { class: "quiet small" }, "Choose the pin of its signal. The other wires are drawn."), h("div", { class: "setup-board" }, header), said);
   let asked = 0;
   let url = "";
+  const circuit = h("section", { class: "panel setup-wiring", hidden: true }, h("h2", null, "How it is wired"), h("div", { class: "setup-scrolls", tabindex: 0, role: "group", "aria-label": "Wiring" }, drawing));
+  replace(setup.aside, circuit);
   setup.onLeave(() => ((asked += 1), URL.revokeObjectURL(url)));
   step.onAnswer(async (answer) => {
     const found = ON_PIN.exec(answer);
-    wired.hidden = !found;
+    wired.hidden = circuit.hidden = !found;
     if (!found) return;
     [part, pin] = [found[1], Number(found[2])];
     kind.value = part;
@@ -55,7 +57,7 @@ function drawHeader(root, pins, chosen, choose) {
   const isFocused = root.contains(document.activeElement);
   const gpios = pins.filter(({ gpio }) => gpio !== null);
   const button = ({ number, name, gpio, taken_by, warning }) => {
-    const others = gpio === chosen ? [] : taken_by;
+    const others = gpio === null || gpio === chosen ? [] : taken_by;
     const note = others.length ? `taken by ${others.join(", ")}` : warning;
     const what = gpio === null ? (name === "ground" ? "ground" : "power") : others.length ? "taken" : warning ? "careful" : "free";
     const props = { class: `setup-pin is-${what}${taken_by.length ? " is-wired" : ""}`, title: note };
