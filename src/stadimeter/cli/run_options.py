@@ -304,13 +304,14 @@ def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
         return
     from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder  # noqa: PLC0415 - likewise
     from stadimeter.app.control.socket_server import ControlSocket  # noqa: PLC0415 - likewise
+    from stadimeter.app.live.subscriptions import Subscriptions  # noqa: PLC0415 - likewise
     from stadimeter.app.live.watching import introduction, live_feed  # noqa: PLC0415 - likewise
     from stadimeter.app.operating import operated  # noqa: PLC0415 - it takes long, and short runs have none
 
     configuration = loop.parts.configuration
     try:
         path = serving.socket or socket_path(configuration.path, usable_folder(runtime_folder()))
-        listener = ControlSocket(path, partial(introduction, loop), watched=live_feed(loop))
+        listener = ControlSocket(path, partial(introduction, loop), watched=Subscriptions(live_feed(loop)))
         closing.callback(listener.close)
         listener.open()
     except ControlError as error:

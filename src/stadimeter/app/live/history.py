@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from bisect import bisect_left
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -50,7 +50,7 @@ class Sample:
 class Samples(Sequence[Sample]):
     """Distances over time, oldest first, in 24 bytes each.
 
-    One thread adds, any thread may take a copy with `since`: each step is a single operation on one array, which the
+    One thread adds, any thread may take a copy with `after`: each step is a single operation on one array, which the
     interpreter does not divide.
     """
 
@@ -62,13 +62,18 @@ class Samples(Sequence[Sample]):
     def __len__(self) -> int:
         return len(self._numbers) // _FIELDS
 
-    def __getitem__(self, index: int) -> Sample:  # type: ignore[override] # for slices there is `since`
+    def __getitem__(self, index: int) -> Sample:  # type: ignore[override] # for slices there is `after`
         first = range(0, len(self._numbers), _FIELDS)[index]
         at_s, distance_m, sigma_m = self._numbers[first : first + _FIELDS]
         return Sample(at_s=at_s, distance_m=None if math.isnan(distance_m) else distance_m, sigma_m=sigma_m)
 
     def __iter__(self) -> Iterator[Sample]:
         return (self[index] for index in range(len(self)))
+
+    def rows(self) -> Iterator[tuple[float, float, float]]:
+        """Yield time, distance (NaN for none) and standard deviation of each, for those who need them quickly."""
+        each = iter(self._numbers)
+        return zip(each, each, each, strict=True)
 
     def append(self, sample: Sample) -> None:
         """Add the newest one."""
@@ -80,10 +85,10 @@ class Samples(Sequence[Sample]):
         while self._numbers and self._numbers[0] < at_s:
             del self._numbers[:_FIELDS]
 
-    def since(self, at_s: float) -> Samples:
-        """Return a copy of what is as new, or newer."""
+    def after(self, at_s: float) -> Samples:
+        """Return a copy of what is newer."""
         numbers = self._numbers[:]
-        return Samples(numbers[_FIELDS * bisect_left(numbers[::_FIELDS], at_s) :])
+        return Samples(numbers[_FIELDS * bisect_right(numbers[::_FIELDS], at_s) :])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,9 +160,9 @@ class RunHistory:
             return None
         return max(0.0, self.record.observation.now_s - stamp.captured_at_s)
 
-    def samples_since(self, at_s: float) -> Mapping[str, Samples]:
-        """Return the distances of each target from a time on, oldest first."""
-        return {target: samples.since(at_s) for target, samples in tuple(self._samples.items())}
+    def samples_after(self, at_s: float) -> Mapping[str, Samples]:
+        """Return the distances of each target after a time, oldest first."""
+        return {target: samples.after(at_s) for target, samples in tuple(self._samples.items())}
 
     def _add_frame(self, record: CycleRecord, frame: Frame | None, sequence: int) -> None:
         stamp = record.observation.frame

@@ -95,14 +95,14 @@ def why(decision: Decision, rule: str) -> str:
     return decision.reasons.get(rule, "")
 
 
-def snapshot_of(history: RunHistory, surroundings: Surroundings, board: Board, since_s: float) -> Snapshot:
-    """Return what there is to see now, with the distances from a time on."""
+def snapshot_of(history: RunHistory, surroundings: Surroundings, board: Board, after_s: float) -> Snapshot:
+    """Return what there is to see now, with the distances after a time."""
     plan, seen = surroundings.plan(), history.seen
     return Snapshot(
         record=history.record,
         seen=seen,
         started_s=history.started_s,
-        samples=history.samples_since(since_s),
+        samples=history.samples_after(after_s),
         events=tuple(history.events),
         messages=tuple(surroundings.messages())[:MESSAGES_MAX],
         limits_m=limits_m(plan) if plan is not None else {},

@@ -1,0 +1,186 @@
+"""Snapshots of a run for those who watch it from another process.
+
+While somebody watches, a thread looks whether the loop has left a new frame, ten times a second at most. Then it wakes
+those who watch, and the thread of each makes and sends the message. Whoever is still busy with the last one is passed
+over. So a slow reader gets fewer snapshots and every event, and neither holds up the run nor keeps anything in memory.
+
+The loop waits for its next frame at that moment, and has no use for the interpreter: what is made right after a cycle
+costs it least.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs
+from stadimeter.app.live.feed import LiveFeed
+from stadimeter.app.live.history import Seen
+from stadimeter.app.live.pictures import Pictures, drawn
+from stadimeter.app.live.snapshot import Snapshot
+from stadimeter.app.live.snapshot_json import ReasonsInTurn, events_json, frame_data, samples_json, shared_json
+from stadimeter.core.frame import Frame
+from stadimeter.errors import ControlError
+
+PERIOD_S = 0.1
+
+EARLY_S = 0.015
+"""A frame that comes this much before it is time counts as in time: frames never come evenly."""
+
+LOOK_EVERY_S = 0.003
+"""From then on a new frame is looked for this often."""
+
+WITHOUT_FRAME_S = 0.3
+"""Without a new frame a snapshot is told after this long: time passes, and the picture grows old."""
+
+SUBSCRIPTIONS_MAX = 16
+
+FIRST_EVENTS_MAX = 100
+"""The first snapshot has this many events; a reader who was slow may get more later."""
+
+Wake = Callable[[Callable[[], Reply]], None]
+"""Takes what makes the next message, and calls it in a thread of its own. It never waits."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Moment:
+    """A snapshot, and what is the same of it for all who watch."""
+
+    number: int
+    snapshot: Snapshot
+    shared: str
+    unix_offset_s: float
+
+
+@dataclass(slots=True, eq=False)
+class _Subscription:
+    """One who watches, and what they know already.
+
+    Attributes:
+        is_woken: Whether they were woken, and have not begun to make their message.
+    """
+
+    args: SubscribeArgs
+    wake: Wake
+    is_woken: bool = False
+    woken_s: float = float("-inf")
+    after_event: int = -1
+    after_s: float = float("-inf")
+    frame: Frame | None = None
+
+    def is_due(self, now_s: float) -> bool:
+        """Return whether it is time for their next snapshot."""
+        return not self.is_woken and now_s - self.woken_s >= 1 / self.args.rate_hz - 2 * EARLY_S
+
+
+@dataclass(slots=True)
+class Subscriptions:
+    """Those who watch a run from another process."""
+
+    feed: LiveFeed
+    _all: tuple[_Subscription, ...] = ()
+    _thread: threading.Thread | None = None
+    _told_s: float = float("-inf")
+    _told: Seen | None = None
+    _number: int = 0
+    _moment: _Moment | None = None
+    _reasons: ReasonsInTurn = field(default_factory=ReasonsInTurn)
+    _pictures: Pictures = field(default_factory=Pictures)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def subscribe(self, args: SubscribeArgs, wake: Wake) -> Callable[[], None]:
+        """Begin to tell somebody about the run; the returned function ends it.
+
+        Raises:
+            ControlError: So many watch already that a further one would cost the run too much.
+        """
+        subscription = _Subscription(args, wake)
+        with self._lock:
+            if len(self._all) >= SUBSCRIPTIONS_MAX:
+                raise ControlError(f"{SUBSCRIPTIONS_MAX} subscriptions are the most that a run serves; end one first")
+            self._all = (*self._all, subscription)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="subscriptions", daemon=True)
+                self._thread.start()
+        return lambda: self._end(subscription)
+
+    def frame(self, args: FrameArgs) -> Reply:
+        """Return the newest frame with what is known of it; an error if there is none."""
+        seen = self.feed.history.seen
+        if seen is None or seen.frame is None:
+            return Reply(error="there is no picture yet")
+        frame = seen.frame
+        data: dict[str, Any] = {**(frame_data(seen, self.feed.unix_offset_s()) or {}), **_origin(frame)}
+        if args.encoding == "raw":
+            image = drawn(frame.image, seen.record, frame.width_px) if args.image == "drawn" else frame.image
+            return Reply(data, attached=image.tobytes())
+        with self._lock:
+            jpeg = self._pictures.jpeg(seen, args.image, args.quality)
+            self._keep_nothing_unwatched()
+        return Reply(data, attached=jpeg)
+
+    def _end(self, subscription: _Subscription) -> None:
+        with self._lock:
+            self._all = tuple(each for each in self._all if each is not subscription)
+            self._keep_nothing_unwatched()
+
+    def _keep_nothing_unwatched(self) -> None:
+        if not self._all:
+            self._pictures.forget()
+            self._moment = self._told = None
+
+    def _run(self) -> None:
+        while True:
+            self._wait_for_news()
+            with self._lock:
+                if not self._all:
+                    self._thread = None
+                    return
+                self._number += 1
+            for each in self._all:
+                if each.is_due(self._told_s):
+                    each.is_woken, each.woken_s = True, self._told_s
+                    each.wake(partial(self._message, each))
+
+    def _wait_for_news(self) -> None:
+        """Return when it is time for a snapshot: with a new frame if one comes, and no later if none does."""
+        history, before_s = self.feed.history, self._told_s
+        time.sleep(max(0.0, before_s + PERIOD_S - EARLY_S - time.monotonic()))
+        while history.seen is self._told and self._all and time.monotonic() < before_s + WITHOUT_FRAME_S:
+            time.sleep(LOOK_EVERY_S)
+        self._told, self._told_s = history.seen, time.monotonic()
+
+    def _message(self, to: _Subscription) -> Reply:
+        """Return the newest snapshot as it is told to one who watches."""
+        to.is_woken = False
+        with self._lock:
+            moment = self._newest()
+            snapshot = moment.snapshot
+            seen = snapshot.seen
+            is_new = seen is not None and seen.frame is not to.frame
+            jpeg = self._pictures.jpeg(seen, to.args.image, to.args.quality) if seen is not None and is_new else b""
+        to.frame = seen.frame if seen is not None else None
+        news = [each for each in snapshot.events if each.sequence > to.after_event]
+        events = events_json(reversed(news[: FIRST_EVENTS_MAX if to.after_event < 0 else None]), moment.unix_offset_s)
+        samples = {name: found.after(to.after_s) for name, found in snapshot.samples.items()}
+        to.after_event = max((each.sequence for each in news), default=to.after_event)
+        to.after_s = max((found[-1].at_s for found in samples.values() if found), default=to.after_s)
+        return Reply(json=f'{moment.shared},"events":{events},"samples":{samples_json(samples)}}}', attached=jpeg)
+
+    def _newest(self) -> _Moment:
+        """Return the snapshot that all get who were woken at the same time."""
+        if self._moment is None or self._moment.number != self._number:
+            snapshot, offset_s = self.feed.snapshot(), self.feed.unix_offset_s()
+            shared = shared_json(snapshot, self._number, self.feed.clock.now_s(), offset_s, self._reasons)
+            self._moment = _Moment(number=self._number, snapshot=snapshot, shared=shared, unix_offset_s=offset_s)
+        return self._moment
+
+
+def _origin(frame: Frame) -> Mapping[str, object]:
+    optics = frame.optics
+    known = {name: getattr(optics, name) for name in optics.__slots__} if optics is not None else None
+    return {"subsampling": frame.subsampling, "source": frame.source, "optics": known}
