@@ -65,10 +65,10 @@ function drawTabs() {
 }
 
 function drawMenu() {
-  const unit = h("select", { "aria-label": "Unit of lengths", onchange: () => (localStorage.setItem("unit", unit.value), open()) },
+  const unit = h("select", { onchange: () => (localStorage.setItem("unit", unit.value), open()) },
     Object.keys(UNITS).map((symbol) => h("option", { value: symbol, selected: symbol === chosenUnit().symbol }, symbol)));
   const leave = session.needs_password && h("button", { type: "button", class: "button bare", onclick: logOut }, "Log out");
-  replace(part("menu"), unit, leave);
+  replace(part("menu"), h("label", { class: "small quiet" }, "Lengths in", unit), leave);
 }
 
 async function logOut() {
@@ -80,7 +80,7 @@ async function logOut() {
 function drawState() {
   const { snapshot, state } = live;
   const isLive = state.status === "live" && snapshot;
-  const active = isLive ? snapshot.rules.filter((rule) => rule.active || !rule.acknowledged) : [];
+  const active = isLive ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.gates.length)) : [];
   const badges = [
     isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
     active.length && { key: "alarms", kind: "alarm", words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}` },
