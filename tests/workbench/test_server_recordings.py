@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,12 +18,15 @@ from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.command import LevelCommand
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError, NotThereError
+from stadimeter.ranging.ball import BallShape
 from stadimeter.workbench.replay.recording_index import read_index
 from stadimeter.workbench.server.operations import Desk, operation
 from support.observing import Rehearsal
@@ -137,6 +143,53 @@ def test_the_newest_recording_is_listed_first_and_a_damaged_one_says_what_is_wro
         assert listed[name]["seconds"] is None
 
 
+def test_a_frame_of_a_recording_has_what_was_measured_drawn_in_and_its_values(desk: Desk, folder: Path) -> None:
+    measured = Measurement(
+        target="ball",
+        captured_at_s=0.0,
+        status=MeasurementStatus.MEASURED,
+        distance_m=1.0,
+        sigma_m=0.01,
+        depth_m=1.0,
+        bearing_rad=0.0,
+        elevation_rad=0.0,
+    )
+    decision = Rehearsal(PLAN).see(*[1.0] * 10)
+    seen = Observation(now_s=0.0, frame=FrameStamp(captured_at_s=0.0, sequence=0), measurements=(measured,))
+    folder.mkdir()
+    writer = RecordingWriter(folder / "a.mcap", replace(RECORDED, sizes={"ball": BallShape(diameter_m=0.4)}))
+    writer.write(
+        CycleRecord(
+            observation=seen, decision=decision, applied=(LevelCommand(output="buzzer", level=0.4),), timings_s={}
+        ),
+        Frame(np.full((48, 64, 3), 90, np.uint8), 0.0, 0),
+    )
+    writer.close()
+    drawn = operation("recording-frame")(desk, {"name": "a.mcap", "at_s": 0})
+    plain = operation("recording-frame")(desk, {"name": "a.mcap", "at_s": 0, "draw": "plain"})
+    images = [cv2.imdecode(np.frombuffer(each.attached, np.uint8), cv2.IMREAD_COLOR) for each in (drawn, plain)]
+    assert all(image is not None and image.shape == (48, 64, 3) for image in images)
+    change = np.abs(images[0].astype(int) - images[1].astype(int)).max(axis=2)
+    rows, columns = np.nonzero(change[20:] > 40)
+    assert change[30:34, 30:34].max() < 40, "nothing is drawn between centre and rim"
+    assert (columns.min(), columns.max()) == (pytest.approx(31.5 - 12, abs=3), pytest.approx(31.5 + 12, abs=3))
+    assert rows.max() + 20 == pytest.approx(23.5 + 12, abs=3)
+    values = drawn.data
+    assert values["frame"]["sequence"] == 0
+    assert values["outputs"][0]["level"] == 0.4
+    assert [(each["name"], each["distance_m"]) for each in values["targets"]] == [
+        ("ball", pytest.approx(1.0, abs=0.01))
+    ]
+    assert values["rules"][0]["rule"] == "near"
+    json.dumps(values, allow_nan=False)
+
+
+def test_a_journal_has_no_pictures_and_says_so(desk: Desk, folder: Path) -> None:
+    record(folder / "b.jsonl", 3)
+    with pytest.raises(JournalError, match="has no pictures"):
+        ask(desk, "recording-frame", name="b.jsonl", at_s=0)
+
+
 def test_no_folder_of_recordings_is_an_empty_list(desk: Desk) -> None:
     assert ask(desk, "recordings")["recordings"] == []
 
@@ -151,7 +204,7 @@ def test_one_recording_says_where_it_is_and_with_which_configuration_it_was_made
     "name",
     ["../stadimeter.toml", "../secret.mcap", "/etc/passwd", "", ".", "..", "a.mcap/", "a\0.mcap", "link.mcap", 7],
 )
-@pytest.mark.parametrize("op", ["recording", "recording-delete"])
+@pytest.mark.parametrize("op", ["recording", "recording-frame", "recording-delete"])
 def test_no_name_leads_out_of_the_folder(desk: Desk, folder: Path, op: str, name: object) -> None:
     record(folder / "a.mcap")
     record(folder.parent / "secret.mcap", 3)

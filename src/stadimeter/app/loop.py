@@ -18,6 +18,7 @@ from stadimeter.app.guard import Guard, StallWatch, retire_all
 from stadimeter.app.health import Health
 from stadimeter.app.notifying import Notifying
 from stadimeter.app.reporting import Reporter
+from stadimeter.app.restarts import RESTARTING
 from stadimeter.app.services import Recording, Services
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
@@ -145,6 +146,11 @@ class Loop:
         """End the run after this cycle. May be called from any thread."""
         self.ending = self.ending or why
 
+    @property
+    def state(self) -> State | None:
+        """What is remembered of the newest cycle; None before the run begins."""
+        return self._state
+
     def give_up(self) -> list[str]:
         """Stop every output once more and keep what alarms remember, since the process is ended while the run hangs.
 
@@ -240,6 +246,8 @@ class Loop:
         """Attend to what people ask, run one cycle, report it, and remember."""
         pressed = [command for button in self.parts.buttons.values() for command in button.commands()]
         commands = (*self.services.operator_commands(), *pressed)
+        if self.services.is_restart_due and not self.ending:
+            self.stop(RESTARTING)
         change = self.services.change()
         before = self._reloaded(state, change) if change is not None else state
         after, record, frame = self.parts.cycle.run(before, commands, self.services.wall(self.parts.clock.now_s()))

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.restarts import was_restarted
 from stadimeter.app.service_folders import runtime_directory
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.frame import Frame
@@ -45,6 +46,9 @@ GAP_S = 2.0
 """A longer time without a new frame interrupts `PROVEN_S`."""
 
 STATUS_EVERY_S = 1.0
+
+RESTART_WITHIN_S = 30.0
+"""The watchdog waits this long for a program that begins anew: it loads its libraries, and opens its devices."""
 
 FEEDS = 4
 """The watchdog is fed this many times within its period."""
@@ -169,6 +173,7 @@ class Service:
         self.trouble = trouble
         self.hung = hung
         self._notify = notify
+        self._watchdog_s = watchdog_s
         self._feed_every_s = watchdog_s / FEEDS if watchdog_s else math.inf
         self._starts = starts
         self._clock = clock
@@ -205,6 +210,8 @@ class Service:
 
     def _feed(self, now_s: float) -> None:
         lines = [] if self._is_ready else ["READY=1"]
+        if lines and self._watchdog_s is not None and was_restarted():
+            lines.append(f"WATCHDOG_USEC={round(self._watchdog_s * 1e6)}")
         if now_s - self._fed_s >= self._feed_every_s < math.inf:
             lines.append("WATCHDOG=1")
         if lines and self._notify.send(*lines):  # else with the next cycle
@@ -217,6 +224,11 @@ class Service:
     def reloaded(self) -> None:
         """Say that the configuration is applied."""
         self._notify.send("READY=1")
+
+    def restarting(self) -> None:
+        """Say that the program begins anew in this process, and may be silent for longer meanwhile."""
+        self.reloading()
+        self._notify.send(f"WATCHDOG_USEC={round(RESTART_WITHIN_S * 1e6)}")
 
     def stopping(self) -> None:
         """Say that the run ends. Its outputs were stopped."""

@@ -14,8 +14,11 @@ from stadimeter.core.operator import AnyCommand
 from stadimeter.core.plan import Plan
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
+    from stadimeter.app.control.alarm_list import AlarmList
+    from stadimeter.app.control.recording import RecordingOnRequest
     from stadimeter.app.control.reloading import Change
     from stadimeter.app.control.requests import Control
+    from stadimeter.app.control.restarting import Restarter
     from stadimeter.app.deliveries import Undelivered
     from stadimeter.app.persistence.state_writer import StateWriter
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
@@ -51,6 +54,9 @@ class Services:
     memory: StateWriter | None = None
     time_of_day: TimeOfDay | None = None
     service: Service | None = None
+    alarms: AlarmList | None = None
+    recording: RecordingOnRequest | None = None
+    restarter: Restarter | None = None
     tell: Callable[[str], None] = lambda _words: None
     _goes_by_the_clock: bool = False
 
@@ -112,6 +118,8 @@ class Services:
         """Take in a cycle, after its messages are on their way. Waits a hundredth of a second at most, for an alarm."""
         if self.memory is not None:
             self.memory.cycle(before, after, record.decision.events)
+        if self.alarms is not None:
+            self.alarms.cycle(after, record)
         if self.control is not None:
             self.control.heard(record)
 
@@ -119,9 +127,23 @@ class Services:
         """Return what is wrong with them, in words; empty if nothing is."""
         return self.memory.trouble() if self.memory is not None else ""
 
+    @property
+    def is_restart_due(self) -> bool:
+        """Whether somebody wants the program to begin anew, and it can."""
+        return self.restarter is not None and self.restarter.is_due
+
+    def cancel_restart(self) -> None:
+        """Let the run end for good: that was asked for, too."""
+        if self.restarter is not None:
+            self.restarter.is_due = False
+
     def stopping(self) -> None:
-        """Take in that the run ends, and its outputs were stopped."""
-        if self.service is not None:
+        """Take in that the run ends, or begins anew, and its outputs were stopped."""
+        if self.service is None:
+            return
+        if self.is_restart_due:
+            self.service.restarting()
+        else:
             self.service.stopping()
 
     def keep(self, state: State) -> None:

@@ -14,6 +14,7 @@ import typer
 from stadimeter.app.bootstrap import build
 from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.restarts import begin_anew
 from stadimeter.cli.exits import DONE, plain_errors
 from stadimeter.cli.keyboard import RunKeys
 from stadimeter.cli.run_options import (
@@ -120,6 +121,7 @@ def run_loop(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, sho
     """
 
     def stop(why: str) -> None:
+        loop.services.cancel_restart()
         try:
             loop.stop(why)
         finally:
@@ -133,8 +135,10 @@ def run_loop(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, sho
             code = DONE
         except typer.Exit as left:
             code = left.exit_code
-        if loop.deadline.is_set:
+        if loop.deadline.is_set and not loop.services.is_restart_due:
             os._exit(code)
+    if loop.services.is_restart_due:
+        begin_anew()
     raise typer.Exit(code)
 
 
@@ -155,7 +159,7 @@ def _say_end(loop: Loop, showing: Showing) -> None:
     else:
         advice = (*_never_seen(loop, summary["tracks"]), *loop.parts.cycle.perceiver.motion_blur.advice())
         typer.echo("\n".join([in_words(summary), *advice]))
-    if showing.last:
+    if showing.last and not loop.services.is_restart_due:
         typer.echo(f"\n{showing.last}")
 
 

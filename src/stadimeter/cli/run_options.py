@@ -299,17 +299,15 @@ def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
     if serving.socket is None and not serving.is_unhurried:
         return
     from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder  # noqa: PLC0415 - likewise
-    from stadimeter.app.control.reloading import Reloader  # noqa: PLC0415 - likewise
-    from stadimeter.app.control.requests import Control  # noqa: PLC0415 - it takes long, and short runs have none
     from stadimeter.app.control.socket_server import ControlSocket  # noqa: PLC0415 - likewise
     from stadimeter.app.live.subscriptions import Subscriptions  # noqa: PLC0415 - likewise
-    from stadimeter.app.live.watching import live_feed  # noqa: PLC0415 - likewise
+    from stadimeter.app.live.watching import introduction, live_feed  # noqa: PLC0415 - likewise
+    from stadimeter.app.operating import operated  # noqa: PLC0415 - it takes long, and short runs have none
 
     configuration = loop.parts.configuration
-    hello = {"configuration": str(configuration.path.resolve()), "pid": os.getpid()}
     try:
         path = serving.socket or socket_path(configuration.path, usable_folder(runtime_folder()))
-        listener = ControlSocket(path, lambda: hello, watched=Subscriptions(live_feed(loop)))
+        listener = ControlSocket(path, partial(introduction, loop), watched=Subscriptions(live_feed(loop)))
         closing.callback(listener.close)
         listener.open()
     except ControlError as error:
@@ -317,7 +315,7 @@ def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
             raise
         loop.services.tell(f"warning: {error}; this run takes no operator commands")
     else:
-        loop.services.control = Control(listener, Reloader(configuration), deliveries=loop.deliveries.figures)
+        closing.enter_context(operated(loop, listener))
 
 
 class _ErrorLines:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import stadimeter
+from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.live.feed import LiveFeed
 from stadimeter.app.live.health import CONNECTED, Board
 from stadimeter.app.live.snapshot import Surroundings
@@ -30,28 +31,41 @@ def live_feed(loop: Loop) -> LiveFeed:
     return feed
 
 
+def introduction(loop: Loop) -> dict[str, object]:
+    """Return what a run says of itself to whoever connects."""
+    configuration = loop.parts.configuration
+    return {
+        "configuration": str(configuration.path.resolve()),
+        "pid": os.getpid(),
+        "version": stadimeter.__version__,
+        "digest": sha256_of(configuration.text),
+        "is_service": is_service(),
+        "recordings": str(recordings_folder(configuration.path)),
+        "world": loop.parts.world is not None,
+    }
+
+
 def _surroundings(loop: Loop) -> Surroundings:
     parts = loop.parts
-    started_unix_s = time.time()
+    fixed = introduction(loop) | {
+        "title": parts.configuration.path.name,
+        "started_unix_s": round(time.time(), 3),
+    }
     detectors = parts.cycle.perceiver.detectors
 
     def run() -> Mapping[str, object]:
-        configuration = parts.configuration
-        return {
-            "configuration": str(configuration.path.resolve()),
-            "title": configuration.path.name,
-            "version": stadimeter.__version__,
-            "pid": os.getpid(),
-            "started_unix_s": round(started_unix_s, 3),
-            "digest": sha256_of(configuration.text),
-            "is_service": is_service(),
-            "world": parts.world.state() if parts.world is not None else None,
-        }
+        world = parts.world.state() if parts.world is not None else None
+        return fixed | {"digest": sha256_of(parts.configuration.text), "world": world}
 
     def broker() -> str:
         return "" if parts.messenger is None else parts.messenger.trouble() or CONNECTED
 
+    def recording() -> Mapping[str, object] | None:
+        on_request = loop.services.recording
+        return on_request.now() if on_request is not None else None
+
     return Surroundings(
+        recording=recording,
         plan=lambda: parts.configuration.plan,
         trouble=loop.trouble,
         broker=broker,

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
@@ -124,8 +125,20 @@ def resumption_at(now: Moment, memory: Memory) -> Resumption:
     return Resumption(alarms=memory.alarms, absent=memory.absent, shift_s=shift_s, from_s=from_s, now_s=now.at_s)
 
 
-def read_resumption(text: str) -> Resumption:
+class Restored(Protocol):
+    """What a recording restores before its first cycle."""
+
+    def of(self, state: State) -> State:
+        """Return the state with which it begins, given that of a run that has not begun."""
+        ...
+
+
+def read_resumption(text: str) -> Restored:
     """Read what was restored; `StateError` if the text is something else."""
+    from stadimeter.app.persistence.continuation import BEGINS, read_continuation  # noqa: PLC0415 - no run needs it
+
+    if text.startswith(BEGINS):
+        return read_continuation(text)
     try:
         return _ONE.validate_json(upgraded(text))[0]
     except ValidationError as error:

@@ -9,6 +9,7 @@ import math
 import queue
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -70,7 +71,12 @@ class _Reload:
     configuration: RecordedConfiguration | str
 
 
-_Item = tuple[CycleRecord, Frame | None] | _Reload
+@dataclass(frozen=True, slots=True)
+class _Continued:
+    text: Callable[[], str]
+
+
+_Item = tuple[CycleRecord, Frame | None] | _Reload | _Continued
 
 
 class Recorder:
@@ -111,6 +117,10 @@ class Recorder:
     def resumed(self, text: str) -> None:
         """Take in what the run restores from an earlier one. Only before the first cycle."""
         self._writer.resumed(text)
+
+    def continued(self, text: Callable[[], str]) -> None:
+        """Take in the state of a run in mid-course, before the first cycle. Its text is made in the disk's thread."""
+        self._put(_Continued(text))
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
         """Take in that another configuration was loaded, before the first cycle that it decides."""
@@ -183,5 +193,7 @@ class Recorder:
     def _write(self, item: _Item) -> None:
         if isinstance(item, _Reload):
             self._writer.reloaded(item.now_s, item.configuration)
+        elif isinstance(item, _Continued):
+            self._writer.resumed(item.text())
         else:
             self._writer.write(*item)

@@ -140,6 +140,11 @@ class RecordingWriter:
         writer = self._writer or self._begin(now_s)
         self._add(writer, CONFIGURATION, messages.CONFIGURATION, now_s, reload_json(now_s, configuration))
 
+    @property
+    def size_bytes(self) -> int:
+        """How large the file is. May be asked from any thread."""
+        return self._file.tell()
+
     def kept(self) -> str:
         """Return in words where an older recording of that name is now; empty if there was none."""
         return self._file.kept()

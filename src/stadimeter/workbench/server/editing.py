@@ -47,7 +47,7 @@ def configuration(desk: Desk, _args: Mapping[str, Any]) -> Reply:
 
 def check(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer what is wrong with a text and what it does in words; with ``tests``, what its tests come to."""
-    text, files = _text(args), _files(args)
+    text, files = _text(args), files_with(args)
     asked = json.dumps([text, files, bool(args.get("tests"))])
     if desk.kept.get("check", ("", {}))[0] != asked:
         desk.kept["check"] = asked, _checked(desk, text, files, with_tests=bool(args.get("tests")))
@@ -56,7 +56,7 @@ def check(desk: Desk, args: Mapping[str, Any]) -> Reply:
 
 def save(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Save a text, and files such as the camera file with it; keep what was there."""
-    text, files = _text(args), _files(args)
+    text, files = _text(args), files_with(args)
     if not args.get("even_if_wrong"):
         loaded(desk, text, files)
     return _saved(desk, {**files, desk.configuration.name: text}, args)
@@ -125,7 +125,8 @@ def _text(args: Mapping[str, Any]) -> str:
     return text.replace("\r\n", "\n")
 
 
-def _files(args: Mapping[str, Any]) -> dict[str, str]:
+def files_with(args: Mapping[str, Any]) -> dict[str, str]:
+    """Return the texts of files that are looked at, or saved, with a configuration."""
     files = args.get("files") or {}
     if not isinstance(files, Mapping) or not all(isinstance(each, str) for pair in files.items() for each in pair):
         raise ConfigError("the files beside a configuration are texts, by their names")

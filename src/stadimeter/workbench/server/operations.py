@@ -57,6 +57,8 @@ MODULES: dict[str, str] = {
     **dict.fromkeys(("recordings", "recording", "recording-delete"), _RECORDINGS),
     **{f"setup-{name}": _SETUP for name in _SETUP_NAMES.split()},
     **dict.fromkeys(("setup-outlook", "setup-try", "setup-wiring", "setup-files"), _SETUP_RESULTS),
+    "replay-diff": "stadimeter.workbench.server.replaying",
+    "recording-frame": "stadimeter.workbench.server.recorded_frame",
 }
 """The module of each operation, which is loaded when it is first asked for. Its ``OPERATIONS`` holds it."""
 

@@ -1,0 +1,263 @@
+"""A recording that is begun and ended while a run goes on.
+
+It goes to a folder of its own, which cannot fill the disk: a recording is refused while the folder or the disk is full,
+and ends by itself before that. Whatever takes time is done in threads, so that the loop is never held up. The
+recording holds the state of the run at its beginning, from which it replays to the same decisions.
+"""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import stadimeter
+from stadimeter.app.control.messages import RecordArgs, Reply
+from stadimeter.app.control.socket_server import Answer
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
+from stadimeter.app.service_folders import state_directory
+from stadimeter.core.decide import State
+from stadimeter.core.frame import Frame
+from stadimeter.errors import JournalError, StadimeterError
+
+if TYPE_CHECKING:
+    from stadimeter.app.bootstrap import Parts
+    from stadimeter.app.ending import Deadline
+    from stadimeter.app.recordings.recorder import Recorder
+    from stadimeter.app.recordings.recording import RecordingWriter
+
+FOLDER = "recordings"
+ENDING = ".mcap"
+
+LOOK_EVERY_S = 2.0
+"""How often a recording looks how full the disk is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """How much room recordings may take.
+
+    Attributes:
+        folder_bytes: No recording begins while those in the folder are larger together.
+        file_bytes: A recording ends at this size.
+        seconds: A recording ends after this long.
+        free_bytes: A recording ends when the disk has less room; none begins with less than twice that.
+    """
+
+    folder_bytes: int = 4_000_000_000
+    file_bytes: int = 1_000_000_000
+    seconds: float = 3600.0
+    free_bytes: int = 250_000_000
+
+
+def recordings_folder(configuration: Path) -> Path:
+    """Return where the recordings of a run go: to the folder of the service's state, or beside its configuration."""
+    of_service = state_directory()
+    if of_service is not None:
+        return of_service / FOLDER
+    beside = configuration.resolve().parent
+    is_ours = beside.is_relative_to(Path(stadimeter.__file__).parent)  # the demonstration's
+    return (Path.cwd() if is_ours else beside) / FOLDER
+
+
+@dataclass(slots=True, kw_only=True)
+class _Begun:
+    """A recording, from when its file is open."""
+
+    path: Path
+    writer: RecordingWriter
+    recorder: Recorder
+    answer: Answer
+    began_unix_s: float
+    began_s: float = 0.0
+    looked_s: float = 0.0
+    is_ended: threading.Event = field(default_factory=threading.Event)
+    reason: str = ""
+
+    def about(self) -> dict[str, object]:
+        seconds = round(time.time() - self.began_unix_s, 1)
+        return {
+            "file": self.path.name,
+            "started_unix_s": round(self.began_unix_s, 3),
+            "seconds": seconds,
+            "bytes": self.writer.size_bytes,
+        }
+
+
+class RecordingOnRequest:
+    """Records a run while somebody wants it. A listener of the loop.
+
+    Args:
+        state: Returns what the run remembers of its newest cycle.
+        tell: Takes what a person should read.
+    """
+
+    def __init__(
+        self,
+        parts: Parts,
+        state: Callable[[], State | None],
+        tell: Callable[[str], None],
+        deadline: Deadline,
+        bounds: Bounds | None = None,
+    ) -> None:
+        self._parts = parts
+        self._state = state
+        self._folder = recordings_folder(parts.configuration.path)
+        self._tell = tell
+        self._deadline = deadline
+        self._bounds = bounds or Bounds()
+        self._is_beginning = False
+        self._ready: _Begun | None = None
+        self._reloaded: RecordedConfiguration | None = None
+        self._begun: _Begun | None = None
+        self._ending: _Begun | None = None
+        self._trouble = ""
+
+    def act(self, args: RecordArgs, answer: Answer) -> None:
+        """Begin or end a recording. Answers when that is done; never waits."""
+        if args.do == "stop":
+            self._stop(answer)
+        elif self._is_beginning or self._ready or self._begun:
+            answer(Reply(error="a recording is under way already; end it first"))
+        else:
+            self._is_beginning, self._reloaded, self._trouble = True, None, ""
+            threading.Thread(target=self._begin, args=(answer,), name="begin recording", daemon=True).start()
+
+    def now(self) -> Mapping[str, object] | None:
+        """Return what is known of the recording under way; None if there is none. From any thread."""
+        begun = self._begun
+        return begun.about() if begun is not None else None
+
+    def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
+        """Take in a cycle; begin with the next one, if the file is open."""
+        if self._begun is not None:
+            self._begun.recorder(record, frame)
+            self._look(self._begun, record.observation.now_s)
+        elif self._ready is not None:
+            self._join(self._ready, record.observation.now_s)
+
+    def resumed(self, text: str) -> None:
+        """Take in what the run restores from an earlier one: nothing records as early as that."""
+
+    def reloaded(self, now_s: float, configuration: RecordedConfiguration) -> None:
+        """Take in that another configuration was loaded."""
+        self._reloaded = configuration
+        if self._begun is not None:
+            self._begun.recorder.reloaded(now_s, configuration)
+
+    def trouble(self) -> str:
+        """Return why the last recording ended too early, or what is wrong with this one; empty if nothing is."""
+        return self._begun.recorder.trouble() if self._begun is not None else self._trouble
+
+    def close(self) -> None:
+        """End the recording under way with the run, and wait for the disk as long as there is time."""
+        for begun in (self._begun, self._ready, self._ending):
+            if begun is not None:
+                begun.recorder.close()
+                begun.is_ended.set()
+        self._begun = self._ready = None
+
+    def _begin(self, answer: Answer) -> None:
+        """Open the file, in a thread."""
+        try:
+            self._ready = self._opened(answer)
+        except (StadimeterError, OSError) as error:
+            answer(Reply(error=f"nothing is recorded: {error}"))
+        except Exception as error:  # noqa: BLE001 - a defect must not leave the one who asks waiting
+            answer(Reply(error=f"nothing is recorded: {type(error).__name__}: {error}"))
+        finally:
+            self._is_beginning = False
+
+    def _opened(self, answer: Answer) -> _Begun:
+        from stadimeter.app.recordings.recorder import Recorder  # noqa: PLC0415 - it takes long, and few runs record
+        from stadimeter.app.recordings.recording import Recorded, RecordingWriter, require_mcap  # noqa: PLC0415
+
+        require_mcap("recording to an MCAP file")
+        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._check_room()
+        parts = self._parts
+        name = f"{parts.configuration.path.stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}{ENDING}"
+        recorded = Recorded(
+            configuration=to_be_recorded(parts.configuration),
+            camera=parts.configuration.camera_model,
+            sizes={name: detector.target_shape for name, detector in parts.cycle.detectors.items()},
+        )
+        writer = RecordingWriter(self._folder / name, recorded)
+        recorder = Recorder(writer, is_live=True, deadline=self._deadline)
+        return _Begun(
+            path=self._folder / name, writer=writer, recorder=recorder, answer=answer, began_unix_s=time.time()
+        )
+
+    def _check_room(self) -> None:
+        """Raise `JournalError` if there is no room for a recording."""
+        used = sum(path.stat().st_size for path in self._folder.glob(f"*{ENDING}"))
+        if used > self._bounds.folder_bytes:
+            raise JournalError(f"{self._folder} holds {used / 1e9:.1f} GB; delete recordings first")
+        free = shutil.disk_usage(self._folder).free
+        if free < 2 * self._bounds.free_bytes:
+            raise JournalError(f"{self._folder}: the disk has only {free / 1e6:.0f} MB left; make room first")
+
+    def _join(self, ready: _Begun, now_s: float) -> None:
+        """Record from the next cycle on."""
+        from stadimeter.app.persistence.continuation import continuation_text  # noqa: PLC0415 - loaded by `_begin`
+
+        state = self._state()
+        if state is None:
+            return
+        ready.recorder.continued(lambda: continuation_text(state))
+        if self._reloaded is not None:
+            ready.recorder.reloaded(now_s, self._reloaded)
+        ready.began_s = ready.looked_s = now_s
+        self._ready, self._begun = None, ready
+        threading.Thread(target=self._watch_room, args=(ready,), name="disk of recording", daemon=True).start()
+        ready.answer(Reply({**ready.about(), "path": str(ready.path)}))
+
+    def _look(self, begun: _Begun, now_s: float) -> None:
+        """End a recording that has failed or reached a bound; look once a second."""
+        if now_s - begun.looked_s < 1.0:
+            return
+        begun.looked_s = now_s
+        reason = begun.recorder.failure or self._reason_to_end(begun, now_s)
+        if reason:
+            self._trouble = f"recording {begun.path.name} has ended: {reason}"
+            self._tell(f"warning: {self._trouble}")
+            self._end(begun, lambda _reply: None)
+
+    def _reason_to_end(self, begun: _Begun, now_s: float) -> str:
+        if begun.writer.size_bytes > self._bounds.file_bytes:
+            return f"it has {self._bounds.file_bytes / 1e6:.0f} MB"
+        if now_s - begun.began_s > self._bounds.seconds:
+            return f"it is {self._bounds.seconds / 60:.0f} min long"
+        return begun.reason
+
+    def _watch_room(self, begun: _Begun) -> None:
+        """Note that the disk becomes full. In a thread: a disk that hangs does not even tell how full it is."""
+        while not begun.is_ended.wait(LOOK_EVERY_S):
+            free = shutil.disk_usage(self._folder).free
+            if free < self._bounds.free_bytes:
+                begun.reason = f"the disk has only {free / 1e6:.0f} MB left"
+
+    def _stop(self, answer: Answer) -> None:
+        if self._begun is not None:
+            self._end(self._begun, answer)
+        else:
+            answer(Reply(error=self._trouble or "nothing is recorded"))
+
+    def _end(self, begun: _Begun, answer: Answer) -> None:
+        self._begun, self._ending = None, begun
+        begun.is_ended.set()
+        begun.recorder.end()
+        threading.Thread(target=_finish, args=(begun, answer), name="end recording", daemon=True).start()
+
+
+def _finish(begun: _Begun, answer: Answer) -> None:
+    """Wait for the disk, in a thread, and answer."""
+    begun.recorder.close()
+    failure = begun.recorder.failure
+    answer(Reply(error=f"{begun.path.name} is not whole: {failure}") if failure else Reply(begun.about()))
