@@ -16,9 +16,10 @@ from stadimeter.app.live.health import Board, BoardState, LiveHealth
 from stadimeter.app.live.history import Sample, Samples, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
 from stadimeter.app.live.snapshot import why
-from stadimeter.app.live.snapshot_json import outline_of, samples_json, shared_json
+from stadimeter.app.live.snapshot_json import REASONS_AT_ONCE, ReasonsInTurn, outline_of, samples_json, shared_json
 from stadimeter.app.live.watching import live_feed
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.rule import AlarmRule
@@ -36,7 +37,7 @@ def demonstration():
 
 def as_data(feed):
     """Return a snapshot as whoever watches reads it; a number that JSON does not have is refused."""
-    shared = shared_json(feed.snapshot(), 1, feed.clock.now_s(), 1_790_000_000.0)
+    shared = shared_json(feed.snapshot(), 1, feed.clock.now_s(), 1_790_000_000.0, ReasonsInTurn())
     return json.loads(shared + "}", parse_constant=pytest.fail)
 
 
@@ -69,6 +70,28 @@ def test_each_rule_says_why_as_the_terminal_and_explain_do(demonstration):
         (rule,) = (each for each in loop.parts.configuration.plan.rules if each.name == told["rule"])
         assert told["reason"] == why(feed.history.record.decision, rule.name)
         assert told["needs_ack"] == (isinstance(rule, AlarmRule) and rule.needs_ack)
+
+
+def test_of_many_rules_those_that_changed_say_why_at_once_and_the_others_in_turn():
+    names = [f"rule-{number}" for number in range(3 * REASONS_AT_ONCE)]
+    rules = tuple(RuleTrace(rule=name, status=RuleStatus.IDLE) for name in names)
+    reasons, count = ReasonsInTurn(), 0
+
+    def told(rules):
+        nonlocal count
+        count += 1
+        words = dict.fromkeys(names, f"said {count}")
+        return reasons.of(cycle_record(1.0, rules=rules, reasons=words).decision)
+
+    assert set(told(rules).values()) == {"said 1"}
+    raised = (*rules[:-1], replace(rules[-1], status=RuleStatus.ACTIVE))
+    second = told(raised)
+    assert second[names[-1]] == "said 2"
+    assert list(second.values()).count("said 2") == REASONS_AT_ONCE
+    for _ in range(4):
+        last = told(raised)
+    assert "said 1" not in last.values()
+    assert told(()) == {}
 
 
 def test_the_simulated_room_is_seen_from_above(demonstration):
@@ -245,7 +268,7 @@ def test_a_picture_that_is_old_a_disk_that_is_full_and_a_broker_that_is_away_are
         trouble="the broker is away",
     )
     words = words_of(health)
-    assert words["camera"] == ("0.0 pictures a second, the newest 3.2 s old", False)
+    assert words["camera"] == ("0.0 pictures a second, 3.2 s old", False)
     assert words["disk"] == ("1 MB free", False)
     assert words["broker"] == ("the broker is away", False)
     assert not words_of(replace(health, frame_age_s=0.03, broker="connected"))["trouble"][1]
