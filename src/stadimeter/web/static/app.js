@@ -48,6 +48,7 @@ async function open() {
     else tab.removeAttribute("aria-current");
   }
   document.title = `${view.name} · stadimeter`;
+  drawState();
   const root = h("div", { class: "view" });
   replace(part("main"), root);
   try {
@@ -102,6 +103,7 @@ function badge() {
 
 function banners(isLive) {
   const { snapshot, state } = live;
+  if (state.status === "lost" && route().view === VIEWS.setup) return []; // it needs no run, and starts one at its end
   if (state.status === "lost") return [{ key: "lost", kind: "error", words: state.words, offersStart: session.right === "operate" && state.code !== "offline" }];
   if (!isLive) return [];
   const { safety, health } = snapshot;
