@@ -7,12 +7,14 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.live.health import Board
 from stadimeter.app.loop import Loop
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 from stadimeter.cli.live_view import LiveView, grant_rows
@@ -402,6 +404,26 @@ def test_an_error_in_the_run_gives_the_terminal_back(make_record: Callable[..., 
     with pytest.raises(ZeroDivisionError), view:
         view.update(1 / 0)
     assert "\x1b[?1049l" in file.getvalue()
+
+
+def test_where_there_is_room_the_health_of_the_run_is_shown_as_on_the_page(
+    make_record: Callable[..., CycleRecord],
+) -> None:
+    view = shown(make_record(9.9), make_record(10.0))
+    words = "10.0 pictures a second, 34 ms old"
+    assert words in row_with(" camera ", screen(view, 80, 60))
+    assert words in row_with(" camera ", screen(view, 120, 40))
+    assert not any(words in row for row in screen(view, 80, 24))
+
+
+def test_what_is_wrong_with_the_board_is_said_on_top_however_little_room_there_is(
+    make_record: Callable[..., CycleRecord], tmp_path: Path
+) -> None:
+    (tmp_path / "sys/class/thermal/thermal_zone0").mkdir(parents=True)
+    (tmp_path / "sys/class/thermal/thermal_zone0/temp").write_text("84000")
+    view, show = live_view(board=Board(folder=tmp_path, root=tmp_path))
+    show(make_record())
+    assert " ! processor: 84 °C, cool it" in screen(view, 60, 16)[1]
 
 
 def test_an_unknown_unit_is_refused() -> None:

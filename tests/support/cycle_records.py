@@ -9,6 +9,7 @@ from dataclasses import replace
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.live.feed import LiveFeed
+from stadimeter.app.live.health import Board
 from stadimeter.app.live.snapshot import Surroundings
 from stadimeter.cli.live_view import LiveView
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
@@ -103,10 +104,13 @@ def live_view(
     trouble: Callable[[], str] = str,
     narration: Callable[[], str] = str,
     messages: Callable[[], Sequence[tuple[float, Message]]] = tuple,
+    board: Board | None = None,
     **options: object,
 ) -> tuple[LiveView, Callable[[CycleRecord], None]]:
     """Return a live view, and what shows it a cycle."""
-    feed = LiveFeed(SteppedClock(), Surroundings(trouble=trouble, narration=narration, messages=messages))
+    feed = LiveFeed(
+        SteppedClock(), Surroundings(trouble=trouble, narration=narration, messages=messages), board or Board()
+    )
     view = LiveView(title, feed, **options)
 
     def show(record: CycleRecord) -> None:

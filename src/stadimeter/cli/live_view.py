@@ -28,6 +28,7 @@ from stadimeter.cli.run_panels import (
     header_lines,
     message_line,
     narration_lines,
+    note_lines,
     output_blocks,
     rule_blocks,
 )
@@ -179,7 +180,7 @@ def _narrow(shown: Shown, record: CycleRecord, width: int, height: int, glyphs: 
             ("outputs", rest.loud(rest.outputs) - outputs), ("rules", rest.loud(rest.rules) - rules),
             ("events", rest.newest - 1), ("outputs", rest.full(rest.outputs) - rest.loud(rest.outputs)),
             ("targets", 5), ("rules", rest.full(rest.rules) - rest.loud(rest.rules)), ("events", 1), ("messages", 1),
-            ("events", 1), ("targets", height),
+            ("events", 1), ("targets", 5), ("health", 1 + len(rest.health)), ("targets", height),
         ],
         rest.most(),
     )  # fmt: skip
@@ -198,7 +199,7 @@ def _wide(shown: Shown, record: CycleRecord, width: int, height: int, glyphs: Gl
             ("headings", rest.headings), ("events", 2), ("messages", 1),
             ("rules", rest.full(rest.rules) - len(rest.rules)),
             ("outputs", rest.full(rest.outputs) - len(rest.outputs)),
-            ("events", 3), ("messages", 7), ("events", height),
+            ("events", 3), ("messages", 2), ("health", 1 + len(rest.health)), ("messages", 5), ("events", height),
         ],
         rest.most(),
     )  # fmt: skip
@@ -247,7 +248,7 @@ _Wrapped = tuple[Block, list[Text]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Rest:
-    """Rules, outputs, events and messages, before it is known how many rows there are for them."""
+    """Rules, outputs, events, messages and health, before it is known how many rows there are for them."""
 
     width: int
     glyphs: Glyphs
@@ -255,6 +256,7 @@ class _Rest:
     outputs: Sequence[_Wrapped]
     events: Sequence[list[Text]]
     messages: Sequence[Text]
+    health: Sequence[Text]
 
     @classmethod
     def of(cls, shown: Shown, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> Self:
@@ -269,6 +271,7 @@ class _Rest:
             outputs=[(block, block.lines(width, glyphs)) for block in outputs],
             events=[glyphs.hang(*event_block(event, started_s, unit, glyphs), width) for event in events],
             messages=[message_line(at_s, sent, started_s, glyphs) for at_s, sent in messages],
+            health=note_lines(shown.snapshot.health.notes, glyphs),
         )
 
     @property
@@ -291,7 +294,10 @@ class _Rest:
         return len(self.events[0]) if self.events else 1
 
     def most(self) -> dict[str, int]:
-        return {"rules": self.full(self.rules), "outputs": self.full(self.outputs), "messages": len(self.messages)}
+        """Return how many rows each section can fill; health with its heading, for it comes with one or not at all."""
+        of_rules, of_outputs = self.full(self.rules), self.full(self.outputs)
+        health = 1 + len(self.health)
+        return {"rules": of_rules, "outputs": of_outputs, "messages": len(self.messages), "health": health}
 
     def lines(self, rows: Counter[str]) -> list[Text]:
         """Return what fits into the rows, under headings if there is room for these."""
@@ -300,6 +306,7 @@ class _Rest:
             "outputs": self._blocks(self.outputs, rows["outputs"]),
             "events": self._newest(rows["events"]),
             **({"messages": list(self.messages[: rows["messages"]])} if self.messages else {}),
+            **({"health": list(self.health[: rows["health"] - 1])} if rows["health"] > 1 else {}),
         }
         return [
             line

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from rich.text import Text
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.live.health import LiveHealth, Note
 from stadimeter.app.live.snapshot import why
 from stadimeter.cli.formatting import (
     LengthUnit,
@@ -55,6 +56,7 @@ SCREEN = (
     ("outputs", "what each really does, and the rule that commands it"),
     ("events", "what changed, the newest first"),
     ("messages", "what was sent to other programs"),
+    ("health", "frames, cycle time, board and broker"),
 )
 """What the parts of the screen show."""
 
@@ -83,11 +85,7 @@ def header_lines(shown: Shown, width: int, glyphs: Glyphs) -> list[Text]:
     left = glyphs.fit(Text(f" {glyphs.words(shown.title)}", "bold"), max(0, width - right.cell_len - 1))
     return [
         glyphs.fit(Text.assemble(left, " ", right), width),
-        *(
-            line
-            for words in _warnings(health.trouble, record)
-            for line in _warning(in_unit(words, shown.unit), width, glyphs)
-        ),
+        *(line for words in _warnings(health, record) for line in _warning(in_unit(words, shown.unit), width, glyphs)),
     ]
 
 
@@ -124,14 +122,14 @@ def explanation_lines(shown: Shown, width: int, glyphs: Glyphs) -> list[Text]:
     ]
 
 
-def _warnings(trouble: str, record: CycleRecord) -> list[str]:
+def _warnings(health: LiveHealth, record: CycleRecord) -> list[str]:
     warnings = [record.decision.safety_reason]
     fault = record.observation.camera_fault
-    if record.decision.safety is not SafetyMode.ACTIVE and fault not in trouble:
+    if record.decision.safety is not SafetyMode.ACTIVE and fault not in health.trouble:
         warnings.append(
             fault
         )  # a slow camera has nothing new in many a cycle; that is worth saying only if it stops us
-    return [words for words in (*warnings, trouble) if words]
+    return [words for words in (*warnings, *health.warnings) if words]
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,6 +296,17 @@ def message_line(at_s: float, message: Message, started_s: float, glyphs: Glyphs
         (glyphs.words(message.topic), "bright_cyan"),
         (glyphs.words(f"  {_essence(message.payload)}"), "dim"),
     )
+
+
+def note_lines(notes: Sequence[Note], glyphs: Glyphs) -> list[Text]:
+    """Return the run's health, a line for each thing."""
+    column = _column([note.what for note in notes])
+    return [
+        Text.assemble(
+            (f" {note.what:<{column}}  ", "dim"), (glyphs.words(note.words), "" if note.is_good else "yellow")
+        )
+        for note in notes
+    ]
 
 
 def _essence(payload: str) -> str:

@@ -50,11 +50,3 @@ class StagedWorld(Protocol):
     def let_go(self) -> None:
         """Have the target go on along its path."""
         ...
-
-    def ball_at_m(self) -> tuple[float, float]:
-        """Return where the ball is now: metres to the east, where the camera looks at first, and to the north."""
-        ...
-
-    def move_ball(self, x_m: float, y_m: float) -> None:
-        """Put the ball somewhere; it leaves its path, and stays there."""
-        ...

@@ -294,7 +294,7 @@ class World:
     def state(self) -> dict[str, Any]:
         """Return where ball and camera are, and what goes wrong, for a view from above."""
         now_s = self.now_s
-        x_m, y_m = self.ball_at_m()
+        x_m, y_m, _ = self._hand.position_m(now_s)
         pose = self.robot.pose_at(now_s)
         return {
             "targets": [{"name": "ball", "x_m": round(x_m, 3), "y_m": round(y_m, 3)}],
@@ -332,11 +332,6 @@ class World:
             pose.x_m + along_floor_m * math.cos(heading_rad),
             pose.y_m + along_floor_m * math.sin(heading_rad),
         )
-
-    def ball_at_m(self) -> tuple[float, float]:
-        """Return where the ball is now: metres to the east, where the robot looks at first, and to the north."""
-        x_m, y_m, _ = self._hand.position_m(self.now_s)
-        return x_m, y_m
 
     def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
         """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.

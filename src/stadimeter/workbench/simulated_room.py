@@ -46,9 +46,10 @@ class SimulatedRoom:
             raise ConfigError(
                 f"the ball can be {self._radius_m:g} to {FARTHEST_M:g} m before the camera, not at {x_m:g}, {y_m:g} m"
             )
-        self._world.move_ball(x_m, y_m)
+        self._world.place_target(x_m, y_m)
+        self._place_m = x_m, y_m
 
     def where(self) -> dict[str, float]:
-        """Return where the ball is: its middle, and how far away its nearest point is, as a tape would have it."""
-        x_m, y_m = self._world.ball_at_m()
+        """Return where the ball was put: its middle, and how far away its nearest point is, as by a tape."""
+        x_m, y_m = self._place_m
         return {"x_m": x_m, "y_m": y_m, "distance_m": math.hypot(x_m, y_m) - self._radius_m}

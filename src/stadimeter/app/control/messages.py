@@ -106,15 +106,12 @@ class WorldArgs(_Strict):
     """Make this go wrong, or put it right again."""
 
 
-Picture = Literal["plain", "drawn"]
-
-
 class SubscribeArgs(_Strict):
     """What somebody who watches a run wants to get, and how often."""
 
     rate_hz: Annotated[float, Field(gt=0, le=10, strict=False)] = 10.0
     """How many snapshots a second, at most."""
-    image: Literal["none"] | Picture = "none"
+    image: Literal["none", "plain", "drawn"] = "none"
     """Whether the frame comes with it as JPEG, and whether what was found is drawn in."""
     quality: Annotated[int, Field(ge=10, le=95)] = 80
     """Quality of the JPEG."""
@@ -125,7 +122,7 @@ class FrameArgs(_Strict):
 
     encoding: Literal["jpeg", "raw"] = "jpeg"
     """As JPEG, or row by row, each pixel three bytes, blue first."""
-    image: Picture = "plain"
+    image: Literal["plain", "drawn"] = "plain"
     """Whether what was found is drawn in."""
     quality: Annotated[int, Field(ge=10, le=95)] = 80
     """Quality of the JPEG."""

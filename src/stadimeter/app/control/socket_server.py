@@ -185,36 +185,35 @@ class _Handler(socketserver.StreamRequestHandler):
 
     def _answer(self, line: bytes, connection: _Connection) -> bool:
         """Answer a line; return whether more may be asked on this connection."""
-        control = self.server.control
-        with control.speaking:
+        with self.server.control.speaking:
             transaction = transaction_of(line)
             try:
-                request = parse_request(line)
-                if isinstance(request, SubscribeRequest):
-                    end = self._watched().subscribe(request.args, connection.replies.put)
-                else:
-                    self._pass_on(request, connection)
+                end = self._begin(parse_request(line), connection)
             except ControlError as error:
-                request = None
+                end = None
                 connection.replies.put(Reply(error=str(error)))
-        if isinstance(request, SubscribeRequest):
-            try:
-                self._tell_until_hung_up(transaction, connection)
-            finally:
-                end()
-            return False
-        # Without an answer in time the connection ends: the next request would be given the one that comes too late.
-        self._say(connection.replies.get(timeout=ANSWER_MAX_S), transaction, connection)
-        return True
+        if end is None:
+            # Without an answer in time the connection ends: the next request would be given the one that is too late.
+            self._say(connection.replies.get(timeout=ANSWER_MAX_S), transaction, connection)
+            return True
+        try:
+            self._tell_until_hung_up(transaction, connection)
+        finally:
+            end()
+        return False
 
-    def _pass_on(self, request: Request, connection: _Connection) -> None:
-        control = self.server.control
-        if isinstance(request, PlainRequest) and request.op == "hello":
-            connection.replies.put(Reply(control.hello()))
-        elif isinstance(request, FrameRequest):
-            connection.replies.put(partial(self._watched().frame, request.args))
+    def _begin(self, request: Request, connection: _Connection) -> Callable[[], None] | None:
+        """See to it that a request will be answered; return what ends a subscription, None for any other request."""
+        control, answer = self.server.control, connection.replies.put
+        if isinstance(request, SubscribeRequest):
+            return self._watched().subscribe(request.args, answer)
+        if isinstance(request, FrameRequest):
+            answer(partial(self._watched().frame, request.args))
+        elif isinstance(request, PlainRequest) and request.op == "hello":
+            answer(Reply(control.hello()))
         else:
-            control.put(request, connection.replies.put)
+            control.put(request, answer)
+        return None
 
     def _watched(self) -> Watched:
         watched = self.server.control.watched
@@ -224,7 +223,7 @@ class _Handler(socketserver.StreamRequestHandler):
 
     def _tell_until_hung_up(self, transaction: Transaction, connection: _Connection) -> None:
         """Write each snapshot. What ends it is an error of writing, or a connection that was closed by us."""
-        self.request.settimeout(UNREAD_MAX_S)
+        self.request.settimeout(min(UNREAD_MAX_S, self.server.control.idle_max_s))
         while not connection.is_closed:
             connection.turn(is_owed=True)
             self._say(connection.replies.get(), transaction, connection)

@@ -95,16 +95,22 @@ class LiveHealth:
     @property
     def notes(self) -> tuple[Note, ...]:
         """All of it in words, the most important first."""
-        return (*self._of_frames(), *self._of_board())
+        return (*self._of_frames(), *self._of_board(), *self._of_others())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with the board, and what is wrong outside the loop, in words."""
+        board = [f"{note.what}: {note.words}" for note in self._of_board() if not note.is_good]
+        return (*board, *([self.trouble] if self.trouble else []))
 
     def _of_frames(self) -> Iterator[Note]:
         if self.frame_age_s is None:
             yield Note(what="camera", words="no picture yet", is_good=False)
         else:
-            words = f"{self.frame_rate_hz:.1f} pictures a second, the newest {_age(self.frame_age_s)} old"
+            words = f"{self.frame_rate_hz:.1f} pictures a second, {_age(self.frame_age_s)} old"
             yield Note(what="camera", words=words, is_good=self.frame_age_s < OLD_S)
         if self.latency_s is not None:
-            yield Note(what="latency", words=f"{_age(self.latency_s)} from the picture to the outputs (median)")
+            yield Note(what="latency", words=f"median {_age(self.latency_s)} to the outputs")
         median_s, p95_s = self.cycle_s
         if median_s is not None and p95_s is not None:
             words = f"median {median_s * 1e3:.1f} ms, p95 {p95_s * 1e3:.1f} ms"
@@ -120,13 +126,15 @@ class LiveHealth:
             yield Note(what="processor", words=words, is_good=not is_hot)
         if board.throttling:
             yield Note(what="supply and heat", words=", ".join(board.throttling), is_good=False)
-        if self.broker:
-            yield Note(what="broker", words=self.broker, is_good=self.broker == CONNECTED)
         if board.disk_free_bytes is not None:
             has_room = board.disk_free_bytes >= DISK_FREE_MIN_BYTES
             yield Note(what="disk", words=f"{_bytes(board.disk_free_bytes)} free", is_good=has_room)
         if board.memory_bytes is not None:
             yield Note(what="memory", words=f"{_bytes(board.memory_bytes)} in use by this run")
+
+    def _of_others(self) -> Iterator[Note]:
+        if self.broker:
+            yield Note(what="broker", words=self.broker, is_good=self.broker == CONNECTED)
         if self.trouble:
             yield Note(what="trouble", words=self.trouble, is_good=False)
 

@@ -54,10 +54,13 @@ class Pictures:
         if seen.frame is not self._of:
             self._of, self._made = seen.frame, {}
         if (kind, quality) not in self._made:
-            image = _small(seen.frame.image)
-            drawn_in = drawn(image, seen.record, seen.frame.width_px) if kind == "drawn" else image
-            self._made[kind, quality] = _jpeg(drawn_in, quality)
+            self._made[kind, quality] = self._encode(seen.frame, seen.record, kind, quality)
         return self._made[kind, quality]
+
+    @staticmethod
+    def _encode(frame: Frame, record: CycleRecord, kind: Kind, quality: int) -> bytes:
+        image = _small(frame.image)
+        return _jpeg(drawn(image, record, frame.width_px) if kind == "drawn" else image, quality)
 
     def forget(self) -> None:
         """Keep nothing: nobody watches."""

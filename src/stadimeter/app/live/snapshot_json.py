@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from stadimeter.app.live.history import Sample, Samples, Seen
+from stadimeter.app.live.history import Samples, Seen
 from stadimeter.app.live.snapshot import Snapshot, why
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleTrace
@@ -26,13 +26,39 @@ from stadimeter.core.track import Track
 OUTLINE_POINTS_MAX = 64
 REJECTED_MAX = 8
 MESSAGES_MAX = 10
-SAMPLES_AT_ONCE = 100
-"""So many are put into words in one go: the interpreter gives the loop its turn in between."""
+SAMPLES_AT_ONCE = 200
+"""After this many the interpreter is given to the loop, if it waits for it: else it would wait for up to 5 ms."""
+
+GIVE_WAY_S = 1e-5
+
+REASONS_AT_ONCE = 12
+"""Of more rules than this, those that do not change say in turn why: to work that out takes up to 0.1 ms each."""
 
 _JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 
-def shared_json(snapshot: Snapshot, number: int, now_s: float, unix_offset_s: float) -> str:
+class ReasonsInTurn:
+    """Why each rule does what it does, in words. A rule that has changed says so at once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[RuleTrace, str]] = {}
+        self._next = 0
+
+    def of(self, decision: Decision) -> dict[str, str]:
+        """Return the words of every rule, by its name."""
+        rules, before = decision.rules, self._known
+        changed = {trace.rule for trace in rules if trace.rule not in before or before[trace.rule][0] is not trace}
+        turns = min(len(rules), max(0, REASONS_AT_ONCE - len(changed)))
+        due = changed | {rules[(self._next + turn) % len(rules)].rule for turn in range(turns)}
+        self._next += turns
+        self._known = {
+            trace.rule: (trace, why(decision, trace.rule)) if trace.rule in due else before[trace.rule]
+            for trace in rules
+        }
+        return {name: words for name, (_, words) in self._known.items()}
+
+
+def shared_json(snapshot: Snapshot, number: int, now_s: float, unix_offset_s: float, reasons: ReasonsInTurn) -> str:
     """Return what all who watch get of a snapshot, as a JSON object without the brace that closes it.
 
     Args:
@@ -48,7 +74,7 @@ def shared_json(snapshot: Snapshot, number: int, now_s: float, unix_offset_s: fl
         "unix_s": _rounded(now_s + unix_offset_s),
         "frame": frame_data(snapshot.seen, unix_offset_s),
         "targets": [_target(snapshot, track) for track in decision.tracks] if decision is not None else [],
-        "rules": [_rule(snapshot, trace) for trace in decision.rules] if decision is not None else [],
+        "rules": list(_rules(snapshot.plan, decision, reasons)) if decision is not None else [],
         "outputs": list(_outputs(snapshot)),
         "safety": _safety(decision),
         "health": _health(snapshot),
@@ -67,7 +93,8 @@ def events_json(events: Iterable[Event], unix_offset_s: float) -> str:
 
 def samples_json(samples: Mapping[str, Samples]) -> str:
     """Return distances as a JSON object: by target a list of time, distance or null, and standard deviation."""
-    return "{" + ",".join(f"{_JSON.encode(name)}:[{','.join(_listed(found))}]" for name, found in samples.items()) + "}"
+    listed = (f"{_JSON.encode(name)}:[{','.join(_listed(found))}]" for name, found in samples.items())
+    return f"{{{','.join(listed)}}}"
 
 
 def frame_data(seen: Seen | None, unix_offset_s: float) -> dict[str, Any] | None:
@@ -98,13 +125,11 @@ def outline_of(detection: Detection, *, has_corners: bool) -> list[list[float]]:
 
 
 def _listed(samples: Samples) -> Iterator[str]:
-    each = iter(samples)
-    while some := list(islice(each, SAMPLES_AT_ONCE)):
-        yield _JSON.encode([_sample(sample) for sample in some])[1:-1]
-
-
-def _sample(sample: Sample) -> list[float | None]:
-    return [_rounded(sample.at_s), _rounded(sample.distance_m, 4), _rounded(sample.sigma_m, 4)]
+    for number, (at_s, distance_m, sigma_m) in enumerate(samples.rows(), start=1):
+        sigma = f"{sigma_m:.4f}" if math.isfinite(sigma_m) else "null"
+        yield f"[{at_s:.3f},{distance_m:.4f},{sigma}]" if math.isfinite(distance_m) else f"[{at_s:.3f},null,{sigma}]"
+        if not number % SAMPLES_AT_ONCE:
+            time.sleep(GIVE_WAY_S)
 
 
 def _target(snapshot: Snapshot, track: Track) -> dict[str, Any]:
@@ -154,26 +179,28 @@ def _candidate(rejected: RejectedCandidate) -> dict[str, Any]:
     }
 
 
-def _rule(snapshot: Snapshot, trace: RuleTrace) -> dict[str, Any]:
-    rules = snapshot.plan.rules if snapshot.plan is not None else ()
-    rule = next((each for each in rules if each.name == trace.rule), None)
-    alarm = rule if isinstance(rule, AlarmRule) else None
-    return {
-        "rule": trace.rule,
-        "status": trace.status.value,
-        "active": trace.active,
-        "acknowledged": trace.acknowledged,
-        "gates": trace.gates,
-        "chattering": trace.chattering,
-        "first_out": trace.first_out,
-        "output": trace.output,
-        "target": rule.target if rule is not None else "",
-        "severity": rule.severity.value if rule is not None else "",
-        "is_alarm": alarm is not None,
-        "needs_ack": alarm is not None and alarm.needs_ack,
-        "latches": alarm is not None and alarm.latch,
-        "reason": why(snapshot.record.decision, trace.rule) if snapshot.record is not None else "",
-    }
+def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Iterator[dict[str, Any]]:
+    rules = {rule.name: rule for rule in plan.rules} if plan is not None else {}
+    words = reasons.of(decision)
+    for trace in decision.rules:
+        rule = rules.get(trace.rule)
+        alarm = rule if isinstance(rule, AlarmRule) else None
+        yield {
+            "rule": trace.rule,
+            "status": trace.status.value,
+            "active": trace.active,
+            "acknowledged": trace.acknowledged,
+            "gates": trace.gates,
+            "chattering": trace.chattering,
+            "first_out": trace.first_out,
+            "output": trace.output,
+            "target": rule.target if rule is not None else "",
+            "severity": rule.severity.value if rule is not None else "",
+            "is_alarm": alarm is not None,
+            "needs_ack": alarm is not None and alarm.needs_ack,
+            "latches": alarm is not None and alarm.latch,
+            "reason": words[trace.rule],
+        }
 
 
 def _outputs(snapshot: Snapshot) -> Iterator[dict[str, Any]]:

@@ -22,7 +22,7 @@ from stadimeter.app.live.feed import LiveFeed
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures, drawn
 from stadimeter.app.live.snapshot import Snapshot
-from stadimeter.app.live.snapshot_json import events_json, frame_data, samples_json, shared_json
+from stadimeter.app.live.snapshot_json import ReasonsInTurn, events_json, frame_data, samples_json, shared_json
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ControlError
 
@@ -88,6 +88,7 @@ class Subscriptions:
     _told: Seen | None = None
     _number: int = 0
     _moment: _Moment | None = None
+    _reasons: ReasonsInTurn = field(default_factory=ReasonsInTurn)
     _pictures: Pictures = field(default_factory=Pictures)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -174,7 +175,7 @@ class Subscriptions:
         """Return the snapshot that all get who were woken at the same time."""
         if self._moment is None or self._moment.number != self._number:
             snapshot, offset_s = self.feed.snapshot(), self.feed.unix_offset_s()
-            shared = shared_json(snapshot, self._number, self.feed.clock.now_s(), offset_s)
+            shared = shared_json(snapshot, self._number, self.feed.clock.now_s(), offset_s, self._reasons)
             self._moment = _Moment(number=self._number, snapshot=snapshot, shared=shared, unix_offset_s=offset_s)
         return self._moment
 

@@ -49,6 +49,7 @@ async function open() {
     else tab.removeAttribute("aria-current");
   }
   document.title = `${view.name} · stadimeter`;
+  drawState();
   const root = h("div", { class: "view" });
   replace(part("main"), root);
   try {
@@ -103,6 +104,7 @@ function badge() {
 
 function banners(isLive) {
   const { snapshot, state } = live;
+  if (state.status === "lost" && route().view === VIEWS.setup) return []; // it needs no run, and starts one at its end
   if (state.status === "lost") return [{ key: "lost", kind: "error", words: state.words, offersStart: session.right === "operate" && state.code !== "offline" }];
   if (live.silentMs() >= SILENT_MS) return [{ key: "silent", kind: "error", words: `Nothing has come from the device for ${Math.round(live.silentMs() / 1000)} s. What is shown is old.` }];
   if (!isLive) return [];

@@ -55,10 +55,10 @@ _SETUP_NAMES = "state begin answer back leave picture camera colour take world"
 MODULES: dict[str, str] = {
     **dict.fromkeys(("configuration", "check", "save", "version", "versions", "restore"), _EDITING),
     **dict.fromkeys(("recordings", "recording", "recording-delete"), _RECORDINGS),
-    "replay-diff": "stadimeter.workbench.server.replaying",
-    "recording-frame": "stadimeter.workbench.server.recorded_frame",
     **{f"setup-{name}": _SETUP for name in _SETUP_NAMES.split()},
     **dict.fromkeys(("setup-outlook", "setup-try", "setup-wiring", "setup-files"), _SETUP_RESULTS),
+    "replay-diff": "stadimeter.workbench.server.replaying",
+    "recording-frame": "stadimeter.workbench.server.recorded_frame",
 }
 """The module of each operation, which is loaded when it is first asked for. Its ``OPERATIONS`` holds it."""
 

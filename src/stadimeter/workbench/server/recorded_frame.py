@@ -14,7 +14,7 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
 from stadimeter.app.live.snapshot import Snapshot
-from stadimeter.app.live.snapshot_json import shared_json
+from stadimeter.app.live.snapshot_json import ReasonsInTurn, shared_json
 from stadimeter.app.recordings.recorded_configuration import load_recorded
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.plan import Plan
@@ -54,7 +54,7 @@ def _values(desk: Desk, index: RecordingIndex, moment: Moment, seen: Seen | None
     now_s = record.observation.now_s
     unix_s = began_unix_s(index.recording.header, 0.0) + moment.at_s
     snapshot = Snapshot(record=record, seen=seen, started_s=now_s - moment.at_s, plan=_plan(desk, index))
-    told = json.loads(shared_json(snapshot, 0, now_s, unix_s) + "}")
+    told = json.loads(shared_json(snapshot, 0, now_s, unix_s - now_s, ReasonsInTurn()) + "}")
     for target in told["targets"]:
         target["detection"], target["rejected"] = None, []
     return {"at_s": moment.at_s, "unix_s": unix_s, "seconds": index.seconds, **{key: told[key] for key in SHOWN}}

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from stadimeter.app.control.client import HELLO_WAIT_S, ask
+from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.recordings.journal import Journal, JournalHeader
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
 from stadimeter.errors import ControlError, JournalError, NotThereError, StadimeterError
@@ -68,14 +69,14 @@ OPERATIONS: dict[str, Operation] = {
 
 
 def folder_of(desk: Desk) -> Path:
-    """Return the folder of recordings: that which the run names, or did name, or else that beside the configuration."""
+    """Return the folder of recordings: that which the run names, or did name, or else that which one would take."""
     try:
         named = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("recordings")
     except ControlError:
         named = None
     if isinstance(named, str) and named:
         desk.kept["recordings folder"] = named
-    return Path(desk.kept.get("recordings folder") or desk.configuration.parent / "recordings")
+    return Path(desk.kept.get("recordings folder") or recordings_folder(desk.configuration))
 
 
 def path_of(desk: Desk, args: Mapping[str, Any]) -> Path:

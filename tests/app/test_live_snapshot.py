@@ -1,0 +1,282 @@
+"""What there is to see of a run: as JSON, drawn into the picture, and in words on its health."""
+
+import json
+import math
+import threading
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.app.bootstrap import build, demo_configuration
+from stadimeter.app.clock import SteppedClock
+from stadimeter.app.live.feed import LiveFeed
+from stadimeter.app.live.health import Board, BoardState, LiveHealth
+from stadimeter.app.live.history import Sample, Samples, Seen
+from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
+from stadimeter.app.live.snapshot import why
+from stadimeter.app.live.snapshot_json import REASONS_AT_ONCE, ReasonsInTurn, outline_of, samples_json, shared_json
+from stadimeter.app.live.watching import live_feed
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.core.decision import RuleStatus, RuleTrace
+from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
+from stadimeter.core.frame import Frame
+from stadimeter.core.rule import AlarmRule
+from support.cycle_records import cycle_record, tracked
+
+
+@pytest.fixture(scope="module")
+def demonstration():
+    """Return the loop of a demonstration that has run, and its feed."""
+    loop = Loop(build(demo_configuration(), speed=None))
+    feed = live_feed(loop)
+    loop.run(Limits(frames=120))
+    return loop, feed
+
+
+def as_data(feed):
+    """Return a snapshot as whoever watches reads it; a number that JSON does not have is refused."""
+    shared = shared_json(feed.snapshot(), 1, feed.clock.now_s(), 1_790_000_000.0, ReasonsInTurn())
+    return json.loads(shared + "}", parse_constant=pytest.fail)
+
+
+def test_it_tells_every_target_rule_and_output_of_the_run(demonstration):
+    loop, feed = demonstration
+    data, plan = as_data(feed), loop.parts.configuration.plan
+    assert [target["name"] for target in data["targets"]] == list(plan.targets)
+    assert [rule["rule"] for rule in data["rules"]] == [rule.name for rule in plan.rules]
+    assert [output["output"] for output in data["outputs"]] == [output.name for output in plan.outputs]
+    assert data["run"]["digest"]
+    assert data["safety"] == {"mode": "active", "reason": ""}
+    assert data["unix_s"] - data["now_s"] == pytest.approx(1_790_000_000.0)
+
+
+def test_the_figures_are_those_of_the_cycle_and_the_outline_lies_where_the_ball_was_found(demonstration):
+    _, feed = demonstration
+    record, (target,) = feed.history.record, as_data(feed)["targets"]
+    (track,) = record.decision.tracks
+    assert target["distance_m"] == pytest.approx(track.distance_m, abs=1e-4)
+    found = target["detection"]
+    across = np.ptp(np.array(found["outline_px"]), axis=0)
+    assert across == pytest.approx([found["width_px"], found["height_px"]], rel=0.05)
+    assert len(found["outline_px"]) <= 64
+    assert target["thresholds_m"] == sorted(target["thresholds_m"])
+
+
+def test_each_rule_says_why_as_the_terminal_and_explain_do(demonstration):
+    loop, feed = demonstration
+    for told in as_data(feed)["rules"]:
+        (rule,) = (each for each in loop.parts.configuration.plan.rules if each.name == told["rule"])
+        assert told["reason"] == why(feed.history.record.decision, rule.name)
+        assert told["needs_ack"] == (isinstance(rule, AlarmRule) and rule.needs_ack)
+
+
+def test_of_many_rules_those_that_changed_say_why_at_once_and_the_others_in_turn():
+    names = [f"rule-{number}" for number in range(3 * REASONS_AT_ONCE)]
+    rules = tuple(RuleTrace(rule=name, status=RuleStatus.IDLE) for name in names)
+    reasons, count = ReasonsInTurn(), 0
+
+    def told(rules):
+        nonlocal count
+        count += 1
+        words = dict.fromkeys(names, f"said {count}")
+        return reasons.of(cycle_record(1.0, rules=rules, reasons=words).decision)
+
+    assert set(told(rules).values()) == {"said 1"}
+    raised = (*rules[:-1], replace(rules[-1], status=RuleStatus.ACTIVE))
+    second = told(raised)
+    assert second[names[-1]] == "said 2"
+    assert list(second.values()).count("said 2") == REASONS_AT_ONCE
+    for _ in range(4):
+        last = told(raised)
+    assert "said 1" not in last.values()
+    assert told(()) == {}
+
+
+def test_the_simulated_room_is_seen_from_above(demonstration):
+    loop, feed = demonstration
+    world, truth_m = as_data(feed)["run"]["world"], loop.parts.world.distance_m()
+    ball, camera = world["targets"][0], world["camera"]
+    assert math.hypot(ball["x_m"] - camera["x_m"], ball["y_m"] - camera["y_m"]) == pytest.approx(truth_m, abs=0.05)
+    assert not any(world["faults"].values())
+
+
+def test_before_the_first_cycle_there_is_little_to_tell_and_that_is_told():
+    data = as_data(LiveFeed(SteppedClock()))
+    assert (data["frame"], data["targets"], data["rules"]) == (None, [], [])
+    assert data["safety"]["mode"] == "starting"
+    assert data["health"]["notes"][0] == {"what": "camera", "words": "no picture yet", "is_good": False}
+
+
+def test_what_is_no_number_is_null():
+    feed = LiveFeed(SteppedClock())
+    broken = Detection(
+        target="ball",
+        status=DetectionStatus.TRUNCATED,
+        centre_px=(math.nan, math.inf),
+        width_px=math.inf,
+        outline_px=np.array([[1.0, 2.0], [math.nan, 3.0], [math.inf, 4.0]]),
+        rejected=(RejectedCandidate(centre_px=(1.0, math.nan), size_px=math.inf, reason="too large"),),
+    )
+    track = tracked(distance_m=math.nan, sigma_m=math.inf, bearing_rad=-math.inf)
+    feed(replace(cycle_record(1.0, tracks=(track,)), detections=(broken,)), None)
+    (target,) = as_data(feed)["targets"]
+    assert (target["distance_m"], target["sigma_m"], target["bearing_rad"]) == (None, None, None)
+    assert target["detection"]["centre_px"] == [None, None]
+    assert target["detection"]["outline_px"] == [[1.0, 2.0]]
+    assert target["rejected"][0]["centre_px"] == [1.0, None]
+
+
+def test_the_outline_of_a_sheet_is_its_corners_in_order_and_that_of_a_ball_goes_round_it():
+    corners = np.array([[0.0, 0.0], [10.0, 0.0], [9.0, 8.0], [1.0, 9.0]])
+    sheet = Detection(target="paper", status=DetectionStatus.FOUND, outline_px=corners)
+    assert outline_of(sheet, has_corners=True) == corners.tolist()
+    angles = np.random.default_rng(1).permutation(np.linspace(-3.1, 3.1, 200))
+    limb = 50 + 20 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ball = Detection(target="ball", status=DetectionStatus.FOUND, outline_px=limb)
+    around = np.array(outline_of(ball, has_corners=False))
+    assert len(around) == 64
+    assert (np.diff(np.arctan2(around[:, 1] - 50, around[:, 0] - 50)) > 0).all()
+
+
+def test_distances_are_a_list_of_time_distance_and_deviation_with_null_for_a_gap():
+    samples = Samples()
+    for number in range(250):
+        samples.append(Sample(at_s=number / 10, distance_m=None if number == 3 else 2.0, sigma_m=0.01))
+    told = json.loads(samples_json({"ball": samples, "none": Samples()}))
+    assert len(told["ball"]) == 250
+    assert told["ball"][2:4] == [[0.2, 2.0, 0.01], [0.3, None, 0.01]]
+    assert told["none"] == []
+
+
+def test_distances_are_whole_whenever_another_thread_looks():
+    samples, ended = Samples(), threading.Event()
+
+    def add():
+        number = 0
+        while not ended.is_set():
+            samples.append(Sample(at_s=float(number), distance_m=float(number), sigma_m=0.0))
+            samples.forget_before(number - 50.0)
+            number += 1
+
+    thread = threading.Thread(target=add)
+    thread.start()
+    try:
+        for _ in range(2000):
+            seen = samples.after(-1.0)
+            assert all(sample.at_s == sample.distance_m for sample in (*seen,)[:3])
+            assert len(seen) <= 52
+    finally:
+        ended.set()
+        thread.join()
+
+
+def a_frame(width_px=640, height_px=480):
+    return Frame(image=np.full((height_px, width_px, 3), 90, np.uint8), captured_at_s=1.0, sequence=3)
+
+
+def found_at(centre_px, radius_px):
+    angles = np.linspace(0, 2 * np.pi, 60)
+    limb = np.array(centre_px) + radius_px * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return Detection(target="ball", status=DetectionStatus.FOUND, outline_px=limb, centre_px=centre_px)
+
+
+def test_outline_centre_and_words_are_drawn_into_a_copy():
+    frame = a_frame()
+    record = replace(cycle_record(1.0), detections=(found_at((300.0, 200.0), 50.0),))
+    picture = drawn(frame.image, record, frame.width_px)
+    changed = (picture != frame.image).any(axis=2)
+    assert changed[200, 348:353].any()  # the outline
+    assert changed[200, 300]  # the centre
+    assert changed[125:148, 250:400].any()  # the words above it
+    assert changed[0:60, 0:200].any()  # the rules that do something
+    assert not changed[300:, 400:].any()
+    assert (frame.image == 90).all()
+
+
+def test_a_large_frame_is_shown_smaller_and_drawn_at_the_same_place():
+    frame = a_frame(3840, 2160)
+    record = replace(cycle_record(1.0, rules=()), detections=(found_at((1920.0, 1080.0), 300.0),))
+    jpeg = Pictures().jpeg(Seen(record, frame), "drawn", 95)
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (720, SHOWN_MAX_PX, 3)
+    rows, columns = np.nonzero(np.ptp(picture.astype(int), axis=2) > 60)  # what is green
+    assert (columns.min() + columns.max()) / 2 == pytest.approx(640, abs=40)
+    assert rows.max() == pytest.approx(360 + 100, abs=4)
+
+
+@pytest.mark.parametrize("outline", [[[math.nan, 1.0]], [[1e300, -1e300], [5.0, 5.0]], [[-1e9, 1e9]]])
+def test_what_is_far_outside_or_no_number_is_drawn_nowhere_and_breaks_nothing(outline):
+    frame = a_frame()
+    detection = Detection(
+        target="ball", status=DetectionStatus.FOUND, outline_px=np.array(outline), centre_px=(1e300, math.nan)
+    )
+    record = replace(cycle_record(1.0, rules=()), detections=(detection,))
+    assert (drawn(frame.image, record, frame.width_px) == frame.image).all()
+
+
+def board(tmp_path, temperature="48312", throttled="0"):
+    for path, text in (
+        ("sys/class/thermal/thermal_zone0/temp", temperature),
+        ("sys/bus/platform/drivers/raspberrypi-firmware/soc:firmware/get_throttled", throttled),
+        ("proc/self/statm", "100 50 1 1 0 1 0"),
+    ):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(text + "\n")
+    return Board(folder=tmp_path, root=tmp_path, clock=lambda: 0.0)
+
+
+def words_of(health):
+    return {note.what: (note.words, note.is_good) for note in health.notes}
+
+
+def test_a_pi_says_how_warm_it_is_and_what_throttles_it(tmp_path):
+    state = board(tmp_path, "84000", "50005").state()
+    assert state.temperature_c == pytest.approx(84.0)
+    assert state.memory_bytes == 50 * 4096
+    words = words_of(LiveHealth(board=state))
+    assert words["processor"] == ("84 °C, cool it", False)
+    assert words["supply and heat"] == ("under-voltage, throttled", False)
+    assert "supply and heat" not in words_of(LiveHealth(board=board(tmp_path).state()))
+
+
+def test_a_computer_that_says_nothing_of_itself_is_no_trouble(tmp_path):
+    state = Board(folder=tmp_path / "gone", root=tmp_path, clock=lambda: 0.0).state()
+    assert state == BoardState()
+    assert {note.what for note in LiveHealth(board=state).notes} == {"camera", "dropped frames"}
+
+
+def test_the_board_is_looked_at_now_and_then_and_not_for_each_snapshot(tmp_path):
+    now_s = [0.0]
+    looked = board(tmp_path)
+    looked.clock = lambda: now_s[0]
+    assert looked.state().temperature_c == pytest.approx(48.3, abs=0.1)
+    board(tmp_path, "60000")
+    now_s[0] = 4.9
+    assert looked.state().temperature_c == pytest.approx(48.3, abs=0.1)
+    now_s[0] = 5.1
+    assert looked.state().temperature_c == pytest.approx(60.0)
+
+
+def test_a_picture_that_is_old_a_disk_that_is_full_and_a_broker_that_is_away_are_not_good():
+    health = LiveHealth(
+        frame_rate_hz=0.0,
+        frame_age_s=3.2,
+        broker="the broker is away",
+        board=BoardState(disk_free_bytes=1_000_000),
+        trouble="the broker is away",
+    )
+    words = words_of(health)
+    assert words["camera"] == ("0.0 pictures a second, 3.2 s old", False)
+    assert words["disk"] == ("1 MB free", False)
+    assert words["broker"] == ("the broker is away", False)
+    assert not words_of(replace(health, frame_age_s=0.03, broker="connected"))["trouble"][1]
+
+
+def test_frames_that_no_cycle_took_are_counted():
+    feed = LiveFeed(SteppedClock())
+    for sequence in (0, 1, 4, 5, 9):
+        feed(cycle_record(sequence / 100 + 0.001), None)
+    assert feed.snapshot().health.dropped_frames == 5
+    assert words_of(feed.snapshot().health)["dropped frames"][0] == "5 since the start"
