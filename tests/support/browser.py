@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -170,3 +171,15 @@ def tab(browser: Any, *, size: tuple[int, int] = DESKTOP, scheme: str = "light",
     finally:
         context.close()
     assert not faults, faults
+
+
+def until(page: Any, condition: str, what: str = "", wait_s: float = 15.0) -> Any:
+    """Wait until an expression of the page is true, and return it.
+
+    Playwright's own way evaluates a text within the page, which the page's security policy forbids.
+    """
+    deadline_s = time.monotonic() + wait_s
+    while not (found := page.evaluate(condition)):
+        assert time.monotonic() < deadline_s, what or condition
+        page.wait_for_timeout(50)
+    return found

@@ -236,9 +236,7 @@ def diff_lines(diff: ReplayDiff) -> Iterator[str]:
         yield _change_line(change)
     if len(diff.changes) > SHOWN_CHANGES:
         yield f"… and {len(diff.changes) - SHOWN_CHANGES} more; --json has all of them"
-    counts = {kind: sum(change.change == kind for change in diff.changes) for kind in ("added", "lost", "moved")}
-    counted = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    yield f"{diff.same} events are the same, {counted}, in {diff.minutes:.1f} minutes."
+    yield diff.summary()
     for rule in diff.rules:
         yield from _rule_lines(rule)
 

@@ -169,6 +169,9 @@ class Plugin(Generic[OptionsT]):
         draw: Of a detector, draws its target at its true size with the white rim that it needs, for `print`.
         propose_colour: Of a detector that goes by colour, finds out the range of colours of its target in pictures: a
             `stadimeter.detectors.protocol.ProposesColour`.
+        view_colour: Of such a detector, shows what a range of colours covers in a frame: a
+            `stadimeter.detectors.protocol.ViewsColour`.
+        widen_colour: Of such a detector, returns a range that covers more by so many steps, or less by negative ones.
     """
 
     options: type[OptionsT]
@@ -188,6 +191,8 @@ class Plugin(Generic[OptionsT]):
     exercise: Callable[[], Exercise] | None = field(default=None, kw_only=True)
     draw: Callable[[OptionsT], Drawing] | None = field(default=None, kw_only=True)
     propose_colour: Callable[..., Any] | None = field(default=None, kw_only=True)
+    view_colour: Callable[..., Any] | None = field(default=None, kw_only=True)
+    widen_colour: Callable[[str, int], str] | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

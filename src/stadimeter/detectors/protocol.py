@@ -117,6 +117,14 @@ class ProposesColour(Protocol):
         ...
 
 
+class ViewsColour(Protocol):
+    """Part of a detector's plugin: shows what a range of colours covers."""
+
+    def __call__(self, frame: Frame, colour: str) -> ColourView:
+        """Return what a range, as the configuration has it, shows in a frame; a ValueError says why it is none."""
+        ...
+
+
 def check_image(frame: Frame) -> None:
     """Raise a `PictureError` unless an image has the shape ``(height, width, 3)``, 8 bits a channel and some pixels."""
     shape, dtype = frame.image.shape, frame.image.dtype

@@ -119,8 +119,11 @@ PLACES: tuple[Place, ...] = (
     _desk("GET", "configuration/versions/{id}", "version"),
     _desk("POST", "configuration/versions/{id}/restore", "restore"),
     _desk("GET", "setup", "setup-state"),
-    *(_set_up(step) for step in ("answer", "back", "begin", "leave", "colour", "camera", "try", "files", "outlook")),
+    *(
+        _set_up(step)
+        for step in ("answer", "back", "begin", "leave", "colour", "camera", "world", "try", "files", "outlook")
+    ),
     *(_set_up(step, LONG_WAIT_S) for step in ("take", "board")),
     _desk("GET", "setup/picture.jpg", "setup-picture", query={"draw": str, "width_px": int}, media=_JPEG),
-    _desk("GET", "setup/wiring.svg", "setup-wiring", media=_SVG),
+    _desk("GET", "setup/wiring.svg", "setup-wiring", query={"output": str}, media=_SVG),
 )

@@ -27,10 +27,12 @@ class Source:
 
     Attributes:
         is_live: Whether they come at the camera's own pace; of a recording every frame counts.
+        room: The room that is simulated before the camera; None before a real one.
     """
 
     capture: Capture
     is_live: bool
+    room: SimulatedRoom | None = None
 
     def settle(self) -> None:
         """Open it, and pass over the first frames of a live camera.
@@ -71,7 +73,8 @@ def open_source(choice: DriverChoice) -> Source:
         DriverError: It cannot be built.
     """
     if choice.plugin.needs_world:
-        return Source(capture=SimulatedRoom(choice).capture, is_live=True)
+        room = SimulatedRoom(choice)
+        return Source(capture=room.capture, is_live=True, room=room)
     clock = SteppedClock()
     camera: Camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=clock))
     if not camera.is_live:

@@ -55,24 +55,35 @@ def picture_remarks(image: Image, exposure_s: float | None = None) -> tuple[str,
     if brightest <= BLACK_LEVEL:
         return ("the picture is black: take the cover off the lens, switch the light on, or set a longer exposure",)
     remarks: list[str] = []
+    proposed = _proposed(exposure_s, better_exposure_s(image, exposure_s))
     if brightest <= DARK_LEVEL:
-        longer_s = None if exposure_s is None else exposure_s * (ENOUGH_LEVEL / brightest) ** GAMMA
-        remarks.append(
-            f"the picture is dark, hardly a level above {brightest:.0f} of 255: more light, longer exposure"
-            + _proposed(exposure_s, longer_s and min(longer_s, LONGEST_EXPOSURE_S))
-        )
+        words = f"the picture is dark, hardly a level above {brightest:.0f} of 255: more light, longer exposure"
+        remarks.append(f"{words}{proposed}")
     clipped = float(np.mean(image.min(axis=2) >= CLIPPED_LEVEL))
     if clipped > CLIPPED_SHARE:
-        remarks.append(
-            f"{clipped:.0%} of the picture is clipped to white: set a shorter exposure, or less light"
-            + _proposed(exposure_s, exposure_s and exposure_s / 2)
-        )
+        words = f"{clipped:.0%} of the picture is clipped to white: set a shorter exposure, or less light"
+        remarks.append(f"{words}{proposed}")
     blur_px = blur_sigma_px(image)
     if blur_px is not None and blur_px > BLURRED_SIGMA_PX:
         remarks.append(
             f"the picture is blurred, its sharpest edges by {blur_px:.1f} px: clean and focus the lens, and hold still"
         )
     return tuple(remarks)
+
+
+def better_exposure_s(image: Image, exposure_s: float | None) -> float | None:
+    """Return the exposure for which a picture would be neither dark nor clipped: the one that it had, if it is good.
+
+    Args:
+        exposure_s: The exposure that it had; None if that is not known, and so is a better one.
+    """
+    if exposure_s is None:
+        return None
+    brightest = float(np.quantile(image.max(axis=2), 1 - BRIGHTEST_SHARE))
+    if BLACK_LEVEL < brightest <= DARK_LEVEL:
+        return min(exposure_s * float((ENOUGH_LEVEL / brightest) ** GAMMA), LONGEST_EXPOSURE_S)
+    is_clipped = float(np.mean(image.min(axis=2) >= CLIPPED_LEVEL)) > CLIPPED_SHARE
+    return exposure_s / 2 if is_clipped else exposure_s
 
 
 def _proposed(now_s: float | None, wanted_s: float | None) -> str:

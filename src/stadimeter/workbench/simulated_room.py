@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import math
 
 from stadimeter.app.capture import capture_for
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.config.driver_tables import WORLD
 from stadimeter.config.plugins import DriverChoice, DriverContext, Shared, load_plugin
+from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.errors import ConfigError
+from stadimeter.simulation.protocol import StagedWorld
 
 BALL = "20 cm"
 """The diameter of the ball in the room."""
 
-_PLACE = {"x": "1.1 m", "y": "0 m"}
+CAMERA_HEIGHT = "25 cm"
+
+FARTHEST_M = 8.0
+"""Beyond this nothing is put: the ball would be a few pixels."""
 
 _LENS = CameraModel.with_focal_length(600.0, 640, 480)
-
-
-def world_table(ball: str = BALL, place: Mapping[str, str] = _PLACE) -> dict[str, Any]:
-    """Return the table ``[world]`` of a room in which a ball lies still.
-
-    Args:
-        ball: Its diameter.
-        place: Where it lies: ``x`` before the camera and ``y`` to the left.
-    """
-    return {"ball_diameter": ball, "path": [{"at": "0 s", **place}], "loop": False}
 
 
 class SimulatedRoom:
@@ -35,7 +30,26 @@ class SimulatedRoom:
     def __init__(self, camera: DriverChoice) -> None:
         clock, shared = MonotonicClock(), Shared()
         plugin = load_plugin(WORLD.group, WORLD.default)
-        options = plugin.options.model_validate(world_table())
+        # At the height of the camera, so that a distance is one along the floor.
+        options = plugin.options.model_validate(
+            {"ball_diameter": BALL, "ball_height": CAMERA_HEIGHT, "camera_height": CAMERA_HEIGHT}
+        )
         context = DriverContext(name="world", clock=clock, camera_model=_LENS, shared=shared)
-        self.world = plugin.build(options, context)
+        self._world: StagedWorld = plugin.build(options, context)
+        self._radius_m = parse_length(BALL) / 2
         self.capture = capture_for(camera.plugin.build(camera.options, context), clock)
+        self.place(1.0 + self._radius_m, 0.0)
+
+    def place(self, x_m: float, y_m: float) -> None:
+        """Put the middle of the ball so far ahead of the camera, and to its left; a `ConfigError` if it cannot be."""
+        if not (math.hypot(x_m, y_m) <= FARTHEST_M and x_m > self._radius_m):
+            raise ConfigError(
+                f"the ball can be {self._radius_m:g} to {FARTHEST_M:g} m before the camera, not at {x_m:g}, {y_m:g} m"
+            )
+        self._world.place_target(x_m, y_m)
+        self._place_m = x_m, y_m
+
+    def where(self) -> dict[str, float]:
+        """Return where the ball was put: its middle, and how far away its nearest point is, as by a tape."""
+        x_m, y_m = self._place_m
+        return {"x_m": x_m, "y_m": y_m, "distance_m": math.hypot(x_m, y_m) - self._radius_m}

@@ -6,11 +6,12 @@ import json
 import os
 import socket
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stadimeter.app.control.framing import attached_bytes
 from stadimeter.app.control.places import check_peer, left_out, running
 from stadimeter.errors import ControlError
 
@@ -39,13 +40,20 @@ def ask(path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: f
 
     Raises `ControlError` if it does not run, may be another user's, does not answer, or refuses.
     """
+    return fetch(path, op, args, wait_s)[0]
+
+
+def fetch(
+    path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: float = ANSWER_WAIT_S
+) -> tuple[Any, bytes]:
+    """Ask as `ask` does, and return the bytes too that are attached to the answer, such as a picture."""
     request = json.dumps({"transaction": op, "op": op, "args": args or {}}).encode() + b"\n"
     try:
         with _connected(path) as connection:
             check_peer(path, connection)
             connection.settimeout(wait_s)
             connection.sendall(request)
-            line = _line(connection, wait_s)
+            line, attached = _answer(connection, wait_s)
     except ControlError:
         raise
     except TimeoutError as error:
@@ -54,7 +62,7 @@ def ask(path: Path, op: str, args: Mapping[str, object] | None = None, wait_s: f
         raise ControlError(f"{path}: we may not ask there; try it with sudo, or as the user that runs it") from error
     except OSError as error:
         raise ControlError(f"{path}: no instance listens there: {error.strerror or error}") from error
-    return _data(path, line)
+    return _data(path, line), attached
 
 
 def find(configuration: Path | None = None, sockets: Iterable[Path] | None = None) -> Path:
@@ -117,19 +125,36 @@ def _connected(path: Path) -> socket.socket:
             return connection
 
 
-def _line(connection: socket.socket, wait_s: float) -> bytes:
+def _answer(connection: socket.socket, wait_s: float) -> tuple[bytes, bytes]:
+    """Return the line of an answer, empty where none came, and the bytes behind it."""
     until_s = time.monotonic() + wait_s
-    line = bytearray()
-    while not line.endswith(b"\n"):
+    received = bytearray()
+    _receive(connection, received, until_s, lambda: b"\n" in received)
+    line, _, rest = bytes(received).partition(b"\n")
+    attached = bytearray(rest)
+    size = _size(line)
+    _receive(connection, attached, until_s, lambda: len(attached) >= size)
+    return line, bytes(attached[:size])
+
+
+def _receive(connection: socket.socket, into: bytearray, until_s: float, is_enough: Callable[[], bool]) -> None:
+    """Receive until it is enough, or the other side ends."""
+    while not is_enough():
         left_s = until_s - time.monotonic()
         if left_s <= 0:
             raise TimeoutError
         connection.settimeout(left_s)
-        data = connection.recv(65536)
+        data = connection.recv(1 << 20)
         if not data:
-            break
-        line += data
-    return bytes(line)
+            return
+        into += data
+
+
+def _size(line: bytes) -> int:
+    try:
+        return attached_bytes(json.loads(line))
+    except (ValueError, AttributeError):
+        return 0  # it is no answer, which is said of the line
 
 
 def _data(path: Path, line: bytes) -> Any:

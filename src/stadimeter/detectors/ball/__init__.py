@@ -35,8 +35,8 @@ from stadimeter.detectors.ball.gates import (
     without_limb,
 )
 from stadimeter.detectors.ball.limb import find_limb, within
-from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges
-from stadimeter.detectors.protocol import ColourProposal, ColourSample, check_image
+from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges, parse_hsv_range
+from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, check_image
 from stadimeter.detectors.region import Region
 from stadimeter.ranging.ball import BallShape
 
@@ -358,9 +358,28 @@ def _propose_colour(samples: Sequence[ColourSample]) -> ColourProposal | None:
     return propose(samples, _of_colour)
 
 
+def _view_colour(frame: Frame, colour: str) -> ColourView:
+    from stadimeter.detectors.ball.colour_proposal import view  # noqa: PLC0415 - not for a run
+
+    return view(frame, parse_hsv_range(colour), _of_colour)
+
+
+def _widen_colour(colour: str, steps: int) -> str:
+    from stadimeter.detectors.ball.colour_ranges import loosened  # noqa: PLC0415 - not for a run
+
+    return str(loosened(parse_hsv_range(colour), steps))
+
+
 def _of_colour(frame: Frame, colour: HsvRange) -> Detection:
     options = BallOptions.model_validate({"diameter": "1 m", "hsv": colour})  # the size changes nothing in a picture
     return BallDetector("ball", options).detect(frame)
 
 
-PLUGIN = Plugin(BallOptions, _build, exercise=_exercise, propose_colour=_propose_colour)
+PLUGIN = Plugin(
+    BallOptions,
+    _build,
+    exercise=_exercise,
+    propose_colour=_propose_colour,
+    view_colour=_view_colour,
+    widen_colour=_widen_colour,
+)

@@ -76,7 +76,7 @@ def propose(samples: Sequence[ColourSample], detect: Detect) -> ColourProposal |
     if not found:
         return None
     colour = joined(found)
-    views = tuple(_view(frame, colour, detect) for frame, _ in samples)
+    views = tuple(view(frame, colour, detect) for frame, _ in samples)
     return ColourProposal(colour=str(colour), views=views, hue_margin=_hue_margin(samples, views, colour))
 
 
@@ -157,7 +157,8 @@ def _without(mask: Mask, detection: Detection) -> tuple[Mask, float]:
     return rest, math.pi * radius_px**2
 
 
-def _view(frame: Frame, colour: HsvRange, detect: Detect) -> ColourView:
+def view(frame: Frame, colour: HsvRange, detect: Detect) -> ColourView:
+    """Return what a range of colours shows in a frame."""
     detection, mask = detect(frame, colour), colour.mask(frame.image)
     return ColourView(detection=detection, mask=mask, others=_others(mask, detection, THING_SHARE))
 

@@ -185,6 +185,12 @@ class ReplayDiff:
     rules: tuple[RuleChange, ...]
     minutes: float
 
+    def summary(self) -> str:
+        """Say how many events are the same, and how many are not."""
+        counts = {kind: sum(change.change == kind for change in self.changes) for kind in ("added", "lost", "moved")}
+        counted = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+        return f"{self.same} events are the same, {counted}, in {self.minutes:.1f} minutes."
+
     def record(self) -> dict[str, Any]:
         """Return the object that ``--json`` prints."""
         return {

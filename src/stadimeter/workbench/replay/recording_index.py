@@ -15,7 +15,7 @@ from pathlib import Path
 from stadimeter.app.recordings.cycle_json import RecordedCycle
 from stadimeter.app.recordings.journal import readable
 from stadimeter.app.recordings.record_file import MAGIC
-from stadimeter.app.recordings.recording import CYCLES, IMAGES
+from stadimeter.app.recordings.recording import ANNOTATIONS, CYCLES, IMAGES
 from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES
 from stadimeter.core.frame import Frame
 from stadimeter.errors import JournalError
@@ -51,11 +51,12 @@ class _Chunk:
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """A cycle, and the picture that was new in it, if it was recorded."""
+    """A cycle, and the picture that was new in it, if it was recorded, with what is drawn into it."""
 
     at_ns: int
     cycle: RecordedCycle
     image: RecordedImage | None
+    annotations: bytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,12 +68,14 @@ class Moment:
         cycle: The newest cycle by then.
         frame: The newest picture by then that was recorded; None if there is none nearby.
         seen: The cycle in which that picture was new.
+        annotations: What is drawn into that picture, as the message of the recording has it; empty for nothing.
     """
 
     at_s: float
     cycle: RecordedCycle
     frame: Frame | None = None
     seen: RecordedCycle | None = None
+    annotations: bytes = b""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -105,10 +108,12 @@ class RecordingIndex:
         now = max((each for each in entries if each.at_ns <= at_ns), key=lambda each: each.at_ns, default=None)
         if now is None:
             now = self._first(entries)
+        found_s = (now.at_ns - begin_ns) / 1e9
         shown = self._newest_with_image(number, max(at_ns, now.at_ns))
         frame = decoded_frame(shown.image, shown.cycle) if shown is not None and shown.image is not None else None
-        found_s = (now.at_ns - begin_ns) / 1e9
-        return Moment(found_s, now.cycle, frame, shown.cycle if shown is not None and frame is not None else None)
+        if shown is None or frame is None:
+            return Moment(found_s, now.cycle)
+        return Moment(found_s, now.cycle, frame, shown.cycle, shown.annotations)
 
     def _first(self, entries: list[_Entry]) -> _Entry:
         if not entries:
@@ -132,14 +137,17 @@ class RecordingIndex:
     def _read(self, chunk: _Chunk) -> list[_Entry]:
         path = self.recording.path
         entries: list[_Entry] = []
-        image: RecordedImage | None = None
+        image, annotations = None, b""
         for topic, message in messages_in(f"{path}, byte {chunk.at_byte}", _content(path, chunk), self._topics):
             place = f"{path}, frame or cycle {message.sequence}"
             if topic == IMAGES:
                 image = RecordedImage(message.sequence, message.data, place)
+            elif topic == ANNOTATIONS:
+                annotations = message.data
             elif topic == CYCLES:
-                entries.append(_Entry(message.log_time, RecordedCycle(message.data, b"[]", place), image))
-                image = None
+                cycle = RecordedCycle(message.data, b"[]", place)
+                entries.append(_Entry(message.log_time, cycle, image, annotations))
+                image, annotations = None, b""
         return entries
 
 

@@ -172,6 +172,6 @@ def replay_run(recording: Recording, config: Path | None, *, from_images: bool =
         ConfigError: The configuration cannot be used.
     """
     if config is not None:
-        return ReplayRun(recording, load_configuration(config), is_recorded=False, from_images=from_images)
+        return ReplayRun(recording, load_configuration(config), from_images=from_images)
     loaded = load_recorded(recording.header.recorded_configuration, recording.path)
     return ReplayRun(recording, loaded, is_recorded=True, from_images=from_images)

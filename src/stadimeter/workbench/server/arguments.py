@@ -39,3 +39,11 @@ def places(args: Mapping[str, Any], key: str) -> tuple[tuple[float, float], ...]
     if not isinstance(value, list) or not all(isinstance(each, list) and len(each) == 2 for each in value):
         raise ConfigError(f"{key} must be a list of places such as [312, 240]")
     return tuple((number({key: x}, key), number({key: y}, key)) for x, y in value)
+
+
+def texts(args: Mapping[str, Any], key: str) -> dict[str, str]:
+    """Return texts by their names, none unless they are given; a `ConfigError` if they are something else."""
+    value = args.get(key, {})
+    if not isinstance(value, dict):
+        raise ConfigError(f"{key} must be texts by their names")
+    return {name: text(value, name) for name in value}

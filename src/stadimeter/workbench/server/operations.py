@@ -44,12 +44,21 @@ class Desk:
 Operation = Callable[[Desk, Mapping[str, Any]], Reply]
 """Raises `StadimeterError`; the sentence is shown on the page. An error of another kind is a defect."""
 
+_EDITING = "stadimeter.workbench.server.editing"
+_RECORDINGS = "stadimeter.workbench.server.recordings"
 _SETUP = "stadimeter.workbench.server.setup_operations"
 
+_SETUP_RESULTS = "stadimeter.workbench.server.setup_results"
+
+_SETUP_NAMES = "state begin answer back leave picture camera colour take world"
+
 MODULES: dict[str, str] = {
-    **dict.fromkeys(
-        ("setup-state", "setup-begin", "setup-answer", "setup-back", "setup-leave", "setup-picture"), _SETUP
-    ),
+    **dict.fromkeys(("configuration", "check", "save", "version", "versions", "restore"), _EDITING),
+    **dict.fromkeys(("recordings", "recording", "recording-delete"), _RECORDINGS),
+    **{f"setup-{name}": _SETUP for name in _SETUP_NAMES.split()},
+    **dict.fromkeys(("setup-outlook", "setup-try", "setup-wiring", "setup-files"), _SETUP_RESULTS),
+    "replay-diff": "stadimeter.workbench.server.replaying",
+    "recording-frame": "stadimeter.workbench.server.recorded_frame",
 }
 """The module of each operation, which is loaded when it is first asked for. Its ``OPERATIONS`` holds it."""
 

@@ -96,9 +96,11 @@ def told(error: StadimeterError) -> dict[str, Any]:
     answer: dict[str, Any] = {"status": "error", "error": str(error)}
     code = getattr(error, "code", "")
     problems = getattr(error, "problems", ())
+    data = getattr(error, "data", None)
     return {
         **answer,
         **({"code": code} if code else {}),
+        **({"data": data} if data else {}),
         **({"problems": [as_json(each) for each in problems]} if problems else {}),
     }
 

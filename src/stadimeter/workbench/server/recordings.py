@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from stadimeter.app.control.client import HELLO_WAIT_S, ask
+from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.recordings.journal import Journal, JournalHeader
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
 from stadimeter.errors import ControlError, JournalError, NotThereError, StadimeterError
@@ -37,16 +38,16 @@ def recordings(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     folder = folder_of(desk)
     found = [path for path in folder.glob("*") if path.suffix in ENDINGS and _is_file(path)] if folder.is_dir() else []
     newest = sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
-    listed = [_about(desk, path) for path in newest[:LISTED_MAX]]
+    listed = [about(desk, path) for path in newest[:LISTED_MAX]]
     return Reply(data={"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)})
 
 
 def recording(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer what there is to say about one recording; with its configuration and where it is."""
     path = path_of(desk, args)
-    about = _about(desk, path)
-    header = None if about["damage"] and not about["seconds"] else read_recording(path).header
-    return Reply(data={**about, "path": str(path), "text": header.configuration if header else ""})
+    told = about(desk, path)
+    header = None if told["damage"] and not told["seconds"] else read_recording(path).header
+    return Reply(data={**told, "path": str(path), "text": header.configuration if header else ""})
 
 
 def delete(desk: Desk, args: Mapping[str, Any]) -> Reply:
@@ -68,14 +69,14 @@ OPERATIONS: dict[str, Operation] = {
 
 
 def folder_of(desk: Desk) -> Path:
-    """Return the folder of recordings: that which the run names, or did name, or else that beside the configuration."""
+    """Return the folder of recordings: that which the run names, or did name, or else that which one would take."""
     try:
         named = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("recordings")
     except ControlError:
         named = None
     if isinstance(named, str) and named:
         desk.kept["recordings folder"] = named
-    return Path(desk.kept.get("recordings folder") or desk.configuration.parent / "recordings")
+    return Path(desk.kept.get("recordings folder") or recordings_folder(desk.configuration))
 
 
 def path_of(desk: Desk, args: Mapping[str, Any]) -> Path:
@@ -109,25 +110,28 @@ def _is_file(path: Path) -> bool:
 
 
 def _key(path: Path) -> tuple[str, int, int]:
-    about = path.stat()
-    return str(path), about.st_size, about.st_mtime_ns
+    found = path.stat()
+    return str(path), found.st_size, found.st_mtime_ns
 
 
-def _about(desk: Desk, path: Path) -> dict[str, Any]:
+def about(desk: Desk, path: Path) -> dict[str, Any]:
+    """Return what is said of a recording in the list. It is looked into once, unless it grows."""
     known: dict[Any, dict[str, Any]] = desk.kept.setdefault("recordings", {})
     key = _key(path)
-    if key not in known:
+    if key not in known or known[key]["is_growing"]:
         known[key] = _looked_into(path)
+        while len(known) > LISTED_MAX:
+            del known[next(iter(known))]
     return known[key]
 
 
 def _looked_into(path: Path) -> dict[str, Any]:
-    about = path.stat()
+    file_about = path.stat()
     told: dict[str, Any] = {
         "name": path.name,
         "kind": "recording" if path.suffix == ".mcap" else "journal",
-        "bytes": about.st_size,
-        "unix_s": about.st_mtime,
+        "bytes": file_about.st_size,
+        "unix_s": file_about.st_mtime,
         "seconds": None,
         "configuration": "",
         "damage": "",
@@ -137,7 +141,7 @@ def _looked_into(path: Path) -> dict[str, Any]:
         with open_untrusted(path) as file:
             told["is_growing"] = _is_being_written(file)
         found = read_recording(path)
-        told |= {"unix_s": _began(found.header, about.st_mtime), "configuration": _in_words(found.header)}
+        told |= {"unix_s": began_unix_s(found.header, file_about.st_mtime), "configuration": _in_words(found.header)}
         told["seconds"] = _journal_s(found) if isinstance(found, Journal) else read_index(path).seconds
         if not told["is_growing"] and found.is_cut_off():
             told["damage"] = "its end is missing, as after a power cut; what comes before can be used"
@@ -146,7 +150,8 @@ def _looked_into(path: Path) -> dict[str, Any]:
     return told
 
 
-def _began(header: JournalHeader, otherwise_s: float) -> float:
+def began_unix_s(header: JournalHeader, otherwise_s: float) -> float:
+    """Return when a recording began, in seconds since 1970."""
     try:
         return datetime.fromisoformat(header.began_at).timestamp()
     except ValueError:

@@ -2,30 +2,51 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from stadimeter.config.driver_tables import CAMERA
+from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Measurement
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S
+from stadimeter.workbench.run_camera import source_beside_run
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers
+from stadimeter.workbench.setup.camera_step import CameraStep, table_of
+from stadimeter.workbench.setup.colour_trial import ColourTrial
 from stadimeter.workbench.setup.held_camera import HeldCamera
 from stadimeter.workbench.setup.interview import Interview
 from stadimeter.workbench.setup.known import Known
-from stadimeter.workbench.setup.preview import DRAWINGS, drawn, jpeg_of, looked_at, target_so_far, values_of
 from stadimeter.workbench.setup.question import Accepted, Question
 from stadimeter.workbench.setup.writing import was_left
 
+HISTORY_FRAMES = 2000
+"""The last minute of what was measured, at 30 pictures a second."""
+
 
 class SetupDesk:
-    """An interview that may be left and taken up again; its answers are in the folder of the configuration."""
+    """An interview that may be left and taken up again; its answers are in the folder of the configuration.
 
-    def __init__(self, configuration: Path) -> None:
+    Attributes:
+        trial: The range of colours that is tried.
+        shown: The picture that was shown last, which clicks are about; None before the first.
+        history: What was measured in the pictures that were shown, oldest first.
+    """
+
+    def __init__(self, configuration: Path, run_socket: Path | None = None) -> None:
+        self.folder = configuration.parent
+        self.camera = HeldCamera(partial(source_beside_run, configuration=configuration, socket=run_socket))
+        self.trial = ColourTrial()
+        self.shown: Frame | None = None
+        self.history: deque[Measurement] = deque(maxlen=HISTORY_FRAMES)
         self._configuration = configuration
-        self._camera = HeldCamera()
         self._interview: Interview | None = None
+        self._offered: DriverChoice | None = None
         self._question: Question | None = None
         self._doubt: tuple[str, ...] = ()
         self._notes: dict[str, tuple[str, ...]] = {}
@@ -38,20 +59,20 @@ class SetupDesk:
             raise ConfigError("the set-up has not begun; begin it first")
         return self._interview
 
+    @property
+    def known(self) -> Known:
+        """What is known so far; a `ConfigError` before the set-up has begun."""
+        return self.interview.known
+
     def state(self) -> Mapping[str, Any]:
         """Return the answers so far and the next question, as JSON has them."""
-        answers_file = self._folder / ANSWERS
         interview = self._interview
-        if interview is None:
-            saved = load_answers(answers_file) if answers_file.exists() else {}
-            answers, question = saved, None
-        else:
-            question = self._asked(interview)
-            answers = interview.known.answers
+        question = self._asked(interview) if interview else None
+        answers = interview.known.answers if interview else self._saved()
         return {
             "begun": interview is not None,
-            "left": interview is None and was_left(answers_file, self._configuration),
-            "folder": str(self._folder),
+            "left": interview is None and was_left(self._file, self._configuration),
+            "folder": str(self.folder),
             "answers": [
                 {"key": key, "answer": answer, "notes": list(self._notes.get(key, ()))}
                 for key, answer in answers.items()
@@ -69,66 +90,75 @@ class SetupDesk:
             anew: Whether to ask everything again, with the answers of the last time ready.
         """
         self.leave()
-        file = self._folder / ANSWERS
-        saved = load_answers(file) if file.exists() else {}
-        known = Known(folder=self._folder, opening=self._camera.opened, is_each_tried=False)
-        if anew or not was_left(file, self._configuration):
-            self._interview = Interview(self._folder, earlier=saved, known=known)
+        saved = self._saved()
+        known = Known(folder=self.folder, opening=self.camera.opened, looks_ahead=False)
+        if anew or not was_left(self._file, self._configuration):
+            self._interview = Interview(self.folder, earlier=saved, known=known)
             return
-        self._interview = Interview(self._folder, known=known)
+        self._interview = Interview(self.folder, known=known)
         for key, accepted in self._interview.resume(saved):
             self._notes[key] = accepted.notes
 
-    def answer(self, text: str, *, confirm: bool) -> list[str]:
-        """Answer the question, and return what follows from it, a sentence each."""
+    def answer(self, text: str, *, confirm: bool) -> Accepted:
+        """Answer the question; see `Interview.answer`."""
         key = self.interview.next_key
-        accepted: Accepted = self.interview.answer(text, confirm=confirm)
-        self._question, self._trouble = None, ""
+        accepted = self.interview.answer(text, confirm=confirm)
+        self._moved_on()
         self._doubt = accepted.notes if accepted.doubt else ()
         if not accepted.doubt:
             self._notes[key] = accepted.notes
-        return list(accepted.notes)
+        return accepted
 
     def back(self) -> bool:
         """Take back the last answer; return whether there was one."""
-        self._question, self._doubt, self._trouble = None, (), ""
+        self._moved_on()
         return self.interview.back()
 
     def leave(self) -> None:
         """Close the camera, and keep the answers."""
-        self.close_camera()
-        self._interview, self._question, self._doubt, self._trouble = None, None, (), ""
+        self.camera.close()
+        self._moved_on()
+        self._interview, self.shown = None, None
         self._notes.clear()
+        self.trial.forget()
 
-    def close_camera(self) -> None:
-        """Let the camera go; the next look opens it again."""
-        self._camera.close()
+    def offer(self, text: str) -> DriverChoice:
+        """Look through a camera that is not chosen yet; what an answer names.
 
-    def picture(self, draw: str, width_px: int) -> tuple[Mapping[str, Any], bytes]:
-        """Return what the camera sees now: figures, and a JPEG of it.
+        Raises:
+            StadimeterError: There is no such camera, or it gives no picture.
+        """
+        if self.interview.next_key != CameraStep.key:
+            raise ConfigError("the camera is chosen already; go back to that question to choose another")
+        choice = self.known.chosen(CAMERA, ("camera",), table_of(text))
+        with self.camera.opened(choice) as source:
+            self.shown = source.capture.latest(SETTLING_WAIT_S)
+        self._offered = choice
+        return choice
+
+    def newest(self) -> Frame:
+        """Return what the camera sees now, or a picture of a recording.
 
         Raises:
             ConfigError: No camera has been chosen.
             DriverError: It gives no picture.
         """
-        if draw not in DRAWINGS:
-            raise ConfigError(f"draw is one of {', '.join(DRAWINGS)}")
-        known, frame = self.interview.known, self._newest()
-        target = None if draw == "plain" else target_so_far(known)
-        if target is None:
-            return values_of(frame, None, None), jpeg_of(frame.image, width_px)
-        seen, measured = looked_at(known, frame, target)
-        image = drawn(frame, seen, measured, with_candidates=draw == "candidates")
-        return values_of(frame, seen, measured), jpeg_of(image, width_px)
-
-    def _newest(self) -> Frame:
-        known = self.interview.known
-        if known.camera is None:
+        choice = self._offered or self.known.camera
+        if choice is None:
             raise ConfigError("no camera has been chosen yet")
-        if not known.is_live:
-            return known.frame
-        with self._camera.opened(known.camera) as source:
-            return source.capture.latest(SETTLING_WAIT_S)
+        if self._offered is None and not self.known.is_live:
+            self.shown = self.known.frame
+            return self.shown
+        with self.camera.opened(choice) as source:
+            self.shown = source.capture.latest(SETTLING_WAIT_S)
+        return self.shown
+
+    def remember(self, measured: Measurement) -> None:
+        """Keep what was measured, for trying rules on it."""
+        self.history.append(measured)
+
+    def _moved_on(self) -> None:
+        self._question, self._offered, self._doubt, self._trouble = None, None, (), ""
 
     def _asked(self, interview: Interview) -> Question | None:
         """Return the next question; where an earlier answer is of no use any more, that one is asked again."""
@@ -141,9 +171,12 @@ class SetupDesk:
                     raise
         return self._question
 
+    def _saved(self) -> Mapping[str, str]:
+        return load_answers(self._file) if self._file.exists() else {}
+
     @property
-    def _folder(self) -> Path:
-        return self._configuration.parent
+    def _file(self) -> Path:
+        return self.folder / ANSWERS
 
 
 def _as_json(question: Question) -> dict[str, Any]:

@@ -3,62 +3,184 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.server.arguments import number, text, truth
+from stadimeter.workbench.colour_picture import colour_picture
+from stadimeter.workbench.colour_places import NOTHING_STANDS_OUT
+from stadimeter.workbench.picture_quality import better_exposure_s
+from stadimeter.workbench.server.arguments import number, places, text, truth
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 from stadimeter.workbench.server.setup_desk import SetupDesk
+from stadimeter.workbench.setup import colour_trial
+from stadimeter.workbench.setup.camera_step import with_exposure
+from stadimeter.workbench.setup.preview import DRAWINGS, drawn, jpeg_of, looked_at, target_so_far, values_of
 
 
 def setup_of(desk: Desk) -> SetupDesk:
     """Return the set-up of a workbench process."""
     if "setup" not in desk.kept:
-        desk.kept["setup"] = made = SetupDesk(desk.configuration)
-        desk.at_rest.append(made.close_camera)
+        desk.kept["setup"] = made = SetupDesk(desk.configuration, desk.run_socket)
+        desk.at_rest.append(made.camera.close)
     found: SetupDesk = desk.kept["setup"]
     return found
 
 
-def _state(desk: Desk, args: Mapping[str, Any]) -> Reply:  # noqa: ARG001
+def state(desk: Desk, _args: Mapping[str, Any]) -> Reply:
+    """Answer the answers so far, and the question that is next."""
     return Reply(data=setup_of(desk).state())
 
 
-def _begin(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def begin(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Begin, or go on where it was left."""
     setup = setup_of(desk)
     setup.begin(anew=truth(args, "anew"))
     return Reply(data=setup.state())
 
 
-def _answer(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def answer(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Answer the question; a doubtful answer is asked again, once, unless ``confirm`` is false."""
     setup = setup_of(desk)
-    notes = setup.answer(text(args, "answer"), confirm=truth(args, "confirm", otherwise=True))
-    return Reply(data={**setup.state(), "notes": notes})
+    accepted = setup.answer(text(args, "answer"), confirm=truth(args, "confirm", otherwise=True))
+    return Reply(data={**setup.state(), "notes": list(accepted.notes)})
 
 
-def _back(desk: Desk, args: Mapping[str, Any]) -> Reply:  # noqa: ARG001
+def back(desk: Desk, _args: Mapping[str, Any]) -> Reply:
+    """Take back the last answer."""
     setup = setup_of(desk)
     if not setup.back():
         raise ConfigError("this is the first question")
     return Reply(data=setup.state())
 
 
-def _leave(desk: Desk, args: Mapping[str, Any]) -> Reply:  # noqa: ARG001
+def leave(desk: Desk, _args: Mapping[str, Any]) -> Reply:
+    """Close the camera, and keep the answers."""
     setup = setup_of(desk)
     setup.leave()
     return Reply(data=setup.state())
 
 
-def _picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
-    values, jpeg = setup_of(desk).picture(text(args, "draw", "target"), int(number(args, "width_px", 0.0)))
-    return Reply(data=values, attached=jpeg)
+def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Answer what the camera sees now: figures, and a JPEG that may be smaller than they are about."""
+    setup, draw = setup_of(desk), text(args, "draw", "target")
+    if draw not in DRAWINGS:
+        raise ConfigError(f"draw is one of {', '.join(DRAWINGS)}")
+    frame, width_px = setup.newest(), int(number(args, "width_px", 0))
+    if draw == "mask" and setup.trial.colour:
+        seen = colour_trial.view(frame, setup.trial.colour)
+        values = {**values_of(frame, seen.detection, None), "words": colour_trial.in_words(seen)}
+        image = colour_picture(frame.image, seen, setup.trial.colour)
+        return Reply(data=values, attached=jpeg_of(image, width_px))
+    target = None if draw == "plain" else target_so_far(setup.known, setup.trial.colour)
+    if target is None:
+        return Reply(data=values_of(frame, None, None), attached=jpeg_of(frame.image, width_px))
+    found, measured = looked_at(setup.known, frame, target)
+    if measured is not None:
+        setup.remember(replace(measured, captured_at_s=frame.captured_at_s))
+    image = drawn(frame, found, measured, with_candidates=draw == "candidates")
+    return Reply(data=values_of(frame, found, measured), attached=jpeg_of(image, width_px))
+
+
+def camera(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Look through a camera that is offered; with ``exposure``, lock that at a time such as ``10 ms``.
+
+    The answer to give, with the exposure in it, is in the reply; ``setup-picture`` shows what it sees.
+    """
+    setup, wanted = setup_of(desk), text(args, "camera")
+    exposure = text(args, "exposure", "")
+    if exposure:
+        wanted = with_exposure(wanted, exposure)
+    choice = setup.offer(wanted)
+    frame = setup.newest()
+    with setup.camera.opened(choice) as source:
+        settings = source.capture.remarks()
+    told = {
+        "answer": wanted,
+        "settings": [f"{each[0].upper()}{each[1:]}." for each in settings],
+        "has_exposure": hasattr(choice.options, "exposure"),
+        "is_locked": getattr(choice.options, "exposure", None) is not None,
+        "proposed_exposure_s": better_exposure_s(frame.image, frame.exposure_s),
+    }
+    return Reply(data={**values_of(frame, None, None), **told})
+
+
+def colour(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Try a range of colours: from clicks on the picture that was shown last, or a given one, widened or narrowed.
+
+    With ``look``, that of what stands out by itself, which takes seconds.
+    """
+    setup = setup_of(desk)
+    clicks, frame, trial = places(args, "clicks"), setup.shown or setup.newest(), setup.trial
+    if truth(args, "forget"):
+        trial.forget()
+    if "range" in args:
+        trial.take(text(args, "range"), frame)
+    if truth(args, "look") and not trial.look(frame):
+        raise ConfigError(f"{NOTHING_STANDS_OUT}; click on it")
+    is_pointed_at = True
+    if clicks:
+        is_pointed_at = trial.point(frame, clicks, same_picture=text(args, "of", "newest") == "kept")
+    if "widen" in args:
+        trial.widen(int(number(args, "widen")))
+    if not trial.colour:
+        return Reply(data={"range": "", "found": False, "words": colour_trial.CLICK, "others": [], "pictures": 0})
+    seen = colour_trial.view((trial.seen_in if clicks else None) or frame, trial.colour)
+    is_found = is_pointed_at and seen.detection.status is not DetectionStatus.NOT_FOUND
+    return Reply(
+        data={
+            "range": trial.colour,
+            "widen": trial.steps,
+            "widen_max": colour_trial.MOST_STEPS,
+            "found": is_found,
+            "words": colour_trial.in_words(seen, is_pointed_at=is_pointed_at),
+            "centre_px": list(seen.detection.centre_px) if is_found else None,
+            "width_px": seen.detection.width_px if is_found else None,
+            "others": [{"centre_px": list(each.centre_px), "size_px": each.size_px} for each in seen.others],
+            "pictures": len(trial.samples),
+        }
+    )
+
+
+def take(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Take frames of the target at a known distance, and say what lens follows; takes a second or more."""
+    setup = setup_of(desk)
+    key = setup.interview.next_key
+    if key not in {"calibration", "proof"}:
+        raise ConfigError("no distance is asked for now")
+    sigma = text(args, "sigma", "").strip()
+    given = text(args, "distance") + (f" ± {sigma}" if sigma else "")
+    accepted = setup.answer(given, confirm=truth(args, "confirm", otherwise=True))
+    return Reply(data={**setup.state(), **_lens(setup.known.camera_model), "notes": list(accepted.notes)})
+
+
+def _lens(model: CameraModel | None) -> dict[str, Any]:
+    if model is None:
+        return {"focal_px": None, "focal_sigma_px": None, "edge_bias_px": None}
+    sigma_px = model.fx_px * model.focal_relative_sigma
+    return {"focal_px": model.fx_px, "focal_sigma_px": sigma_px, "edge_bias_px": model.edge_bias_px}
+
+
+def world(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Put the ball of the simulated room somewhere: so far ahead, and to the left."""
+    room = setup_of(desk).camera.room
+    if room is None:
+        raise ConfigError("there is no simulated room before this camera; move the real thing")
+    room.place(number(args, "x_m"), number(args, "y_m", 0.0))
+    return Reply(data=room.where())
 
 
 OPERATIONS: dict[str, Operation] = {
-    "setup-state": _state,
-    "setup-begin": _begin,
-    "setup-answer": _answer,
-    "setup-back": _back,
-    "setup-leave": _leave,
-    "setup-picture": _picture,
+    "setup-state": state,
+    "setup-begin": begin,
+    "setup-answer": answer,
+    "setup-back": back,
+    "setup-leave": leave,
+    "setup-picture": picture,
+    "setup-camera": camera,
+    "setup-colour": colour,
+    "setup-take": take,
+    "setup-world": world,
 }

@@ -14,8 +14,9 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError
+from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.calibration.live_distance import LiveDistance
+from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.known import CAMERA_FILE, PICTURES, Known
 from stadimeter.workbench.setup.lens import (
@@ -25,6 +26,7 @@ from stadimeter.workbench.setup.lens import (
     is_unusual,
     lens_from,
     lens_in_words,
+    parse_distance,
     picture_at,
     today,
 )
@@ -56,8 +58,8 @@ class CalibrationStep(Step):
             ready=options[0].answer,
             unattended=GUESS if known.is_live and options[0].answer != CAMERA_FILE else "",
             form=(
-                "a distance, such as 1 m; pictures at known distances of its middle, such as near.jpg@50cm "
-                "far.jpg@2m; a camera file; or the width of the view, such as 60 deg"
+                "a distance, such as 1 m, or 1 m ± 5 mm if you know how well; pictures at known distances of its "
+                "middle, such as near.jpg@50cm far.jpg@2m; a camera file; or the width of the view, such as 60 deg"
             ),
         )
 
@@ -92,19 +94,39 @@ class ProofStep(Step):
             options=(Option(far, "three times as far"), Option(SKIP, "no proof")),
             ready=far,
             unattended=SKIP,
-            form="another distance",
+            form="another distance, such as 3 m, or 3 m ± 1 cm",
         )
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Look at the second distance; refuse what contradicts the first."""
         if text == SKIP:
             return Accepted(answer=SKIP)
+        if "@" not in text:
+            _check_apart(known, text)
         second, seen = ([text], ()) if "@" in text else _picture_now(known, text)
         pictures = [known.answers["calibration"], *second]
         why = contradiction([picture_at(known.folder, each) for each in pictures], chosen_target(known))
         if why:
             raise CalibrationError(why)
         return _from_pictures(known, pictures, second[0], (*seen, "The two distances agree."))
+
+
+def _check_apart(known: Known, text: str) -> None:
+    """Refuse a second distance that is as good as the first: it proves nothing."""
+    second_m, _ = _distance(text)
+    first_m = picture_at(known.folder, known.answers["calibration"]).depth_m - _limb_radius_m(known)
+    if max(first_m, second_m) < APART_MIN * min(first_m, second_m):
+        raise CalibrationError(
+            f"{second_m:.3g} m proves nothing beside {first_m:.3g} m: one must be {APART_MIN:g} times as far as the "
+            f"other, such as {_far(known)}"
+        )
+
+
+def _distance(text: str) -> tuple[float, float]:
+    try:
+        return parse_distance(text)
+    except ValueError as error:
+        raise ConfigError(f"{error}; or give pictures, such as near.jpg@50cm") from error
 
 
 def _pictures(text: str) -> list[str]:
@@ -200,14 +222,13 @@ def _picture_now(known: Known, text: str) -> tuple[list[str], tuple[str, ...]]:
     Returns:
         It as ``PICTURE@DEPTH``, and what was seen.
     """
-    try:
-        distance_m = parse_length(text)
-    except ValueError as error:
-        raise ConfigError(f"{error}; or give pictures, such as near.jpg@50cm") from error
+    distance_m, relative_sigma = _distance(text)
     frame, seen = _taken_live(known, distance_m) if known.is_live else _shown(known)
     picture = f"{PICTURES}/at-{distance_m:g}m.png"
     write_picture(known.path(picture), frame.image, frame.optics)
-    return [f"{picture}@{distance_m + _limb_radius_m(known):.5g}m"], (seen,)
+    depth_m = distance_m + _limb_radius_m(known)
+    known_to = "" if relative_sigma == DISTANCE_RELATIVE_SIGMA else f"±{relative_sigma * depth_m:.4g}m"
+    return [f"{picture}@{depth_m:.5g}m{known_to}"], (seen,)
 
 
 def _taken_live(known: Known, distance_m: float) -> tuple[Frame, str]:

@@ -102,6 +102,12 @@ def table_of(text: str) -> dict[str, Any]:
     return {"driver": "images", "paths": files, "rate": PICTURES_RATE}
 
 
+def with_exposure(text: str, exposure: str) -> str:
+    """Return the answer for a camera with its exposure locked at a time such as ``10 ms``, in place of another one."""
+    kept = [part for part in text.split(",") if not part.startswith("exposure=")]
+    return ",".join([*kept, f"exposure={exposure.strip()}"])
+
+
 def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool]:
     """Return pictures of a camera, and whether it is live."""
     with known.opening(choice) as source:
@@ -132,7 +138,7 @@ def _spread(frames: Iterator[Frame]) -> tuple[Frame, ...]:
 
 def _try(known: Known, camera: AttachedCamera, number: int) -> str:
     """Take a picture with a camera that is there, and say where it is, or what is wrong."""
-    if camera.trouble or not known.is_each_tried:
+    if camera.trouble or not known.looks_ahead:
         return camera.trouble or camera.node
     name = f"{PICTURES}/camera-{number}.png"
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,11 @@ from stadimeter.workbench.measuring import open_picture
 GUESS_RELATIVE_SIGMA = 0.1
 """How well a width of the view is known that somebody guesses."""
 
+BEST_KNOWN, WORST_KNOWN = 0.001, 0.2
+"""Nobody measures from a lens better than this share of a distance; and worse than that says nothing."""
+
+_PLUS_MINUS = re.compile(r"\+/?-")
+
 NARROWEST_RAD, WIDEST_RAD = math.radians(20), math.radians(130)
 """A camera that sees more or less than this is unusual: a size or a distance may be in another unit than was meant."""
 
@@ -34,6 +40,26 @@ class PictureAt:
 
     path: Path
     depth_m: float
+    relative_sigma: float = DISTANCE_RELATIVE_SIGMA
+
+
+def parse_distance(text: str) -> tuple[float, float]:
+    """Read a distance such as ``1 m``, or ``1 m ± 5 mm``; return it in metres, and how well it is known.
+
+    Returns:
+        The distance, and its standard deviation as a share of it: that of a tape, unless it is named.
+
+    Raises:
+        ValueError: It is no distance, or is not known better than to half of itself.
+    """
+    length, is_said, sigma = _PLUS_MINUS.sub("±", text).partition("±")
+    distance_m = parse_length(length.strip())
+    if not is_said:
+        return distance_m, DISTANCE_RELATIVE_SIGMA
+    share = parse_length(sigma.strip()) / distance_m
+    if not 0 < share <= WORST_KNOWN:
+        raise ValueError(f"{text!r}: a distance that is known to {share:.0%} of itself calibrates nothing")
+    return distance_m, max(share, BEST_KNOWN)
 
 
 def picture_at(folder: Path, text: str) -> PictureAt:
@@ -42,7 +68,8 @@ def picture_at(folder: Path, text: str) -> PictureAt:
     if not (at and path):
         raise ConfigError(f"{text!r} does not say how far away the target is; write it such as 2ft.png@24in")
     try:
-        return PictureAt(path=folder / Path(path).expanduser(), depth_m=parse_length(length))
+        depth_m, relative_sigma = parse_distance(length)
+        return PictureAt(path=folder / Path(path).expanduser(), depth_m=depth_m, relative_sigma=relative_sigma)
     except ValueError as error:
         raise ConfigError(f"{text}: {error}") from error
 
@@ -60,7 +87,7 @@ def lens_from(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Came
         _frame_of,
         [choice],
         date=today(),
-        distance_relative_sigma=DISTANCE_RELATIVE_SIGMA,
+        distance_relative_sigma=_relative_sigma(pictures),
         tone_curve="srgb",
     )
     _check_found((*fit.left_out, *fit.elsewhere))
@@ -74,13 +101,18 @@ def lens_from(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Came
 
 def contradiction(pictures: Sequence[PictureAt], choice: DriverChoice) -> str:
     """Return how two of the pictures contradict each other; empty if they agree."""
-    found = disagreement(_known(pictures, choice), distance_relative_sigma=DISTANCE_RELATIVE_SIGMA)
+    found = disagreement(_known(pictures, choice), distance_relative_sigma=_relative_sigma(pictures))
     if found is None:
         return ""
     return (
         f"the two distances contradict each other by {abs(found.share):.1%}, and {found.allowed_share:.1%} is the most "
         "that tape and edges allow: does the focus move, is the size right, were both measured from the lens?"
     )
+
+
+def _relative_sigma(pictures: Sequence[PictureAt]) -> float:
+    """Return how well the distances are known: as well as the worst of them."""
+    return max(each.relative_sigma for each in pictures)
 
 
 def guessed_lens(frame: Frame, view_rad: float) -> CameraModel:

@@ -13,6 +13,7 @@ from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement
+from stadimeter.core.words import metres
 from stadimeter.errors import PictureError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate
 from stadimeter.workbench.measuring import Measuring
@@ -89,7 +90,7 @@ def drawn(frame: Frame, seen: Detection, measured: Measurement | None, *, with_c
 def _distance(measured: Measurement | None) -> tuple[str, ...]:
     if measured is None or measured.distance_m is None:
         return ()
-    return (f"{measured.target}: {measured.distance_m:.2f} m ± {measured.sigma_m or 0:.2f}",)
+    return (f"{measured.target}: {metres(measured.distance_m, measured.sigma_m or 0.0)}",)
 
 
 def jpeg_of(image: Image, width_px: int = 0) -> bytes:

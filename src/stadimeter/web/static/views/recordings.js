@@ -1,6 +1,108 @@
-import { h, replace } from "../dom.js";
+// Recordings: make one, list, replay with a slider, download, delete.
 
-export function mount(root) {
-  replace(root, h("section", { class: "panel" }, h("h1", null, "Recordings")));
-  return () => {};
+import { ask } from "../dialog.js";
+import { h, replace, write } from "../dom.js";
+import * as format from "../format.js";
+import { Replay } from "./replay.js";
+
+/** Show the view in `root`; returns what takes it down. */
+export function mount(root, context) {
+  const view = new Recordings(context);
+  replace(root, view.element);
+  view.load();
+  const leave = context.live.subscribe((snapshot) => view.update(snapshot), { image: false });
+  const lost = context.live.watch((state) => view.connected(state.status !== "lost"));
+  return () => {
+    leave();
+    lost();
+    view.replay?.close();
+  };
+}
+
+class Recordings {
+  constructor(context) {
+    Object.assign(this, { context, canOperate: context.session.right === "operate", isRecording: false, replay: null });
+    this.record = h("button", { type: "button", class: "button primary", onclick: () => this.#record(), hidden: !this.canOperate }, "Record");
+    this.now = h("p", { class: "grow", role: "status" });
+    this.folder = h("p", { class: "quiet small" });
+    this.list = h("ul", { class: "list recordings" });
+    this.player = h("div");
+    this.element = h("div", { class: "stack" },
+      h("section", { class: "panel stack", "aria-label": "Record" }, h("h1", {}, "Recordings"), h("div", { class: "row" }, this.record, this.now)),
+      this.player,
+      h("section", { class: "panel", "aria-label": "List" }, this.list, this.folder));
+  }
+
+  async load() {
+    try {
+      const { recordings, folder, left_out } = await this.context.api.get("recordings");
+      replace(this.list, recordings.length ? recordings.map((each) => this.#row(each)) : h("li", {}, "There are none yet. A recording holds the pictures, what was measured in them, and what the rules decided."));
+      write(this.folder, `In ${folder}.${left_out ? ` ${left_out} older ones are not listed.` : ""}`);
+    } catch (error) {
+      replace(this.list, h("li", {}, error.message));
+    }
+  }
+
+  update({ recording }) {
+    const was = this.isRecording;
+    this.isRecording = Boolean(recording);
+    write(this.record, this.isRecording ? "Stop recording" : "Record");
+    write(this.now, recording ? `Recording: ${format.span(recording.seconds)}, ${format.size(recording.bytes)}.` : "A recording can be replayed here, and changed rules be tried on it.");
+    if (was !== this.isRecording) this.load();
+  }
+
+  connected(isThere) {
+    this.record.disabled = !isThere;
+    if (!isThere) write(this.now, "There is no run to record now.");
+  }
+
+  async #record() {
+    this.record.disabled = true;
+    try {
+      await this.context.api.post("recordings", { do: this.isRecording ? "stop" : "start" });
+    } catch (error) {
+      this.context.say(error.message, "error");
+    }
+    this.record.disabled = false;
+    this.load();
+  }
+
+  #row(recording) {
+    const { name, kind, seconds, bytes, unix_s, configuration, damage, is_growing } = recording;
+    const facts = [format.moment(unix_s), seconds === null ? "" : format.span(seconds), format.size(bytes), configuration, kind === "journal" ? "no pictures" : ""];
+    const button = (words, onclick) => h("button", { type: "button", class: "button", "aria-label": `${words} ${name}`, onclick }, words);
+    const path = `recordings/${encodeURIComponent(name)}`;
+    const actions = [
+      seconds > 0 && kind === "recording" && button("Replay", () => this.#open(recording)),
+      !is_growing && h("a", { class: "button", href: `/api/v1/${path}`, download: name, "aria-label": `Download ${name}` }, "Download"),
+      !is_growing && button("Delete", () => this.#delete(name, path)),
+    ];
+    return h("li", {},
+      h("div", { class: "row" }, h("div", { class: "grow" }, h("strong", {}, name), is_growing && h("span", { class: "badge is-alarm" }, "recording"), h("p", { class: "quiet" }, facts.filter(Boolean).join(" · "))),
+        this.canOperate && h("div", { class: "row" }, actions)),
+      damage && h("p", { class: "damaged" }, `▲ Damaged: ${damage}`));
+  }
+
+  #open(recording) {
+    this.replay?.close();
+    this.replay = new Replay(recording, this.context, () => {
+      replace(this.player);
+      this.replay = null;
+    });
+    replace(this.player, this.replay.element);
+    this.replay.slider.focus({ preventScroll: true });
+    this.player.scrollIntoView({ block: "start" });
+  }
+
+  async #delete(name, path) {
+    if (!(await ask({ title: `Delete ${name}?`, words: "It is gone for good. Download it first if you may need it.", action: "Delete", isDangerous: true }))) return;
+    try {
+      await this.context.api.del(path);
+      if (this.replay?.name === name) this.replay.end();
+      this.context.say(`${name} is deleted.`);
+    } catch (error) {
+      this.context.say(error.message, "error");
+    }
+    this.load();
+  }
 }

@@ -1,6 +1,137 @@
-import { h, replace } from "../../dom.js";
+// The configuration as text: what is wrong and what it means while one types, what it would have done, saving, versions.
 
-export function mount(root) {
-  replace(root, h("section", { class: "panel" }, h("h1", null, "Edit")));
-  return () => {};
+import { ask } from "../../dialog.js";
+import { differenceView } from "../../difference.js";
+import { h, replace, write } from "../../dom.js";
+import { keepDraft, keptDraft } from "./draft.js";
+import { Editor } from "./editor.js";
+import { Checker, Meaning } from "./problems.js";
+import { Saving } from "./saving.js";
+import { Trying } from "./trying.js";
+import { Versions } from "./versions.js";
+
+/** Show the view in `root`; returns what takes it down. */
+export function mount(root, { api, say, unit }) {
+  const desk = new Desk(root, api, say, unit);
+  desk.load();
+  return () => desk.close();
+}
+
+class Desk {
+  constructor(root, api, say, unit) {
+    Object.assign(this, { root, api, say, unit, base: { text: "", version: "" }, path: "" });
+    this.editor = new Editor("Configuration, as TOML", () => this.#changed());
+    this.meaning = new Meaning(() => this.checker.now(this.editor.text, { tests: true }));
+    this.checker = new Checker(api, (answer, { tests }) => this.#checked(answer, tests), (error) => this.meaning.fail(error.message));
+    this.saving = new Saving(this);
+    this.trying = new Trying(this);
+    this.versions = new Versions(this);
+    this.state = h("p", { class: "quiet grow", role: "status" });
+    this.save = h("button", { type: "button", class: "button primary", onclick: () => this.#save() }, "Save");
+    this.discard = h("button", { type: "button", class: "button", onclick: () => this.#discard() }, "Discard changes");
+    this.changes = h("details", { class: "changes", ontoggle: () => this.#showChanges() }, h("summary", {}, "What you changed"), h("div"));
+    this.leaving = (event) => this.isChanged && event.preventDefault();
+    window.addEventListener("beforeunload", this.leaving);
+  }
+
+  get isChanged() {
+    return this.editor.text !== this.base.text;
+  }
+
+  async load() {
+    try {
+      const { text, version, path, versions } = await this.api.get("configuration");
+      Object.assign(this, { path, base: { text, version } });
+      this.#draw();
+      const draft = keptDraft(path);
+      if (draft) this.base = draft.base;
+      this.editor.text = draft?.text ?? text;
+      this.#changed();
+      this.versions.show(versions);
+      this.trying.load();
+      if (draft) this.say(draft.base.version === version ? "Your text from before is here. It is not saved." : "Your text from before is here. The saved configuration has changed since: saving will show you how.", "warning");
+    } catch (error) {
+      replace(this.root, h("p", { class: "banner is-error" }, error.message));
+    }
+  }
+
+  close() {
+    this.checker.stop();
+    this.trying.stop();
+    window.removeEventListener("beforeunload", this.leaving);
+  }
+
+  /** Show problems that a refusal came with. */
+  show(problems) {
+    this.#checked({ problems: problems.map((each) => ({ severity: "error", ...each })) });
+  }
+
+  /** What the editor held was saved. */
+  async saved({ version }, text) {
+    this.base = { text, version };
+    this.#changed();
+    this.say("Saved.");
+    await this.#refresh();
+  }
+
+  /** Go on from what is saved now. */
+  use({ text, version }) {
+    this.base = { text, version };
+    this.editor.text = text;
+    this.#changed();
+  }
+
+  async restored(answer) {
+    await this.#refresh((now) => this.use(now));
+    this.saving.offer(answer);
+  }
+
+  async #refresh(use = () => {}) {
+    try {
+      const now = await this.api.get("configuration");
+      use(now);
+      this.versions.show(now.versions);
+    } catch (error) {
+      this.say(error.message, "error");
+    }
+  }
+
+  async #save() {
+    this.save.disabled = true;
+    await this.saving.save();
+    this.#changed();
+  }
+
+  async #discard() {
+    if (await ask({ title: "Discard your changes?", words: "The field shows what is saved. Undo brings your text back.", action: "Discard" })) this.editor.text = this.base.text;
+  }
+
+  #changed() {
+    keepDraft(this.path, this.editor.text, this.base);
+    write(this.state, this.isChanged ? "Not saved." : "As saved.");
+    this.save.disabled = this.discard.disabled = !this.isChanged;
+    this.checker.soon(this.editor.text);
+    this.#showChanges();
+  }
+
+  #showChanges() {
+    if (this.changes.open) replace(this.changes.lastChild, differenceView(this.base.text, this.editor.text, "What you changed") ?? h("p", { class: "quiet" }, "Nothing."));
+  }
+
+  #checked(answer, isTested = false) {
+    const problems = answer.problems.map((each) => ({ ...each, isElsewhere: Boolean(each.file) && each.file !== this.path }));
+    this.editor.show(problems.filter((each) => !each.isElsewhere));
+    this.meaning.show({ ...answer, problems }, (line, column) => this.editor.goTo(line, column), isTested);
+  }
+
+  #draw() {
+    replace(this.root, h("div", { class: "edit" },
+      h("section", { class: "panel stack", "aria-label": "Text" },
+        h("h1", {}, "Configuration ", h("span", { class: "quiet small" }, this.path)),
+        this.editor.element,
+        h("div", { class: "row" }, this.state, this.discard, this.save),
+        this.saving.element, this.changes),
+      this.meaning.element,
+      h("div", { class: "stack wide" }, this.trying.element, this.versions.element)));
+  }
 }

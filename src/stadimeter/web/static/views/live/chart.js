@@ -56,7 +56,7 @@ function drawChart(canvas, { now, history, unit, window_s, cursor, read }) {
   const since_s = now.now_s - window_s;
   const series = now.targets.map(({ name }, index) => ({ name, colour: colour(`series-${(index % 4) + 1}`), samples: within(history.samples[name] ?? [], since_s) }));
   const thresholds = [...new Set(now.targets.flatMap((target) => target.thresholds_m))];
-  const [low, high] = extent(series, thresholds, unit);
+  const [low, high] = extent(series, thresholds);
   const area = { left: EDGE.left, right: width - EDGE.right, top: EDGE.top, bottom: height - EDGE.bottom };
   const x = (at_s) => area.left + ((at_s - since_s) / window_s) * (area.right - area.left);
   const y = (metres) => area.bottom - ((metres - low) / (high - low)) * (area.bottom - area.top);
@@ -66,7 +66,7 @@ function drawChart(canvas, { now, history, unit, window_s, cursor, read }) {
   ink.beginPath();
   ink.rect(area.left, 0, area.right - area.left, height);
   ink.clip();
-  for (const threshold of thresholds) drawThreshold(ink, area, y(threshold), colour("alarm"), format.distance(threshold, 0, unit).text);
+  for (const threshold of thresholds) drawThreshold(ink, area, y(threshold), colour("alarm"), `${+(threshold / unit.size_m).toFixed(unit.decimals)} ${unit.symbol}`);
   for (const each of series) drawSeries(ink, each, x, y, area);
   const events = history.events.filter((event) => event.at_s >= since_s && SHOWN_EVENTS.has(event.kind));
   for (const event of events) drawEvent(ink, x(event.at_s), event, colour);

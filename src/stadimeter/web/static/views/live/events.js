@@ -24,8 +24,8 @@ export function drawEvents(list, events, unit) {
   keyed(list, events, (event) => event.number, (event) =>
     h("li", { class: "event" },
       h("span", { class: `mark is-${LOOKS[event.severity]}`, title: event.severity }),
+      h("strong", null, `${event.source} ${event.kind.replaceAll("_", " ")}`, event.by && ` by ${event.by}`),
       h("time", { class: "number quiet small" }, format.moment(event.unix_s)),
-      h("span", null, h("strong", null, `${event.source} ${event.kind.replaceAll("_", " ")}`),
-        event.by && ` by ${event.by}`, event.reason && `: ${format.words(event.reason, unit)}`),
+      event.reason && h("span", { class: "reason small" }, format.words(event.reason, unit)),
       h("span", { class: "sr" }, `(${event.severity})`)));
 }

@@ -18,8 +18,8 @@ export function picture({ live, unit, api, session, say }) {
   } });
   const record = recordButton({ api, session, say });
   const frame = h("div", { class: "frame" }, canvas, old);
-  const element = h("section", { class: "panel picture", "aria-label": "Camera" }, frame, caption,
-    h("div", { class: "row" }, h("label", { class: "row check" }, wanted, "Show what was refused"), record?.element), refused);
+  const element = h("section", { class: "panel picture", "aria-label": "Camera" }, frame, caption);
+  const tools = h("section", { class: "panel tools", "aria-label": "About the picture" }, h("div", { class: "row" }, h("label", { class: "row check" }, wanted, "Show what was refused"), record?.element), refused);
   let shown = null;
 
   // The bitmap is good until the next message: what has to be drawn again between two is kept in a canvas of its own.
@@ -31,13 +31,14 @@ export function picture({ live, unit, api, session, say }) {
   const timer = setInterval(() => {
     const age = live.ageMs();
     const isOld = shown !== null && (age === null || age > OLD_MS || live.state.status !== "live");
-    old.hidden = !isOld;
+    if (old.hidden === isOld) old.hidden = !isOld;
     frame.classList.toggle("is-old", isOld);
     if (isOld) write(old, `Old picture: ${format.since((age ?? 0) / 1000)}`);
   }, CHECK_MS);
 
   return {
     element,
+    tools: { element: tools },
     update(snapshot, bitmap) {
       record?.update(snapshot.recording);
       write(caption, snapshot.narration ? format.words(snapshot.narration, unit) : "");

@@ -3,7 +3,7 @@
 import { h, keyed, svg, write } from "../../dom.js";
 import * as format from "../../format.js";
 
-const REACH_M = 5;
+const REACH_M = [3, 5, 8, 12, 20, 100]; // the drawing has room for this much, and grows
 const STEP_M = 0.1;
 const SEND_MS = 100;
 const KEYS = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, 1], ArrowRight: [0, -1] };
@@ -12,21 +12,31 @@ const KEYS = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, 1], ArrowRigh
 const place = ({ x_m, y_m }) => [-y_m, -x_m];
 
 export function room({ api, session, unit, say }) {
-  const plan = svg("svg", { viewBox: `${-REACH_M} ${-REACH_M} ${2 * REACH_M} ${2 * REACH_M}`, class: "plan", role: "group", "aria-label": "The room from above" },
-    [1, 2, 3, 4, 5].map((radius) => svg("circle", { r: radius, class: "ring" })),
-    svg("path", { d: "M0-.3L.22.25H-.22Z", class: "robot" }));
+  const robot = svg("g", null, svg("path", { d: "M0 0L-1.6-3H1.6Z", class: "sight" }), svg("path", { d: "M0-.3L.22.25H-.22Z", class: "robot" }));
+  const plan = svg("svg", { class: "plan", role: "group", "aria-label": "The room from above" },
+    Array.from({ length: 20 }, (_, index) => svg("circle", { r: index + 1, class: "ring" })), robot);
   const balls = svg("g");
   plan.append(balls);
   const faults = h("div", { class: "row" });
   const where = h("p", { class: "small number", role: "status" });
   const element = h("section", { class: "panel room", hidden: true }, h("h2", null, "Simulated room"), plan, where,
-    session.right === "operate" && h("p", { class: "small quiet" }, "Drag the ball, or move it with the arrow keys. Rings are 1 m apart."), faults);
+    session.right === "operate" && h("p", { class: "small quiet" }, "Drag the ball, or move it with the arrow keys. The rings are 1 m apart."),
+    session.right === "operate" && h("button", { type: "button", class: "button", onclick: () => send({ release: true }) }, "Let it go on by itself"), faults);
   const isOurs = session.right === "operate";
   const send = sender(api, say);
   let dragged = null;
+  let reach = 0;
+  let camera = { x_m: 0, y_m: 0, heading_rad: 0 };
+
+  const fit = (targets) => {
+    const wanted = Math.max(...[...targets, camera].flatMap(({ x_m, y_m }) => [Math.abs(x_m), Math.abs(y_m)])) + 0.4;
+    if (wanted <= reach) return;
+    reach = REACH_M.find((each) => each >= wanted) ?? wanted;
+    plan.setAttribute("viewBox", `${-reach} ${-reach} ${2 * reach} ${2 * reach}`);
+  };
 
   const move = (target, x_m, y_m) => {
-    const [x, y] = [x_m, y_m].map((each) => Math.max(-REACH_M, Math.min(REACH_M, each)));
+    const [x, y] = [x_m, y_m].map((each) => Math.max(-reach, Math.min(reach, each)));
     send({ target, x_m: x, y_m: y });
     dragged = { name: target, x_m: x, y_m: y, until: performance.now() + 500 };
     balls.kept?.get(target)?.update(dragged);
@@ -39,7 +49,7 @@ export function room({ api, session, unit, say }) {
       const [cx, cy] = place(target);
       mark.setAttribute("cx", cx);
       mark.setAttribute("cy", cy);
-      write(where, `${target.name}: ${format.distance(target.x_m, 0.01, unit).text} ahead, ${format.distance(target.y_m, 0.01, unit).text} to the left of where the robot began`);
+      write(where, `${target.name}: ${seenFrom(camera, target, unit)}`);
     };
     if (isOurs) {
       mark.addEventListener("pointerdown", (event) => mark.setPointerCapture(event.pointerId));
@@ -67,11 +77,22 @@ export function room({ api, session, unit, say }) {
     update({ run }) {
       element.hidden = !run?.world;
       if (!run?.world) return;
+      camera = run.world.camera ?? camera;
+      const [x, y] = place(camera);
+      robot.setAttribute("transform", `translate(${x} ${y}) rotate(${(-camera.heading_rad * 180) / Math.PI})`);
+      fit(run.world.targets);
       const isHeld = dragged && performance.now() < dragged.until;
       keyed(balls, run.world.targets.map((target) => (isHeld && target.name === dragged.name ? dragged : target)), (target) => target.name, ball);
       keyed(faults, Object.entries(run.world.faults).map(([name, isOn]) => ({ name, isOn })), (fault) => fault.name, toggle);
     },
   };
+}
+
+/** How far a target is from the camera, and where it has to look. */
+function seenFrom(camera, { x_m, y_m }, unit) {
+  const [dx, dy] = [x_m - camera.x_m, y_m - camera.y_m];
+  const left_rad = Math.atan2(dy, dx) - camera.heading_rad;
+  return `${format.distance(Math.hypot(dx, dy), 0.01, unit).value} ${unit.symbol} from the camera, ${format.bearing(-Math.atan2(Math.sin(left_rad), Math.cos(left_rad)))}`;
 }
 
 /** Sends the newest wish at most every 100 ms, one at a time: a ball that is dragged asks far more often. */

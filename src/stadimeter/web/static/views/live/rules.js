@@ -4,8 +4,15 @@ import { h, keyed, write } from "../../dom.js";
 import * as format from "../../format.js";
 import { actionsOf, act } from "./rule_actions.js";
 
+const LOOKS = { pending: "warning", clearing: "warning", returned: "warning", unknown: "unknown" };
+
 /** What a state looks like: its shape and its colour; its word is always beside them. */
-export const LOOKS = { idle: "quiet", pending: "warning", active: "alarm", clearing: "warning", latched: "alarm", returned: "warning", unknown: "unknown" };
+export function lookOf({ status, severity, gates, acknowledged, is_alarm }) {
+  if (status !== "active" && status !== "latched") return LOOKS[status] ?? "quiet";
+  if (gates.length) return "warning";
+  if (!is_alarm) return "good";
+  return severity === "alarm" || severity === "safety" || !acknowledged || status === "latched" ? "alarm" : severity === "info" ? "good" : "warning";
+}
 
 export function rules(context) {
   const list = h("ul", { class: "list" });
@@ -25,26 +32,42 @@ function card(context) {
   const state = h("span");
   const drives = h("span", { class: "small quiet" });
   const why = h("p", { class: "small" });
-  const buttons = h("div", { class: "row" });
-  const element = h("li", { class: "rule" }, h("div", { class: "row head" }, name, state, drives), why, buttons);
+  const actions = actionButtons(context);
+  const element = h("li", { class: "rule" }, h("div", { class: "row head" }, name, state, drives), h("div", { class: "body" }, why, actions));
   element.update = (rule) => {
     write(name, rule.rule);
-    state.className = `badge is-${isActing(rule) ? LOOKS[rule.status] : rule.status === "unknown" ? "unknown" : LOOKS[rule.status] === "alarm" ? "warning" : LOOKS[rule.status]}`;
+    state.className = `badge is-${lookOf(rule)}`;
     write(state, stateInWords(rule));
     write(drives, rule.output ? `→ ${rule.output}` : "alert only");
-    write(why, format.words(rule.reason, context.unit));
-    keyed(buttons, actionsOf(rule, context.session), (action) => action.op, (action) => actionButton(action, rule.rule, context));
+    write(why, format.words(whyOnly(rule), context.unit));
+    actions.update(rule);
   };
   return element;
 }
 
-const isActing = (rule) => !rule.gates.length;
+/** The reason without what stands beside it. */
+const whyOnly = ({ reason, status, output }) => reason.replace(`${status}: `, "").replace(`; it commands '${output}'`, "");
 
 export function stateInWords(rule) {
   const extra = [...rule.gates, rule.acknowledged ? "" : "not acknowledged", rule.chattering ? "chattering" : "", rule.first_out ? "first" : ""];
   return [rule.status, ...extra].filter(Boolean).join(", ");
 }
 
-export function actionButton(action, rule, context) {
-  return h("button", { type: "button", class: `button ${action.isFirst ? "primary" : "small"}`, onclick: () => act(action, rule, context), "aria-label": `${action.label}: ${rule}` }, action.label);
+/** The buttons of a rule: what is urgent in sight, the rest behind "More". */
+export function actionButtons(context) {
+  const urgent = h("div", { class: "lesser urgent" });
+  const lesser = h("div", { class: "lesser" });
+  const more = h("details", { class: "more" }, h("summary", null, "More"), lesser);
+  const element = h("div", { class: "acts" }, more, urgent);
+  const fill = (root, actions, rule) => keyed(root, actions, (action) => action.op, (action) => button(action, rule, context));
+  element.update = (rule) => {
+    const actions = actionsOf(rule, context.session);
+    element.hidden = !actions.length;
+    fill(urgent, actions.filter((action) => action.isUrgent), rule.rule);
+    fill(lesser, actions.filter((action) => !action.isUrgent), rule.rule);
+  };
+  return element;
 }
+
+const button = (action, rule, context) =>
+  h("button", { type: "button", class: `button ${action.isUrgent ? "primary" : ""}`, onclick: () => act(action, rule, context), "aria-label": `${action.label}: ${rule}` }, action.label);

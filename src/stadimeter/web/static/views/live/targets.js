@@ -7,7 +7,7 @@ const KINDS = { tracking: "good", coasting: "warning", searching: "unknown", los
 const WORDS = { tracking: "tracking", coasting: "coasting: not seen just now", searching: "searching", lost: "lost" };
 
 export function targets({ unit }) {
-  const element = h("div", { class: "stack" });
+  const element = h("div", { class: "figures" });
   return { element, update: (snapshot) => keyed(element, snapshot.targets, (target) => target.name, () => card(unit)) };
 }
 

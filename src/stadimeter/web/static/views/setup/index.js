@@ -1,6 +1,166 @@
-import { h, replace } from "../../dom.js";
+// Set-up: one question at a time, with the picture beside it. The questions are those of `stadimeter init`.
 
-export function mount(root) {
-  replace(root, h("section", { class: "panel" }, h("h1", null, "Set-up")));
-  return () => {};
+import { h, replace } from "../../dom.js";
+import { Picture } from "./picture.js";
+import { answerForm } from "./question.js";
+import { drawRail } from "./rail.js";
+
+const STEPS = {
+  camera: () => import("./camera.js"),
+  target: () => import("./target.js"),
+  size: () => import("./target.js"),
+  colour: () => import("./colour.js"),
+  calibration: () => import("./calibration.js"),
+  proof: () => import("./calibration.js"),
+  wish: () => import("./wish.js"),
+  blank: () => import("./wish.js"),
+  output: () => import("./output.js"),
+  done: () => import("./save.js"),
+};
+
+/** What is asked for now, `done` when all is answered. */
+const kindOf = (state) => (state.done ? "done" : state.question.kind || state.question.key);
+
+export function mount(root, context) {
+  const setup = new SetUp(root, context);
+  setup.open();
+  return () => setup.takeDown();
+}
+
+class SetUp {
+  #root;
+  #undo = [];
+  #drawn = 0;
+
+  constructor(root, context) {
+    this.#root = root;
+    this.context = context;
+    this.api = context.api;
+    this.picture = new Picture(context, () => this.#sync());
+    const isBack = () => document.hidden || this.state === undefined || this.#sync().catch(() => {});
+    document.addEventListener("visibilitychange", isBack);
+    this.undoWatch = () => document.removeEventListener("visibilitychange", isBack);
+  }
+
+  /** Begin, or go on where it was left: here, or on another device. */
+  async open() {
+    replace(this.#root, h("p", { class: "panel quiet" }, "Looking for cameras, and for answers of an earlier time …"));
+    try {
+      const state = await this.api.get("setup");
+      this.show(state.begun ? state : await this.#begin(false));
+    } catch (error) {
+      this.#say(error, () => this.open());
+    }
+  }
+
+  async beginAnew() {
+    this.picture.stop();
+    try {
+      this.show(await this.#begin(true));
+    } catch (error) {
+      this.#say(error, () => this.open());
+    }
+  }
+
+  /** Answer the question, and those that follow as far as `more` has their answers by key; show the state that
+   *  follows. Throws what is wrong with an answer. */
+  async answer(text, more = {}) {
+    const asked = this.state.question.key;
+    if (!(await this.#sync())) return;
+    let state = await this.api.post("setup/answer", { answer: text, confirm: true });
+    try {
+      while (!state.doubt && state.question?.key !== asked && state.question?.key in more) {
+        state = await this.api.post("setup/answer", { answer: more[state.question.key], confirm: true });
+      }
+    } catch (error) {
+      this.context.say(error.message, "error");
+    }
+    await this.show(state);
+  }
+
+  /** Take back the last answers, as many as are told. */
+  async back(count = 1) {
+    try {
+      if (!(await this.#sync())) return;
+      let state;
+      for (let each = 0; each < count; each += 1) state = await this.api.post("setup/back");
+      if (state) this.show(state);
+    } catch (error) {
+      this.context.say(error.message, "error");
+    }
+  }
+
+  /** Show a state: the rail, the question with what belongs to its kind, and the picture. */
+  async show(state) {
+    const mine = ++this.#drawn;
+    const kind = kindOf(state);
+    const { widget } = (await STEPS[kind]?.()) ?? {};
+    if (mine !== this.#drawn) return;
+    this.#cleanUp();
+    this.state = state;
+    this.picture.mode({});
+    this.aside = h("div", { class: "stack" });
+    const hasCamera = state.answers.some(({ key }) => key === "camera");
+    const heading = h("h1", { tabindex: -1 }, state.done ? "Save, and run it" : state.question.text);
+    const form = kind === "done" ? widget(this) : answerForm(this, widget);
+    const side = h("aside", { class: "setup-side", hidden: !hasCamera }, this.picture.element, this.aside);
+    replace(this.#root,
+      h("div", { class: `setup is-${kind}${hasCamera ? "" : " is-alone"}` },
+        drawRail(this, kind),
+        h("div", { class: "setup-head" }, heading, this.#notes(state)),
+        side,
+        h("div", { class: "setup-ask" }, form),
+        hasCamera && h("p", { class: "setup-end" }, h("button", { type: "button", class: "button bare", onclick: () => this.beginAnew() }, "Begin anew"))));
+    if (hasCamera) this.picture.start();
+    (form.querySelector("[data-first]") ?? heading).focus({ preventScroll: true });
+    scrollTo({ top: 0 });
+  }
+
+  /** What a step must end when the next one is shown. */
+  onLeave(undo) {
+    this.#undo.push(undo);
+  }
+
+  takeDown() {
+    this.isOver = true;
+    this.#drawn += 1;
+    this.#cleanUp();
+    this.undoWatch();
+    this.picture.stop();
+  }
+
+  /** Take up what another device, or a pause, has changed; return whether the question is still the one that is shown. */
+  async #sync() {
+    let state = await this.api.get("setup");
+    if (!state.begun) state = await this.#begin(false);
+    if (this.isOver) return false;
+    const isSame = state.done === this.state.done && state.question?.key === this.state.question?.key;
+    if (!isSame) {
+      await this.show(state);
+      this.context.say("The set-up went on meanwhile, or on another device: this is where it is now.", "warning");
+    }
+    return isSame;
+  }
+
+  #begin(anew) {
+    return this.api.post("setup/begin", { anew });
+  }
+
+  #notes(state) {
+    const last = state.answers.at(-1)?.notes ?? [];
+    const box = (kind, words) => words.length > 0 && h("div", { class: `setup-note ${kind}` }, words.map((each) => h("p", null, each)));
+    return h("div", { role: "status" }, box("is-warning", state.trouble ? [state.trouble] : []), box("", last));
+  }
+
+  #cleanUp() {
+    for (const undo of this.#undo.splice(0)) undo();
+  }
+
+  #say(error, again) {
+    this.picture.stop();
+    replace(this.#root, h("div", { class: "panel stack" },
+      h("h1", null, "Set-up"),
+      h("p", { class: "setup-error", role: "alert" }, error.message),
+      h("div", { class: "row" }, h("button", { class: "button primary", onclick: again }, "Try again"))));
+  }
 }

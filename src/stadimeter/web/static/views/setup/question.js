@@ -1,0 +1,107 @@
+// A question as a form: what was found, what its kind needs, the answer as text, and the way on and back.
+
+import { h, replace } from "../../dom.js";
+
+/** The form of the question that is asked. A step's `widget(step)` returns what stands above the answer as text.
+ *  The text field holds the answer: a widget sets it by `step.set(answer)`, and hears of it by `step.onAnswer(fn)`. */
+export function answerForm(setup, widget = choices) {
+  const { question, doubt, answers } = setup.state;
+  const step = new Step(setup, question);
+  const shown = widget(step);
+  step.isBusy(false);
+  const others = h("details", { class: "setup-text", open: !shown },
+    h("summary", null, shown ? "Answer in words instead" : "Your answer"),
+    h("label", { class: "field" }, h("span", { class: "sr" }, question.text), step.text, question.form && h("span", { class: "quiet small" }, question.form)));
+  const send = async (event) => {
+    event.preventDefault();
+    step.isBusy(true);
+    try {
+      await setup.answer(step.answer, step.more?.());
+    } catch (error) {
+      step.say(error.message);
+      step.text.setAttribute("aria-invalid", "true");
+    }
+    step.isBusy(false);
+  };
+  const enter = (event) => event.key === "Enter" && event.target.tagName === "SELECT" && (event.preventDefault(), form.requestSubmit());
+  step.submit = (answer) => (step.set(answer), form.requestSubmit());
+  const form = h("form", { class: "panel stack", onsubmit: send, onkeydown: enter, novalidate: true },
+    question.found.map((each) => h("p", { class: "quiet" }, each)),
+    shown,
+    others,
+    doubt && h("div", { class: "setup-doubt", role: "alert" }, doubt.notes.map((each) => h("p", null, each)), h("p", null, "Change the answer, or go on with it as it is.")),
+    step.error,
+    step.progress,
+    h("div", { class: "row setup-way" },
+      answers.length > 0 && h("button", { type: "button", class: "button", onclick: () => setup.back() }, "Back"),
+      step.go));
+  return form;
+}
+
+class Step {
+  #listeners = [];
+
+  constructor(setup, question) {
+    Object.assign(this, { setup, question, api: setup.api, picture: setup.picture, goes: "Go on", busyWords: "One moment …" });
+    this.text = h("input", { type: "text", value: question.ready, autocomplete: "off", spellcheck: false, "data-first": "", oninput: () => this.#tell() });
+    this.error = h("p", { class: "setup-error", role: "alert", hidden: true });
+    this.go = h("button", { type: "submit", class: "button primary" });
+    this.progress = h("progress", { hidden: true, "aria-label": "Working" });
+    this.isBusy(false);
+  }
+
+  get answer() {
+    return this.text.value;
+  }
+
+  set(answer) {
+    if (answer === this.text.value) return;
+    this.text.value = answer;
+    this.#tell();
+  }
+
+  onAnswer(fn) {
+    this.#listeners.push(fn);
+    fn(this.answer);
+  }
+
+  say(words) {
+    this.error.hidden = !words;
+    replace(this.error, words && words[0].toUpperCase() + words.slice(1));
+  }
+
+  isBusy(isIt) {
+    this.go.disabled = isIt;
+    replace(this.go, isIt ? this.busyWords : this.#goes());
+    this.progress.hidden = !isIt;
+  }
+
+  #goes() {
+    return this.setup.state.doubt && this.answer === this.question.ready ? "Use it all the same" : this.goes;
+  }
+
+  #tell() {
+    this.say("");
+    this.text.removeAttribute("aria-invalid");
+    replace(this.go, this.#goes());
+    for (const fn of this.#listeners) fn(this.answer);
+  }
+}
+
+/** The answers that are suggested, as cards; nothing where there are none. `draw(option)` returns what a card shows more. */
+export function choices(step, { draw = () => null, several = false } = {}) {
+  const { options, key, text } = step.question;
+  if (!options.length) return null;
+  const inputs = options.map((option) => h("input", { type: several ? "checkbox" : "radio", name: key, value: option.answer, onchange: chosen }));
+  function chosen() {
+    const mine = inputs.filter((each) => each.checked).map((each) => each.value);
+    step.set(mine.join(" "));
+  }
+  step.onAnswer((answer) => {
+    const words = several ? answer.split(/[\s,]+/) : [answer];
+    for (const each of inputs) each.checked = words.includes(each.value);
+  });
+  (inputs.find((each) => each.checked) ?? inputs[0]).dataset.first = "";
+  return h("fieldset", { class: "setup-cards" }, h("legend", { class: "sr" }, text),
+    options.map((option, index) => h("label", { class: "setup-card" }, inputs[index], draw(option), h("span", { class: "setup-card-words" }, h("b", null, option.answer), " ", h("span", { class: "quiet" }, option.meaning)))));
+}

@@ -1,0 +1,126 @@
+"""The camera of a run, seen through the run: a device can be opened once only, and the run must not lose it."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stadimeter.app.control.client import HELLO_WAIT_S, ask, fetch, find
+from stadimeter.config.loader import load_camera_choice
+from stadimeter.config.plugins import DriverChoice
+from stadimeter.core.frame import Frame, Optics
+from stadimeter.errors import CaptureTimeoutError, ConfigError, ControlError, DeviceClosedError, ProtocolError
+from stadimeter.workbench.frame_source import Source, open_source
+
+ASK_EVERY_S = 0.02
+"""While the run has no newer picture, it is asked again this often."""
+
+
+class RunCamera:
+    """Gets the frames of a run over its control socket. It is a `stadimeter.app.capture.Capture`."""
+
+    def __init__(self, socket: Path) -> None:
+        self._socket = socket
+        self._is_open = False
+        self._sequence = -1
+
+    def open(self) -> None:
+        """Make ready; the run has opened the camera."""
+        self._is_open = True
+
+    def latest(self, timeout_s: float) -> Frame:
+        """Return the run's newest frame once it is another one than the last; see `Capture`."""
+        until_s = time.monotonic() + timeout_s
+        why = f"no new one for {timeout_s:g} s"
+        while True:
+            try:
+                frame = self._newest()
+            except ControlError as error:
+                why = str(error)
+            else:
+                if frame.sequence != self._sequence:
+                    self._sequence = frame.sequence
+                    return frame
+            if time.monotonic() >= until_s or not self._socket.exists():
+                raise CaptureTimeoutError(f"the run that has this camera gives no picture: {why}")
+            time.sleep(ASK_EVERY_S)
+
+    def trouble(self) -> str:
+        """Return an empty string: what goes wrong is raised by `latest`."""
+        return ""
+
+    def hung(self) -> str:
+        """Return an empty string: the camera is the run's."""
+        return ""
+
+    def remarks(self) -> tuple[str, ...]:
+        """Say whose camera it is."""
+        return ("a run has this camera open, with the settings of its configuration; its pictures are used",)
+
+    def not_for_motion(self) -> str:
+        """Return an empty string: nothing here moves."""
+        return ""
+
+    def close(self) -> None:
+        """Ask the run no more."""
+        self._is_open = False
+
+    def _newest(self) -> Frame:
+        if not self._is_open:
+            raise DeviceClosedError("the camera is not open; open it before asking for frames")
+        return _frame(*fetch(self._socket, "frame", {"encoding": "raw", "image": "plain"}))
+
+
+def _frame(data: Any, pixels: bytes) -> Frame:
+    try:
+        image = np.frombuffer(pixels, np.uint8).reshape(data["height_px"], data["width_px"], 3)
+        told: dict[str, Any] = data["optics"] or {}
+        optics: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in told.items()}
+        return Frame(
+            image,
+            data["captured_at_s"],
+            data["sequence"],
+            subsampling=data["subsampling"],
+            optics=Optics(**optics) if optics else None,
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise ProtocolError(f"the run's picture makes no sense: {error}") from error
+
+
+def source_beside_run(choice: DriverChoice, configuration: Path, socket: Path | None) -> Source:
+    """Build a camera; through the run of a configuration if that has the same one.
+
+    Args:
+        socket: Where the run listens; None to look for it.
+
+    Raises:
+        DriverError: It cannot be built.
+    """
+    try:
+        place = socket or find(configuration)
+        ask(place, "hello", wait_s=HELLO_WAIT_S)
+        theirs = load_camera_choice(configuration)
+    except (ControlError, ConfigError):
+        return open_source(choice)
+    if not is_same_camera(choice, theirs):
+        return open_source(choice)
+    return Source(capture=RunCamera(place), is_live=True)
+
+
+def is_same_camera(one: DriverChoice, other: DriverChoice) -> bool:
+    """Return whether two tables mean one device. Files are none: any number of programs may read them."""
+    if one.driver != other.driver or one.driver in {"images", "video"}:
+        return False
+    if one.driver == "opencv":
+        return _device(one) == _device(other)
+    return getattr(one.options, "camera", None) == getattr(other.options, "camera", None)
+
+
+def _device(choice: DriverChoice) -> str:
+    written = getattr(choice.options, "device", None)
+    path = f"/dev/video{written}" if isinstance(written, int) else str(written)
+    return path if "://" in path else os.path.realpath(path)

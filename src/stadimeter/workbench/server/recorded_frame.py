@@ -1,0 +1,105 @@
+"""A moment of a recording as the page shows it: its picture with what was measured drawn in, and its values."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.live.history import Seen
+from stadimeter.app.live.pictures import Pictures
+from stadimeter.app.live.snapshot import Snapshot
+from stadimeter.app.live.snapshot_json import ReasonsInTurn, shared_json
+from stadimeter.app.recordings.recorded_configuration import load_recorded
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.plan import Plan
+from stadimeter.errors import ConfigError, JournalError
+from stadimeter.workbench.replay.recording_index import Moment, RecordingIndex
+from stadimeter.workbench.server.arguments import number
+from stadimeter.workbench.server.operations import Desk, Operation, Reply
+from stadimeter.workbench.server.recordings import began_unix_s, index_of, path_of
+
+QUALITY = 80
+RIM_POINTS = 48
+SHOWN = ("frame", "targets", "rules", "outputs", "safety")
+"""The parts of a live snapshot that a recording has, too."""
+
+
+def recording_frame(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Answer the picture of a moment of a recording, as JPEG, and what was known and decided then.
+
+    ``at_s`` is since its beginning; ``draw`` is ``plain`` to draw nothing.
+    """
+    path = path_of(desk, args)
+    if path.suffix != ".mcap":
+        raise JournalError(f"{path.name} is a journal, and has no pictures; its decisions can be replayed")
+    index = index_of(desk, path)
+    moment = index.moment(number(args, "at_s", 0.0))
+    seen = None if moment.seen is None else Seen(_with_detections(moment), moment.frame)
+    jpeg = Pictures().jpeg(seen, "plain" if args.get("draw") == "plain" else "drawn", QUALITY) if seen else b""
+    return Reply(data=_values(desk, index, moment, seen), attached=jpeg)
+
+
+OPERATIONS: dict[str, Operation] = {"recording-frame": recording_frame}
+
+
+def _values(desk: Desk, index: RecordingIndex, moment: Moment, seen: Seen | None) -> dict[str, Any]:
+    """Return what there is to see then, by the names of a live snapshot; outlines are in the picture already."""
+    record = moment.cycle.record()
+    now_s = record.observation.now_s
+    unix_s = began_unix_s(index.recording.header, 0.0) + moment.at_s
+    snapshot = Snapshot(record=record, seen=seen, started_s=now_s - moment.at_s, plan=_plan(desk, index))
+    told = json.loads(shared_json(snapshot, 0, now_s, unix_s - now_s, ReasonsInTurn()) + "}")
+    for target in told["targets"]:
+        target["detection"], target["rejected"] = None, []
+    return {"at_s": moment.at_s, "unix_s": unix_s, "seconds": index.seconds, **{key: told[key] for key in SHOWN}}
+
+
+def _plan(desk: Desk, index: RecordingIndex) -> Plan | None:
+    """Return what the recording's configuration declares; None for one that this version cannot read."""
+    recording = index.recording
+    if desk.kept.get("recorded plan", (None, None))[0] is not index:
+        try:
+            plan = load_recorded(recording.header.recorded_configuration, recording.path).plan
+        except ConfigError:
+            plan = None
+        desk.kept["recorded plan"] = index, plan
+    found: Plan | None = desk.kept["recorded plan"][1]
+    return found
+
+
+def _with_detections(moment: Moment) -> CycleRecord:
+    """Return the cycle of a picture with where its targets are in it, which stands in the recording's annotations."""
+    if moment.seen is None:
+        raise JournalError("there is no picture")
+    return replace(moment.seen.record(), detections=tuple(_detections(moment)))
+
+
+def _detections(moment: Moment) -> Iterator[Detection]:
+    try:
+        found = json.loads(moment.annotations or b"{}")
+        circles, texts = found.get("circles", []), found.get("texts", [])
+        for circle, label in zip(circles, texts, strict=False):
+            if circle["outline_color"]["r"] < circle["outline_color"]["g"]:  # not red, which is what was rejected
+                centre = circle["position"]["x"] - 0.5, circle["position"]["y"] - 0.5
+                yield _disc(label["text"].rsplit(" ", 2)[0], centre, float(circle["diameter"]))
+    except (ValueError, KeyError, TypeError, AttributeError):  # damaged, or of another program
+        return
+
+
+def _disc(target: str, centre_px: tuple[float, float], across_px: float) -> Detection:
+    angles = np.linspace(0, 2 * math.pi, RIM_POINTS, endpoint=False)
+    outline = np.array(centre_px) + across_px / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
+    return Detection(
+        target=target,
+        status=DetectionStatus.FOUND,
+        centre_px=centre_px,
+        width_px=across_px,
+        height_px=across_px,
+        outline_px=outline,
+    )

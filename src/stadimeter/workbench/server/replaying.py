@@ -1,0 +1,130 @@
+"""What an edited configuration would have done on a recording, beside what was done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from stadimeter.app.live.snapshot import limits_m
+from stadimeter.core.plan import BaseOutput, Plan
+from stadimeter.core.words import duration
+from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, RuleChange
+from stadimeter.workbench.replay.lanes import CYCLES_MAX, Lane, Point, SideBySide, thinned
+from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay import ReplayRun, replay_run
+from stadimeter.workbench.server.arguments import number, text
+from stadimeter.workbench.server.editing import files_with, loaded
+from stadimeter.workbench.server.operations import Desk, Operation, Reply
+from stadimeter.workbench.server.recordings import about, path_of
+
+FOR_S = 20.0
+"""Unless it is said otherwise, an answer comes at the latest after this time."""
+
+FOR_MAX_S = 60.0
+CHANGES_MAX = 40
+
+
+def replay_diff(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Answer what a text would have done on a recording, beside what was decided then.
+
+    A long recording takes a while. The answer comes after ``for_s`` with what there is by then; the same question again
+    goes on from there. ``progress`` is 1 when it is at its end.
+    """
+    path, wanted, files = path_of(desk, args), text(args, "text"), files_with(args)
+    asked = (str(path), path.stat().st_mtime_ns, wanted, tuple(files.items()))
+    if desk.kept.get("replay-diff", (None, None))[0] != asked:
+        desk.kept["replay-diff"] = asked, _begun(desk, path, wanted, files)
+    side_by_side: SideBySide = desk.kept["replay-diff"][1]
+    if not side_by_side.is_done:
+        side_by_side.go_on(min(FOR_MAX_S, max(0.05, number(args, "for_s", FOR_S))))
+    return Reply(data=_told(side_by_side, about(desk, path)))
+
+
+OPERATIONS: dict[str, Operation] = {"replay-diff": replay_diff}
+
+
+def _begun(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:
+    after = loaded(desk, wanted, files)
+    recording = read_recording(path)
+    return SideBySide(replay_run(recording, None), ReplayRun(recording, after))
+
+
+def _told(found: SideBySide, recording: Mapping[str, Any]) -> dict[str, Any]:
+    plan, difference = found.after.configuration.plan, found.difference()
+    limits = sorted({limit_m for each in limits_m(plan).values() for limit_m in each})
+    whole_s = max(recording["seconds"] or 0.0, found.seconds)
+    return {
+        "from_s": 0.0,
+        "to_s": found.seconds,
+        "seconds": whole_s,
+        "progress": 1.0 if found.is_done else round(min(0.99, found.seconds / whole_s if whole_s else 0.0), 3),
+        "samples": {name: thinned(points) for name, points in found.samples.items()},
+        "thresholds_m": limits,
+        "lanes": [
+            {"rule": rule, "before": _spans(found.old.rules.get(rule)), "after": _spans(found.new.rules.get(rule))}
+            for rule in {**found.new.rules, **found.old.rules}
+        ],
+        "outputs": [_output(found, plan, name) for name in {**found.new.levels, **found.old.levels}],
+        "words": list(_words(found, difference, recording)),
+        "differences": [_change(each, found.began_s) for each in difference.changes[:CHANGES_MAX]],
+    }
+
+
+def _spans(lane: Lane | None) -> list[dict[str, float]]:
+    return [{"from_s": round(from_s, 3), "to_s": round(to_s, 3)} for from_s, to_s in (lane.thinned() if lane else ())]
+
+
+def _output(found: SideBySide, plan: Plan, name: str) -> dict[str, Any]:
+    base = next((each for each in plan.outputs if each.name == name and isinstance(each, BaseOutput)), None)
+    return {
+        "output": name,
+        "max": base.linear_max_mps if base else 1.0,
+        "unit": "m/s" if base else "",
+        "before": _levels(found.old.levels.get(name, [])),
+        "after": _levels(found.new.levels.get(name, [])),
+    }
+
+
+def _levels(points: list[Point]) -> list[tuple[float, float | None]]:
+    return [(round(at_s, 3), level) for at_s, level, _ in thinned(points)]
+
+
+def _words(found: SideBySide, difference: ReplayDiff, recording: Mapping[str, Any]) -> Iterator[str]:
+    if not found.is_done:
+        yield f"So far only the first {duration(found.seconds)} are compared."
+    elif found.cycles >= CYCLES_MAX:
+        yield f"Only the first {duration(found.seconds)} are compared: it is a long recording."
+    if damage := found.damage or recording["damage"]:
+        yield f"The recording is damaged: {damage}."
+    missing = [name for name in found.after.configuration.plan.targets if name not in found.targets]
+    if missing:
+        yield f"Nothing is known of {', '.join(missing)}: it was not looked for when this was recorded."
+    yield difference.summary() if difference.changes else "Every event is the same."
+    for rule in difference.rules:
+        yield from _rule_words(rule)
+
+
+def _rule_words(rule: RuleChange) -> Iterator[str]:
+    if rule.old is None or rule.new is None:
+        figures = rule.new or rule.old
+        what = "is new" if rule.new else "is gone"
+        yield f"{rule.rule} {what}: raised {_times(figures.raised if figures else 0)}."
+    elif rule.old.raised != rule.new.raised:
+        yield f"{rule.rule}: raised {_times(rule.new.raised)}, it was {_times(rule.old.raised)}."
+
+
+def _times(count: int) -> str:
+    return {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def _change(change: EventChange, began_s: float) -> dict[str, Any]:
+    event = change.event
+    return {
+        "change": change.change,
+        "by_s": round(change.by_s, 3),
+        "at_s": round(event.at_s - began_s, 3),
+        "kind": event.kind.value,
+        "source": event.source,
+        "reason": event.reason,
+    }

@@ -1,0 +1,181 @@
+"""The live page in a real browser: what it shows, and what a person does on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from support.browser import PHONE, ROOM, Served, served, tab, until
+
+STILL = ROOM.partition("path = [")[0] + 'path = [{ at = "0 s", x = "3.2 m", y = "0.3 m" }]\n'
+"""The same room, and its ball does not move: 3.2 m away."""
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with served(tmp_path_factory.mktemp("still"), STILL) as serving:
+        yield serving
+
+
+@pytest.fixture
+def moving(tmp_path) -> Iterator[Served]:
+    with served(tmp_path) as serving:
+        yield serving
+
+
+def opened(page: Any, here: Served, view: str = "live") -> None:
+    page.goto(f"{here.url}/#{view}")
+    page.get_by_text("live", exact=True).wait_for()
+
+
+def text_of(page: Any, selector: str) -> str:
+    return page.locator(selector).first.inner_text()
+
+
+DRAWN = """async () => {
+    const { picture } = await import("/static/views/live/picture.js");
+    const live = { ageMs: () => 0, state: { status: "live" } };
+    const unit = { symbol: "m", size_m: 1, decimals: 3 };
+    const shown = picture({ live, unit, session: { right: "read" } });
+    document.getElementById("main").replaceChildren(shown.element);
+    const grey = new OffscreenCanvas(400, 300);
+    const ink = grey.getContext("2d");
+    ink.fillStyle = "#808080";
+    ink.fillRect(0, 0, 400, 300);
+    const outline_px = [[100, 100], [200, 100], [200, 200], [100, 200]];
+    const detection = { status: "found", centre_px: [150, 150], width_px: 100, height_px: 100, outline_px };
+    const measured = { is_valid: true, distance_m: 2, sigma_m: 0.01, detection };
+    const target = { name: "ball", status: "tracking", rejected: [], ...measured };
+    const frame = { width_px: 400, height_px: 300, captured_unix_s: 12.5 };
+    shown.update({ frame, targets: [target], narration: "", recording: null }, await createImageBitmap(grey));
+    const canvas = shown.element.querySelector("canvas");
+    const scale = canvas.width / 400;
+    const pixels = canvas.getContext("2d");
+    const on = (px) => Math.round((px + 0.5) * scale);
+    const at = (x, y) => [...pixels.getImageData(on(x), on(y), 1, 1).data].slice(0, 3);
+    shown.takeDown();
+    const places = { edge: at(130, 100), centre: at(150, 150), inside: at(130, 130), outside: at(50, 50) };
+    return { ...places, captured: canvas.dataset.captured };
+}"""
+
+
+def test_the_outline_lies_where_the_message_of_its_frame_says(browser, still):
+    with tab(browser, device_scale_factor=2) as page:
+        opened(page, still, "alarms")
+        drawn = page.evaluate(DRAWN)
+        assert drawn["edge"] == drawn["centre"] == [0xFF, 0xE1, 0x4D]
+        assert drawn["inside"] == drawn["outside"] == [0x80, 0x80, 0x80]
+        assert drawn["captured"] == "12.5"
+
+
+def test_distances_are_shown_in_the_unit_that_a_person_chose_and_remembered(browser, still):
+    with tab(browser) as page:
+        opened(page, still)
+        value = page.locator(".target .value")
+        until(page, "parseFloat(document.querySelector('.target .value')?.textContent) > 3.1")
+        assert float(value.inner_text()) == pytest.approx(3.2, rel=0.03)
+        page.get_by_label("Lengths in").select_option("ft")
+        until(page, "parseFloat(document.querySelector('.target .value')?.textContent) > 9")
+        page.reload()
+        until(page, "parseFloat(document.querySelector('.target .value')?.textContent) > 9")
+        assert "ft" in text_of(page, ".figure .unit")
+        assert " ft" in text_of(page, ".rule .body")
+
+
+def test_the_chart_is_read_by_the_keyboard(browser, still):
+    with tab(browser) as page:
+        opened(page, still)
+        page.locator("canvas[data-drawn]").wait_for()
+        page.wait_for_timeout(1500)
+        chart = page.get_by_role("slider", name="Distances of the last minutes")
+        chart.focus()
+        page.keyboard.press("ArrowLeft")
+        assert "ago" in text_of(page, ".read")
+        assert "ball 3." in text_of(page, ".read")
+        assert chart.get_attribute("aria-valuetext") == text_of(page, ".read")
+
+
+def test_an_alarm_is_acknowledged_and_reset_with_a_name_and_a_reason(browser, moving):
+    with tab(browser, size=PHONE) as page:
+        opened(page, moving)
+        page.get_by_text("latched, not acknowledged").wait_for()
+        page.get_by_role("button", name="Acknowledge: near").press("Enter")
+        page.get_by_label("Why").fill("on my way")
+        page.get_by_label("Your name").fill("zoe")
+        page.keyboard.press("Enter")
+        page.get_by_text("near acknowledged by zoe").wait_for()
+        page.get_by_text("on my way").first.wait_for()
+        page.get_by_role("button", name="Reset: near").press("Enter")
+        page.get_by_role("dialog").get_by_role("button", name="Reset").click()
+        page.get_by_text("near reset by zoe").wait_for()
+
+
+def test_an_alarm_is_shelved_for_a_while_and_taken_up_again(browser, still):
+    with tab(browser) as page:
+        opened(page, still)
+        page.locator(".rule summary:visible").click()
+        page.get_by_role("button", name="Shelve: near").click()
+        page.get_by_label("For how long").select_option("5 minutes")
+        page.get_by_role("dialog").get_by_role("button", name="Shelve").click()
+        page.get_by_text("idle, shelved").wait_for()
+        page.get_by_role("button", name="Unshelve: near").click()
+        page.get_by_role("dialog").get_by_role("button", name="Unshelve").click()
+        page.get_by_text("idle", exact=True).wait_for()
+
+
+def test_an_output_is_on_only_while_the_button_is_held(browser, still):
+    with tab(browser) as page:
+        opened(page, still)
+        buzzer = page.locator(".output", has_text="buzzer")
+        buzzer.locator("summary").click()
+        level = "document.querySelectorAll('.output')[1].querySelector('output').textContent"
+        button = buzzer.get_by_role("button", name="Hold to test")
+        button.hover()
+        page.mouse.down()
+        until(page, f"{level} === '50 %'")
+        buzzer.get_by_text("held by").wait_for()
+        page.mouse.up()
+        until(page, f"{level} === '0 %'")
+        button.focus()
+        page.keyboard.down(" ")
+        until(page, f"{level} === '50 %'")
+        page.evaluate("window.dispatchEvent(new Event('blur'))")
+        until(page, f"{level} === '0 %'")
+        assert button.get_attribute("aria-pressed") == "false"
+
+
+def test_the_ball_is_moved_and_hidden_in_the_simulated_room(browser, moving):
+    with tab(browser) as page:
+        opened(page, moving)
+        ball = page.get_by_role("button", name="ball in the room")
+        ball.hover()
+        plan = page.locator(".plan").bounding_box()  # where it is now that the page was scrolled
+        page.mouse.down()
+        page.mouse.move(plan["x"] + plan["width"] / 2, plan["y"] + 0.15 * plan["height"], steps=5)
+        page.mouse.up()
+        where = page.locator(".room .number")
+        until(page, "/from the camera, ahead/.test(document.querySelector('.room .number').textContent)")
+        far_m = float(where.inner_text().split()[1])
+        until(page, f"Math.abs(parseFloat(document.querySelector('.target .value').textContent) - {far_m}) < 0.15")
+        page.get_by_label("hide target").check()
+        page.locator(".target.is-unknown").wait_for()
+
+
+def test_a_frozen_picture_and_an_ended_run_cannot_be_overlooked(browser, moving):
+    with tab(browser) as page:
+        opened(page, moving)
+        page.locator("canvas[data-drawn]").wait_for()
+        page.locator(".old").wait_for(state="hidden")
+        page.get_by_label("freeze camera").check()
+        page.get_by_text("Old picture:").wait_for()
+        page.get_by_text("Outputs are at their safe values").wait_for()
+        page.get_by_label("freeze camera").uncheck()
+        page.locator(".old").wait_for(state="hidden")
+        moving.run.terminate()
+        moving.run.wait()
+        page.get_by_text("not connected").wait_for()
+        page.get_by_role("button", name="Start the run").wait_for()
+        moving.start_run()
+        page.get_by_text("live", exact=True).wait_for()
