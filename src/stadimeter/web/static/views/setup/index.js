@@ -109,7 +109,8 @@ class SetUp {
         drawRail(this, kind),
         h("div", { class: "setup-head" }, heading, this.#notes(state)),
         side,
-        h("div", { class: "setup-ask" }, form)));
+        h("div", { class: "setup-ask" }, form),
+        hasCamera && h("p", { class: "setup-end" }, h("button", { type: "button", class: "button bare", onclick: () => this.beginAnew() }, "Begin anew"))));
     if (hasCamera) this.picture.start();
     (form.querySelector("[data-first]") ?? heading).focus({ preventScroll: true });
     scrollTo({ top: 0 });
@@ -121,6 +122,7 @@ class SetUp {
   }
 
   takeDown() {
+    this.isOver = true;
     this.#drawn += 1;
     this.#cleanUp();
     this.undoWatch();
@@ -131,6 +133,7 @@ class SetUp {
   async #sync() {
     let state = await this.api.get("setup");
     if (!state.begun) state = await this.#begin(false);
+    if (this.isOver) return false;
     const isSame = state.done === this.state.done && state.question?.key === this.state.question?.key;
     if (!isSame) {
       await this.show(state);

@@ -23,8 +23,9 @@ export function answerForm(setup, widget = choices) {
     }
     step.isBusy(false);
   };
+  const enter = (event) => event.key === "Enter" && event.target.tagName === "SELECT" && (event.preventDefault(), form.requestSubmit());
   step.submit = (answer) => (step.set(answer), form.requestSubmit());
-  const form = h("form", { class: "panel stack", onsubmit: send, novalidate: true },
+  const form = h("form", { class: "panel stack", onsubmit: send, onkeydown: enter, novalidate: true },
     question.found.map((each) => h("p", { class: "quiet" }, each)),
     shown,
     others,

@@ -59,10 +59,12 @@ async function saved(setup, made, version, runs) {
   const [configuration, ...others] = made.files;
   const { needs } = await api.put("configuration", { text: configuration.text, base_version: version, files: Object.fromEntries(others.map(({ name, text }) => [name, text])) });
   if (!runs) return void context.say("It is saved. The run goes by it when it is started, or reloaded.");
+  setup.picture.stop(); // it would take the camera again
   await api.post("setup/leave");
   try {
     await api.post(needs === "restart" || needs === "reload" ? `run/${needs}` : "run/start");
   } catch (error) {
+    setup.picture.start();
     throw Object.assign(error, { message: `It is saved, but it does not run: ${error.message}` });
   }
   context.say("It is saved, and runs.");
