@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import random
 import socket
 import subprocess
@@ -115,6 +116,8 @@ def live_loop(pictures: list[Image]) -> Loop:
 
 def run_live(path: Path, seconds: float, cycles_file: Path) -> None:
     """Run, listening at a socket, and write down when each cycle ended, what it computed, and how old its frame was."""
+    with suppress(PermissionError):
+        os.nice(-10)  # whatever else the computer does shall not stand in the way
     loop = live_loop(drawn_beforehand(PICTURES))
     clock, rows = loop.parts.clock, np.zeros((int(seconds * RATE_HZ * 1.2) + 100, 4))
     count = 0
