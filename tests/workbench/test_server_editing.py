@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import time
 from pathlib import Path
@@ -11,11 +12,13 @@ from typing import Any
 import pytest
 
 from stadimeter.config.camera_file import camera_file_text
+from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.errors import ChangedMeanwhileError, ConfigError, NotThereError
+from stadimeter.errors import ChangedMeanwhileError, ConfigError, NotThereError, StadimeterError
 from stadimeter.workbench import saving
+from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.editing import OPERATIONS
-from stadimeter.workbench.server.operations import Desk
+from stadimeter.workbench.server.operations import MODULES, Desk, operation
 from support.saves import CONFIGURATION
 
 HERE = CONFIGURATION.format(below="1 m")
@@ -184,6 +187,48 @@ def test_a_disk_that_is_full_at_the_second_file_leaves_both_as_they_were(
     assert desk.configuration.read_text() == HERE
     assert (desk.configuration.parent / "camera.toml").read_text() == LENS
     assert not list(desk.configuration.parent.glob(".*"))
+
+
+STRANGE = [
+    None,
+    1,
+    True,
+    [],
+    {},
+    "\ud800",
+    "\0",
+    "a" * 1_000_000,
+    {"text": 1},
+    [[1]],
+    1e308,
+    "../../x",
+    {"a\ud800.toml": "x"},
+]
+
+
+@pytest.mark.parametrize("op", [op for op, module in MODULES.items() if "setup" not in module])
+def test_whatever_a_browser_sends_is_answered_or_refused_in_a_sentence(desk: Desk, op: str) -> None:
+    """Everything is of the wrong type once; a defect would come out as another kind of error."""
+    keys = ("text", "files", "base_version", "id", "name", "at_s", "for_s", "tests", "even_if_wrong", "draw")
+    sound = {"text": HERE, "base_version": version(desk), "name": "a.mcap", "id": "0001-20260101T000000Z"}
+    refused = 0
+    for key in keys:
+        for strange in STRANGE:
+            try:
+                json.dumps(operation(op)(desk, {**sound, key: strange}).data, allow_nan=False)
+            except StadimeterError:
+                refused += 1
+    if op not in {"configuration", "versions", "recordings"}:
+        assert refused > 10
+    assert load_configuration(desk.configuration).rules
+
+
+def test_the_tests_of_a_configuration_hold_nobody_up_for_long(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(editing, "TESTS_MAX_S", 0.0)
+    text = HERE + '\n[[tests]]\ninput = { hover = { at = "50 cm", for = "2 s" } }\nexpect.near = { raised = 1 }\n'
+    (told,) = ask(desk, "check", text=text, tests=True)["tests"]
+    assert told["ok"] is None
+    assert "not run" in told["words"]
 
 
 def test_the_oldest_versions_go_and_the_newest_stay(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import time
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -19,13 +20,18 @@ from stadimeter.app.recordings.recorded_configuration import sha256_of
 from stadimeter.app.this_computer import warnings_here
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.rule_test_tables import RuleTest
 from stadimeter.config.toml_source import Texts
 from stadimeter.config.units import path_from
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, Problem, UnreadableError
 from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
 from stadimeter.workbench.saving import difference_in_words, files_of, save_files, versions
+from stadimeter.workbench.server.arguments import text, truth
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
+
+TESTS_MAX_S = 20.0
+"""No test of a configuration begins later than this: whoever asks waits, and so do all others."""
 
 DIFF_LINES_MAX = 400
 """A person reads the first of them."""
@@ -33,40 +39,39 @@ DIFF_LINES_MAX = 400
 
 def configuration(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     """Answer the text of the configuration as it is saved, its version, and the former ones."""
-    text = saved_text(desk)
+    saved = saved_text(desk)
     return Reply(
         data={
-            "text": text or "",
-            "version": version_of(text),
+            "text": saved or "",
+            "version": version_of(saved),
             "path": str(desk.configuration),
-            "exists": text is not None,
-            "versions": _versions(desk, text or ""),
+            "exists": saved is not None,
+            "versions": _versions(desk, saved or ""),
         }
     )
 
 
 def check(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer what is wrong with a text and what it does in words; with ``tests``, what its tests come to."""
-    text, files = _text(args), files_with(args)
-    asked = json.dumps([text, files, bool(args.get("tests"))])
+    typed, files, with_tests = _text(args), files_with(args), truth(args, "tests")
+    asked = json.dumps([typed, files, with_tests])
     if desk.kept.get("check", ("", {}))[0] != asked:
-        desk.kept["check"] = asked, _checked(desk, text, files, with_tests=bool(args.get("tests")))
+        desk.kept["check"] = asked, _checked(desk, typed, files, with_tests=with_tests)
     return Reply(data=desk.kept["check"][1])
 
 
 def save(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Save a text, and files such as the camera file with it; keep what was there."""
-    text, files = _text(args), files_with(args)
-    if not args.get("even_if_wrong"):
-        loaded(desk, text, files)
-    return _saved(desk, {**files, desk.configuration.name: text}, args)
+    typed, files = _text(args), files_with(args)
+    if not truth(args, "even_if_wrong"):
+        loaded(desk, typed, files)
+    return _saved(desk, {**files, desk.configuration.name: typed}, args)
 
 
 def version(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer the text of a former version."""
-    wanted = str(args.get("id", ""))
-    text = files_of(desk.configuration, wanted)[desk.configuration.name]
-    return Reply(data={"id": wanted, "text": text})
+    wanted = text(args, "id")
+    return Reply(data={"id": wanted, "text": files_of(desk.configuration, wanted)[desk.configuration.name]})
 
 
 def list_versions(desk: Desk, _args: Mapping[str, Any]) -> Reply:
@@ -76,7 +81,7 @@ def list_versions(desk: Desk, _args: Mapping[str, Any]) -> Reply:
 
 def restore(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Bring a former version back, with the files that were saved with it; what it replaces is kept in turn."""
-    return _saved(desk, files_of(desk.configuration, str(args.get("id", ""))), args)
+    return _saved(desk, files_of(desk.configuration, text(args, "id")), args)
 
 
 OPERATIONS: dict[str, Operation] = {
@@ -103,9 +108,9 @@ def saved_text(desk: Desk) -> str | None:
         raise
 
 
-def version_of(text: str | None) -> str:
+def version_of(saved: str | None) -> str:
     """Return what tells one text from another; empty where there is none."""
-    return "" if text is None else sha256_of(text)
+    return "" if saved is None else sha256_of(saved)
 
 
 def loaded(desk: Desk, text: str, files: Mapping[str, str]) -> Configuration:
@@ -119,10 +124,16 @@ def _texts(desk: Desk, text: str, files: Mapping[str, str]) -> Texts:
 
 
 def _text(args: Mapping[str, Any]) -> str:
-    text = args.get("text")
-    if not isinstance(text, str):
-        raise ConfigError("there is no text to look at")
-    return text.replace("\r\n", "\n")
+    return _writable(text(args, "text")).replace("\r\n", "\n")
+
+
+def _writable(words: str) -> str:
+    """Return a text that a file can hold; half of a surrogate pair, which JSON can write, is none."""
+    try:
+        words.encode()
+    except UnicodeEncodeError as error:
+        raise ConfigError("the text holds half of a character, which no file can have") from error
+    return words
 
 
 def files_with(args: Mapping[str, Any]) -> dict[str, str]:
@@ -130,7 +141,7 @@ def files_with(args: Mapping[str, Any]) -> dict[str, str]:
     files = args.get("files") or {}
     if not isinstance(files, Mapping) or not all(isinstance(each, str) for pair in files.items() for each in pair):
         raise ConfigError("the files beside a configuration are texts, by their names")
-    return dict(files)
+    return {name: _writable(each) for name, each in files.items()}
 
 
 def _checked(desk: Desk, text: str, files: Mapping[str, str], *, with_tests: bool) -> dict[str, Any]:
@@ -159,8 +170,13 @@ def _rule_lines(found: Configuration) -> list[dict[str, Any]]:
 
 
 def _tested(found: Configuration) -> list[dict[str, Any]]:
-    tests = RuleTests(found)
-    return [_told(tests.run(test)) for test in found.tests]
+    tests, until_s = RuleTests(found), time.monotonic() + TESTS_MAX_S
+    return [_told(tests.run(test)) if time.monotonic() < until_s else _left_out(test) for test in found.tests]
+
+
+def _left_out(test: RuleTest) -> dict[str, Any]:
+    words = f"not run: the tests before it took {TESTS_MAX_S:g} s; `stadimeter test` runs all"
+    return {"name": test.name, "line": test.line, "ok": None, "words": words}
 
 
 def _told(result: RuleTestResult) -> dict[str, Any]:
@@ -177,13 +193,13 @@ def _told(result: RuleTestResult) -> dict[str, Any]:
 def _saved(desk: Desk, files: Mapping[str, str], args: Mapping[str, Any]) -> Reply:
     place = desk.configuration
     needs = _needed(desk, files)
-    base = args.get("base_version", "")
+    base = text(args, "base_version", "")
     _, kept = save_files(place.parent, files, lambda: _refuse_if_changed(desk, base, files[place.name]))
     data = {"version": version_of(files[place.name]), "kept": kept.name if kept else None, "needs": needs}
     return Reply(data=data)
 
 
-def _refuse_if_changed(desk: Desk, base_version: object, ours: str) -> None:
+def _refuse_if_changed(desk: Desk, base_version: str, ours: str) -> None:
     theirs = saved_text(desk)
     if version_of(theirs) == base_version or theirs == ours:
         return
@@ -211,7 +227,7 @@ def _versions(desk: Desk, text: str) -> list[dict[str, Any]]:
 
 
 def _needed(desk: Desk, files: Mapping[str, str]) -> str:
-    """Return what a run needs to go by these files: ``nothing``, since there is none, ``reload`` or ``restart``."""
+    """Return what a run needs to go by these files: ``nothing``, ``reload`` or ``restart``."""
     try:
         digest = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("digest")
     except ControlError:
@@ -220,7 +236,7 @@ def _needed(desk: Desk, files: Mapping[str, str]) -> str:
     running = _running(desk, digest)
     if new is None or running is None or needs_restart(running, new):
         return "restart"
-    return "reload"
+    return "nothing" if sha256_of(new.text) == digest else "reload"
 
 
 def run_socket(desk: Desk) -> Path:
