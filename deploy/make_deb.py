@@ -23,7 +23,7 @@ from stadimeter.app.persistence.state_file import APPLICATION_ID
 DEPLOY = Path(__file__).resolve().parent
 CHECKOUT = DEPLOY.parent
 HOME = "opt/stadimeter"
-EXTRAS = "notify,record"
+EXTRAS = "notify,record,web"
 WHEELS_FOR = {"amd64": "x86_64", "arm64": "aarch64"}
 """How wheels name an architecture of Debian."""
 
@@ -39,6 +39,8 @@ main()
 """
 SYSTEM_FILES = {
     "stadimeter.service": "usr/lib/systemd/system/stadimeter.service",
+    "stadimeter-web.service": "usr/lib/systemd/system/stadimeter-web.service",
+    "avahi/stadimeter.service": "usr/share/stadimeter/avahi.service",
     "99-stadimeter.rules": "usr/lib/udev/rules.d/99-stadimeter.rules",
     "modules-load.conf": "usr/lib/modules-load.d/stadimeter.conf",
 }

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import random
 import socket
 import subprocess
@@ -113,8 +114,10 @@ def live_loop(pictures: list[Image]) -> Loop:
     return Loop(parts)
 
 
-def run_live(path: Path, seconds: float, cycles_file: Path) -> None:
+def run_live(path: Path, seconds: float, cycles_file: Path, *, is_first: bool) -> None:
     """Run, listening at a socket, and write down when each cycle ended, what it computed, and how old its frame was."""
+    if is_first:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     loop = live_loop(drawn_beforehand(PICTURES))
     clock, rows = loop.parts.clock, np.zeros((int(seconds * RATE_HZ * 1.2) + 100, 4))
     count = 0
@@ -185,7 +188,7 @@ def watch(path: Path, condition: str) -> None:
     print(watchers.messages)
 
 
-def measure(minutes: float, block_s: float) -> dict[str, dict[str, float]]:
+def measure(minutes: float, block_s: float, *, is_first: bool = False) -> dict[str, dict[str, float]]:
     """Return the figures under each condition."""
     blocks = max(1, round(minutes * 60 / block_s / len(CONDITIONS)))
     order = [condition for _ in range(blocks) for condition in random.sample(CONDITIONS, len(CONDITIONS))]
@@ -195,7 +198,8 @@ def measure(minutes: float, block_s: float) -> dict[str, dict[str, float]]:
         path, cycles = Path(name) / "run.sock", Path(name) / "cycles.npy"
         seconds = len(order) * (block_s + 2.0) + 10
         this = [sys.executable, __file__]
-        run = subprocess.Popen([*this, "--run", str(path), "--seconds", str(seconds), "--cycles", str(cycles)])
+        options = ["--seconds", str(seconds), "--cycles", str(cycles), *(["--first"] if is_first else [])]
+        run = subprocess.Popen([*this, "--run", str(path), *options])
         while not path.exists():
             time.sleep(0.1)
         time.sleep(2.0)
@@ -234,6 +238,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--block-s", type=float, default=6.0)
+    parser.add_argument(
+        "--first", action="store_true", help="let the run go before all else that the computer does (needs root)"
+    )
     parser.add_argument("--run", type=Path)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--cycles", type=Path)
@@ -241,11 +248,11 @@ def main() -> None:
     parser.add_argument("--condition", default="nobody")
     args = parser.parse_args()
     if args.run is not None:
-        run_live(args.run, args.seconds, args.cycles)
+        run_live(args.run, args.seconds, args.cycles, is_first=args.first)
     elif args.watch is not None:
         watch(args.watch, args.condition)
     else:
-        print(json.dumps(measure(args.minutes, args.block_s), indent=1))
+        print(json.dumps(measure(args.minutes, args.block_s, is_first=args.first), indent=1))
 
 
 if __name__ == "__main__":

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
 import shutil
 import subprocess
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pytest
 
 from stadimeter.app.control.places import socket_path
 from stadimeter.app.service import LONGEST_PAUSE_S
+from stadimeter.cli.web import web
+from stadimeter.web import passwords
 
 SCRIPTS = ("safe-outputs", "debian/preinst", "debian/postinst", "debian/prerm", "debian/postrm")
 
@@ -44,6 +48,47 @@ def test_the_scripts_are_executable_shell(deploy: Path, script: str) -> None:
 def test_shellcheck_finds_nothing(deploy: Path, script: str) -> None:
     result = run(needs("shellcheck"), deploy / script)
     assert result.returncode == 0, result.stdout
+
+
+class TestUnitOfThePage:
+    @pytest.fixture
+    def unit(self, deploy: Path, tmp_path: Path) -> Path:
+        """Return the unit with a program that exists on any machine in place of ours."""
+        text = (deploy / "stadimeter-web.service").read_text()
+        unit = tmp_path / "stadimeter-web.service"
+        unit.write_text(text.replace("/opt/stadimeter/bin/stadimeter", "/bin/true"))
+        return unit
+
+    def test_systemd_accepts_it_without_a_warning(self, unit: Path) -> None:
+        result = run(needs("systemd-analyze"), "verify", "--man=no", unit)
+        assert (result.returncode, result.stderr) == (0, "")
+
+    def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit: Path) -> None:
+        result = run(needs("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
+        found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
+        if found is None:
+            pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
+        assert float(found[1]) <= 1.8
+
+    def test_it_holds_no_pin_and_no_base(self, deploy: Path) -> None:
+        lines = (deploy / "stadimeter-web.service").read_text().splitlines()
+        allowed = {line.split("=")[1].split()[0] for line in lines if line.startswith("DeviceAllow=")}
+        assert allowed == {"char-video4linux", "char-media", "char-dma_heap"}
+        assert "SupplementaryGroups=video" in lines
+
+    def test_its_options_are_those_of_the_command_and_its_passwords_where_the_command_sets_them(
+        self, deploy: Path
+    ) -> None:
+        text = (deploy / "stadimeter-web.service").read_text()
+        (words,) = re.findall("^ExecStart=(.*)$", text, re.MULTILINE)
+        _, command, configuration, option, file = words.split()
+        assert (command, configuration) == ("web", "/etc/stadimeter/appliance.toml")
+        assert (option, Path(file)) == ("--password-file", passwords.SERVICE_FOLDER / "page.passwords")
+
+    def test_avahi_tells_of_the_port_that_it_listens_at(self, deploy: Path) -> None:
+        (service,) = ET.parse(deploy / "avahi/stadimeter.service").iter("service")  # noqa: S314 - our own
+        port = inspect.signature(web).parameters["port"].default
+        assert (service.findtext("type"), service.findtext("port")) == ("_http._tcp", str(port))
 
 
 class TestUnit:

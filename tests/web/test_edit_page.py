@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from support.browser import ROOM, Served, served, tab, until
+from support.browser import ROOM, Served, served, tab
 
 NEAR = 'when = { below = "1 m" }'
 
@@ -49,6 +49,11 @@ def save(page: Any) -> None:
     page.get_by_role("button", name="Save", exact=True).click()
 
 
+def until_saved(page: Any, here: Served, words: str) -> None:
+    while words not in here.configuration.read_text():
+        page.wait_for_timeout(50)
+
+
 def test_an_error_stands_at_its_line_while_one_types_and_goes_when_it_is_mended(browser, here):
     with tab(browser) as page:
         field = opened(page, here)
@@ -75,7 +80,8 @@ def test_the_newest_answer_wins_though_it_comes_first(browser, here):
         held: list[Any] = []
         page.route("**/check", lambda route: held.append(route) if not held else route.continue_())
         edit(field, NEAR, 'when = { below = "1 parsec" }')
-        until(lambda: held, page)
+        while not held:
+            page.wait_for_timeout(20)
         edit(field, "1 parsec", "2 m")
         page.get_by_text("nearer than 2.00 m").wait_for()
         held[0].continue_()
@@ -118,7 +124,7 @@ def test_the_second_may_save_in_place_of_the_first_whose_text_is_kept_as_a_versi
         edit(field, NEAR, 'when = { below = "60 cm" }')
         save(page)
         page.get_by_role("button", name="Save mine in place of theirs").click()
-        until(lambda: "60 cm" in here.configuration.read_text(), page)
+        until_saved(page, here, "60 cm")
         page.get_by_role("button", name="Compare").first.click()
         page.get_by_text('- when = { below = "70 cm" }').wait_for()
 
@@ -130,7 +136,7 @@ def test_a_text_with_errors_is_saved_only_by_one_who_says_so(browser, here):
         page.get_by_text("Save it with its errors?").wait_for()
         assert here.configuration.read_text() == ROOM
         page.get_by_role("button", name="Save all the same").click()
-        until(lambda: "parsec" in here.configuration.read_text(), page)
+        until_saved(page, here, "parsec")
 
 
 def test_what_is_saved_is_applied_by_a_reload_where_that_is_enough(browser, here):
@@ -147,7 +153,8 @@ def test_a_changed_camera_restarts_the_run_and_the_page_stays(browser, here):
         before = page.evaluate(DIGEST)
         save(page)
         page.get_by_role("button", name="Restart the run").click()
-        until(lambda: page.evaluate(DIGEST) not in (None, before), page)
+        while page.evaluate(DIGEST) in {None, before}:
+            page.wait_for_timeout(50)
         page.get_by_text("live", exact=True).wait_for()
 
 
@@ -164,8 +171,9 @@ def test_a_former_version_is_brought_back(browser, here):
         save(page)
         page.get_by_role("button", name="Bring back").first.click()
         page.get_by_role("dialog").get_by_role("button", name="Bring back").click()
-        until(lambda: here.configuration.read_text() == ROOM, page)
-        until(lambda: field.input_value() == ROOM, page)
+        until_saved(page, here, NEAR)
+        while field.input_value() != ROOM:
+            page.wait_for_timeout(50)
 
 
 def test_saving_works_while_there_is_no_run_and_the_page_offers_to_start_one(browser, alone):

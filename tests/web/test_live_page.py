@@ -150,9 +150,8 @@ def test_the_ball_is_moved_and_hidden_in_the_simulated_room(browser, moving):
     with tab(browser) as page:
         opened(page, moving)
         ball = page.get_by_role("button", name="ball in the room")
-        ball.wait_for()
-        plan = page.locator(".plan").bounding_box()
         ball.hover()
+        plan = page.locator(".plan").bounding_box()  # where it is now that the page was scrolled
         page.mouse.down()
         page.mouse.move(plan["x"] + plan["width"] / 2, plan["y"] + 0.15 * plan["height"], steps=5)
         page.mouse.up()
@@ -168,7 +167,7 @@ def test_a_frozen_picture_and_an_ended_run_cannot_be_overlooked(browser, moving)
     with tab(browser) as page:
         opened(page, moving)
         page.locator("canvas[data-drawn]").wait_for()
-        assert page.locator(".old").is_hidden()
+        page.locator(".old").wait_for(state="hidden")
         page.get_by_label("freeze camera").check()
         page.get_by_text("Old picture:").wait_for()
         page.get_by_text("Outputs are at their safe values").wait_for()

@@ -10,6 +10,12 @@ from pathlib import Path
 RESTARTED = "STADIMETER_RESTARTED"
 """This variable of the environment tells a program that it began anew."""
 
+HANDED_ON = "STADIMETER_PAGE"
+"""This one says which page the program before has left: what it says (a file descriptor), its process id, and more."""
+
+HAS_PAGE = "STADIMETER_HAS_PAGE"
+"""A run that was started by a page finds this in its environment, and starts none of its own."""
+
 RESTARTING = "restart, as asked"
 
 
@@ -21,10 +27,10 @@ def begin_anew() -> None:
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
+    kept = {"0", "1", "2", *os.environ.get(HANDED_ON, "").split()[:1]}
     for descriptor in Path("/proc/self/fd").iterdir():
         with suppress(OSError):
-            if int(descriptor.name) > 2:
-                os.set_inheritable(int(descriptor.name), False)
+            os.set_inheritable(int(descriptor.name), descriptor.name in kept)
     os.environ[RESTARTED] = "1"
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - our own command line
 

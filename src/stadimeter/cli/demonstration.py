@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +14,8 @@ from stadimeter.cli.keyboard import Key, RunKeys
 from stadimeter.cli.run import run_loop
 from stadimeter.cli.run_options import Keeping, Serving
 from stadimeter.cli.viewing import Showing, live_or_plain
+from stadimeter.config.extras import missing
+from stadimeter.config.models import WebTable
 
 FAULTS = (
     ("h", "hide ball", "show ball", "hide-target"),
@@ -19,6 +23,12 @@ FAULTS = (
     ("u", "unplug robot", "plug robot in", "unplug-base"),
 )
 """Keys, what they do and undo, and the fault of the simulated world."""
+
+LOOPBACK, PORT = "127.0.0.1", 8080
+"""Where the page of the demonstration is: at this port, or at the next free one."""
+
+KEPT_PORT = "STADIMETER_DEMO_PORT"
+"""A demonstration that is restarted finds its port here, which its own page has taken."""
 
 NEXT = """\
 Next, with your own camera and ball:
@@ -42,9 +52,30 @@ def demonstrate(
         loop = Loop(build(demo_configuration(), speed=speed or None))
         view = "plain" if wants_lines else live_or_plain()
         keeping = Keeping(journal=journal, record=record, is_quiet=view == "live")
-        serving = Serving(is_unhurried=speed > 0, is_quiet=view == "live")
+        web = page_on_loopback() if speed > 0 else None
+        serving = Serving(is_unhurried=speed > 0, is_quiet=view == "live", web=web)
         keys = RunKeys(loop, fault_keys(loop), can_pause=True)
-        run_loop(loop, Limits(seconds=seconds), keeping, serving, Showing(view, "demo", unit, keys, last=NEXT))
+        title = f"demo, also on http://{web.host}:{web.port}/" if web is not None else "demo"
+        run_loop(loop, Limits(seconds=seconds), keeping, serving, Showing(view, title, unit, keys, last=NEXT))
+
+
+def page_on_loopback() -> WebTable | None:
+    """Return a page for this computer only, at the first free port; None if its libraries are not installed."""
+    if missing("web"):
+        return None
+    free = os.environ.get(KEPT_PORT) or next(filter(_is_free, range(PORT, PORT + 100)), PORT)
+    os.environ[KEPT_PORT] = str(free)
+    return WebTable(host=LOOPBACK, port=int(free))
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((LOOPBACK, port))
+        except OSError:
+            return False
+    return True
 
 
 def fault_keys(loop: Loop) -> tuple[Key, ...]:

@@ -14,6 +14,7 @@ import typer
 
 import stadimeter
 from stadimeter.app.persistence.state_file import state_file
+from stadimeter.app.restarts import HAS_PAGE
 from stadimeter.app.service_folders import runtime_directory, state_directory
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
 from stadimeter.errors import ControlError, JournalError
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
     from stadimeter.app.recordings.recorder import Recorder, Writer
     from stadimeter.app.service import Service
+    from stadimeter.config.models import WebTable
 
 
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S", help="End after this long.")]
@@ -188,6 +190,7 @@ class Serving:
         is_unhurried: Whether the run takes time, so that somebody can ask for something meanwhile.
         is_quiet: Whether nothing is printed about it while it runs: the screen is in use.
         service: What tells systemd of the run; None if systemd does not wait for that.
+        web: The page to have beside it; None for that of its configuration.
     """
 
     state: Path | None = None
@@ -197,6 +200,7 @@ class Serving:
     is_unhurried: bool = True
     is_quiet: bool = False
     service: Service | None = None
+    web: WebTable | None = None
 
 
 @contextmanager
@@ -316,6 +320,26 @@ def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
         loop.services.tell(f"warning: {error}; this run takes no operator commands")
     else:
         closing.enter_context(operated(loop, listener))
+        if (web := serving.web or configuration.web) is not None and HAS_PAGE not in os.environ:
+            closing.enter_context(_page(loop, path, web))
+
+
+@contextmanager
+def _page(loop: Loop, socket: Path, web: WebTable) -> Iterator[None]:
+    """Have the page as a process beside the run, if its libraries are there."""
+    from stadimeter.app.page_process import PageProcess, page_command  # noqa: PLC0415 - likewise
+    from stadimeter.config.extras import missing  # noqa: PLC0415 - likewise
+
+    if trouble := missing("web"):
+        loop.services.tell(f"warning: there is no page: {trouble}")
+        yield
+        return
+    page = PageProcess(page_command(loop.parts.configuration.path, socket, web), loop.services.tell)
+    page.start()
+    try:
+        yield
+    finally:
+        page.hand_on() if loop.services.is_restart_due else page.end()
 
 
 class _ErrorLines:

@@ -73,6 +73,7 @@ class Draft:
     base_table: models.BaseTable | None = None
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
+    web: models.WebTable | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
     tests: dict[int, RuleTestTable] = field(default_factory=dict)
     compiled: tuple[CompiledRule, ...] = ()
@@ -233,6 +234,8 @@ class _Reader:
         safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
         self.draft.tracking = tracking or self.draft.tracking
         self.draft.safety = safety or self.draft.safety
+        web = self._table("web")
+        self.draft.web = None if web is None else self._validated(models.WebTable, ("web",), web)
 
     def _rules(self) -> None:
         for name, table in self._named("rules"):

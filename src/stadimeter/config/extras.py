@@ -8,7 +8,14 @@ from importlib.util import find_spec
 
 from stadimeter.errors import DriverUnavailableError
 
-LIBRARIES = {"notify": "apprise", "pi": "lgpio", "plots": "matplotlib", "record": "mcap", "tags": "pyapriltags"}
+LIBRARIES = {
+    "notify": "apprise",
+    "pi": "lgpio",
+    "plots": "matplotlib",
+    "record": "mcap",
+    "tags": "pyapriltags",
+    "web": "uvicorn",
+}
 """The library of each extra, by the extra's name."""
 
 PICAMERA2 = "`sudo apt install python3-picamera2`"

@@ -16,7 +16,7 @@ from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, Draft, parts_of, read_draft
 from stadimeter.config.driver_tables import CAMERA, read_driver_table
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable
+from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable, WebTable
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.renamed_keys import with_current_keys
 from stadimeter.config.rules.compiled import CompiledRule
@@ -50,6 +50,7 @@ class Configuration:
         leases_s: For each output how old the frame behind a command may grow, in seconds.
         stays_off: The outputs that stay off for the rest of a run once their driver failed.
         button_tables: What each button asks of alarms, by its name.
+        web: The page on which a browser sees the run; None for none.
         find_warnings: Finds what `warnings` gives.
         tests: The tests of its rules; none if they were not asked for.
     """
@@ -74,6 +75,7 @@ class Configuration:
     status_led: DriverChoice | None = None
     buttons: tuple[DriverChoice, ...] = ()
     button_tables: Mapping[str, ButtonTable] = field(default_factory=dict)
+    web: WebTable | None = None
 
     @property
     def driven(self) -> tuple[DriverChoice, ...]:
@@ -125,6 +127,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         status_led=draft.status_led,
         buttons=tuple(draft.buttons),
         button_tables=draft.button_tables,
+        web=draft.web,
         world=draft.world,
         leases_s={name: table.lease for name, table in _output_tables(draft).items()},
         stays_off=frozenset(name for name, table in _output_tables(draft).items() if table.after_fault == "stay_off"),

@@ -10,6 +10,7 @@ from stadimeter.config.units import (
     DURATIONS_S,
     Acceleration,
     Duration,
+    FilePath,
     Speed,
     TurnAcceleration,
     TurnRate,
@@ -31,7 +32,7 @@ _SAFETY = plan.Safety()
 
 SECTIONS = (
     "camera", "targets", "actuators", "base", "status_led", "buttons", "messenger", "notifiers", "world", "tracking",
-    "safety", "rules", "tests",
+    "safety", "web", "rules", "tests",
 )  # fmt: skip
 """Every section that a configuration may have."""
 
@@ -171,6 +172,33 @@ class NotifierTable(Section):
 
 class WorldTable(Section):
     """The keys that every simulated world has: none."""
+
+
+class WebTable(Section):
+    """The page on which a browser sees, sets up and operates the run."""
+
+    written_elsewhere: ClassVar[dict[str, str]] = {
+        "password": "`stadimeter web CONFIG --set-password`: the configuration holds no password",
+    }
+
+    port: Annotated[int, Field(ge=1, le=65535)] = 8080
+    """The port on which it listens."""
+    host: Annotated[str, Field(min_length=1)] | None = None
+    """The address on which it listens. By default this computer's own, and every address once a password is set."""
+    certificate: FilePath | None = None
+    """The certificate for https, a PEM file; with `key`."""
+    key: FilePath | None = None
+    """The key of the certificate, a PEM file."""
+    password_file: FilePath | None = None
+    """Where the hashes of passwords are. By default beside the configuration, or with the state of the service."""
+    allowed_hosts: list[Annotated[str, Field(min_length=1)]] = []
+    """Other names under which browsers may find this computer, such as that of a proxy."""
+
+    @model_validator(mode="after")
+    def _check_certificate(self) -> Self:
+        if (self.certificate is None) is not (self.key is None):
+            raise ValueError("certificate and key belong together; give both, or none")
+        return self
 
 
 class TrackingTable(Section):

@@ -50,7 +50,11 @@ _MANY: dict[str, DriverKind[Any]] = {
     "buttons": driver_tables.BUTTON,
     "notifiers": driver_tables.NOTIFIER,
 }
-_TABLES: dict[str, type[BaseModel]] = {"tracking": models.TrackingTable, "safety": models.SafetyTable}
+_TABLES: dict[str, type[BaseModel]] = {
+    "tracking": models.TrackingTable,
+    "safety": models.SafetyTable,
+    "web": models.WebTable,
+}
 _SECTIONS = {
     "camera": "What looks: its driver, and the lens.",
     "targets": "What is looked for, by name; at least one.",

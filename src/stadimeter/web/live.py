@@ -132,9 +132,14 @@ class Feed:
                         is_first = False
             except PageError as error:
                 self._publish({"gone": str(error), "code": error.code}, b"")
+            except (AttributeError, LookupError, TypeError):
+                words = "the run says what this page does not understand: are they of one version?"
+                self._publish({"gone": words, "code": "odd-run"}, b"")
             await asyncio.sleep(RETRY_S)
 
     def _take(self, answer: Answer, *, is_first: bool) -> None:
+        if not isinstance(answer.data, dict):
+            raise TypeError("a snapshot is an object")
         self._history.add(self._number + 1, answer.data)
         self._publish(answer.data, answer.attached)
         if is_first:

@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from stadimeter.app.restarts import HAS_PAGE
 from stadimeter.errors import PageError
 from stadimeter.web.run_link import RunLink
 
@@ -98,7 +99,12 @@ async def _begun(configuration: Path, said: Any) -> Process:
     command = [sys.executable, "-m", "stadimeter", "run", str(configuration)]
     try:
         return await asyncio.create_subprocess_exec(
-            *command, stdin=DEVNULL, stdout=DEVNULL, stderr=said, start_new_session=True
+            *command,
+            stdin=DEVNULL,
+            stdout=DEVNULL,
+            stderr=said,
+            start_new_session=True,
+            env={**os.environ, HAS_PAGE: "1"},
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise PageError(503, "not-started", f"the run cannot be started: {error}") from error

@@ -35,13 +35,18 @@ class RunCamera:
     def latest(self, timeout_s: float) -> Frame:
         """Return the run's newest frame once it is another one than the last; see `Capture`."""
         until_s = time.monotonic() + timeout_s
+        why = f"no new one for {timeout_s:g} s"
         while True:
-            frame = self._newest()
-            if frame.sequence != self._sequence:
-                self._sequence = frame.sequence
-                return frame
-            if time.monotonic() >= until_s:
-                raise CaptureTimeoutError(f"the run that has this camera has no new picture for {timeout_s:g} s")
+            try:
+                frame = self._newest()
+            except ControlError as error:
+                why = str(error)
+            else:
+                if frame.sequence != self._sequence:
+                    self._sequence = frame.sequence
+                    return frame
+            if time.monotonic() >= until_s or not self._socket.exists():
+                raise CaptureTimeoutError(f"the run that has this camera gives no picture: {why}")
             time.sleep(ASK_EVERY_S)
 
     def trouble(self) -> str:
@@ -67,11 +72,7 @@ class RunCamera:
     def _newest(self) -> Frame:
         if not self._is_open:
             raise DeviceClosedError("the camera is not open; open it before asking for frames")
-        try:
-            data, pixels = fetch(self._socket, "frame", {"encoding": "raw", "image": "plain"})
-        except ControlError as error:
-            raise CaptureTimeoutError(f"the run that has this camera gives no picture: {error}") from error
-        return _frame(data, pixels)
+        return _frame(*fetch(self._socket, "frame", {"encoding": "raw", "image": "plain"}))
 
 
 def _frame(data: Any, pixels: bytes) -> Frame:

@@ -98,7 +98,7 @@ def _alarm(rule: AlarmRule, step: AlarmStep, course: _Course, decision: Decision
         "cleared_unix_s": unix_s(course.cleared_at_s),
         "acknowledged_by": acknowledged.by if acknowledged is not None else "",
         "acknowledged_unix_s": unix_s(acknowledged.at_s) if acknowledged is not None else None,
-        "why": acknowledged.reason if acknowledged is not None else "",
+        "why": acknowledged.reason.partition(": ")[2] if acknowledged is not None else "",
         "count": step.state.raises,
         "severity": rule.severity.value,
         "reason": decision.reasons.get(rule.name, ""),

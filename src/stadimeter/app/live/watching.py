@@ -47,21 +47,15 @@ def introduction(loop: Loop) -> dict[str, object]:
 
 def _surroundings(loop: Loop) -> Surroundings:
     parts = loop.parts
-    started_unix_s, path = round(time.time(), 3), str(parts.configuration.path.resolve())
+    fixed = introduction(loop) | {
+        "title": parts.configuration.path.name,
+        "started_unix_s": round(time.time(), 3),
+    }
     detectors = parts.cycle.perceiver.detectors
 
     def run() -> Mapping[str, object]:
-        configuration = parts.configuration
-        return {
-            "configuration": path,
-            "title": configuration.path.name,
-            "version": stadimeter.__version__,
-            "pid": os.getpid(),
-            "started_unix_s": started_unix_s,
-            "digest": sha256_of(configuration.text),
-            "is_service": is_service(),
-            "world": parts.world.state() if parts.world is not None else None,
-        }
+        world = parts.world.state() if parts.world is not None else None
+        return fixed | {"digest": sha256_of(parts.configuration.text), "world": world}
 
     def broker() -> str:
         return "" if parts.messenger is None else parts.messenger.trouble() or CONNECTED

@@ -13,6 +13,7 @@ const VIEWS = {
   alarms: { name: "Alarms", load: () => import("./views/alarms.js") },
 };
 const GOOD_MS = 6000;
+const SILENT_MS = 2500;
 
 const part = (id) => document.getElementById(id);
 const live = new Live();
@@ -48,6 +49,7 @@ async function open() {
     else tab.removeAttribute("aria-current");
   }
   document.title = `${view.name} · stadimeter`;
+  drawState();
   const root = h("div", { class: "view" });
   replace(part("main"), root);
   try {
@@ -79,12 +81,12 @@ async function logOut() {
 /** What every page shows: whether the picture is live, how many alarms there are, and what cannot be overlooked. */
 function drawState() {
   const { snapshot, state } = live;
-  const isLive = state.status === "live" && snapshot;
+  const isLive = state.status === "live" && snapshot && live.silentMs() < SILENT_MS;
   const active = isLive ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.gates.length)) : [];
   const badges = [
     isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
     active.length && { key: "alarms", kind: "alarm", words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}` },
-    { key: "state", kind: isLive ? "good" : "quiet", words: isLive ? "live" : state.status === "lost" ? "not connected" : "connecting" },
+    { key: "state", kind: isLive ? "good" : "quiet", words: isLive ? "live" : state.status !== "connecting" ? "not connected" : "connecting" },
   ];
   keyed(part("state"), badges.filter(Boolean), (each) => each.key, () => badge());
   keyed(part("banners"), banners(isLive), (each) => each.key, banner);
@@ -102,7 +104,9 @@ function badge() {
 
 function banners(isLive) {
   const { snapshot, state } = live;
+  if (state.status === "lost" && route().view === VIEWS.setup) return []; // it needs no run, and starts one at its end
   if (state.status === "lost") return [{ key: "lost", kind: "error", words: state.words, offersStart: session.right === "operate" && state.code !== "offline" }];
+  if (live.silentMs() >= SILENT_MS) return [{ key: "silent", kind: "error", words: `Nothing has come from the device for ${Math.round(live.silentMs() / 1000)} s. What is shown is old.` }];
   if (!isLive) return [];
   const { safety, health } = snapshot;
   return [
@@ -142,10 +146,11 @@ async function begin() {
   }
   drawTabs();
   drawMenu();
+  window.addEventListener("hashchange", open);
+  await open(); // first: what it subscribes to decides whether the stream has pictures
   live.watch(drawState);
   live.subscribe(drawState, { image: false });
-  window.addEventListener("hashchange", open);
-  await open();
+  setInterval(drawState, 500);
 }
 
 begin();

@@ -15,9 +15,13 @@ export class Live {
   #stop = null;
   #kind = "";
   #failures = 0;
-  #offset = null; // the quickest way of a snapshot so far: this tab's clock less the run's, ms
+  #offset = null; // the quickest way of a snapshot so far: this tab's clock less the device's, ms
   #received = null; // of the newest frame: when, and how old it was then
   #bitmap = null;
+  #newest = null; // what is to be shown next
+  #isShowing = false;
+  #heard = null; // when the newest message came
+  #clocks = -Infinity; // the device's time of day less the run's clock
   state = { status: "connecting", words: "" };
   snapshot = null;
   history = emptied();
@@ -46,6 +50,11 @@ export class Live {
   /** How old the newest frame is: when it arrived, what it waited for on its way, and the time since; null before the first. */
   ageMs() {
     return this.#received && performance.now() - this.#received.at + this.#received.age;
+  }
+
+  /** For how long nothing has come; 0 while the stream is known to be lost, or before it began. */
+  silentMs() {
+    return this.state.status === "live" ? performance.now() - this.#heard : 0;
   }
 
   /** Ask again at once, as after a start of the run. */
@@ -78,20 +87,39 @@ export class Live {
     }
   }
 
+  /** Takes what comes as fast as it comes, whatever the drawing costs: else it would pile up in the browser, and grow old. */
   async #read(reader) {
     const messages = new Messages();
     for (;;) {
       const { done, value } = await reader.read();
       if (done) return;
-      const whole = messages.add(value);
-      if (!whole.length) continue;
-      const gone = whole.at(-1).snapshot;
-      if ("gone" in gone) {
-        this.#tell("lost", gone.gone, gone.code);
-        continue;
+      for (const message of messages.add(value)) {
+        const { gone, code } = message.snapshot;
+        if (gone) this.#tell("lost", gone, code);
+        else this.#take(message);
       }
-      for (const each of whole) if (!("gone" in each.snapshot)) this.#remember(each.snapshot);
-      await this.#show(whole.at(-1));
+    }
+  }
+
+  #take(message) {
+    this.#remember(message.snapshot);
+    message.at = this.#heard = performance.now();
+    message.transit = this.#transit(message.snapshot, message.at);
+    const isBusy = this.#newest !== null || this.#isShowing;
+    this.#newest = message;
+    if (!isBusy) this.#showNewest();
+  }
+
+  async #showNewest() {
+    this.#isShowing = true;
+    try {
+      while (this.#newest) {
+        const message = this.#newest;
+        this.#newest = null;
+        await this.#show(message);
+      }
+    } finally {
+      this.#isShowing = false;
     }
   }
 
@@ -113,9 +141,9 @@ export class Live {
     if (fresh.length) this.history.events = [...fresh, ...this.history.events].slice(0, EVENTS_MAX);
   }
 
-  async #show({ snapshot, jpeg }) {
-    const bitmap = jpeg.length ? await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })) : null;
-    this.#note(snapshot);
+  async #show({ snapshot, jpeg, at, transit }) {
+    const bitmap = jpeg.length ? await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).catch(() => null) : null;
+    if (snapshot.frame) this.#received = { at, age: transit + (snapshot.now_s - snapshot.frame.captured_at_s) * 1000 };
     this.#failures = 0;
     this.#tell("live", "");
     for (const { fn, image } of [...this.#readers.values()]) fn(snapshot, image ? bitmap : null);
@@ -123,11 +151,14 @@ export class Live {
     this.#bitmap = bitmap;
   }
 
-  #note(snapshot) {
-    const at = performance.now();
-    const offset = at - snapshot.now_s * 1000;
-    this.#offset = Math.min(offset, (this.#offset ?? offset) + 0.05); // clocks drift apart: it forgets slowly
-    if (snapshot.frame) this.#received = { at, age: offset - this.#offset + (snapshot.now_s - snapshot.frame.captured_at_s) * 1000 };
+  /** How long a snapshot was on its way, beyond the quickest so far; clocks drift, so the quickest is forgotten slowly. */
+  #transit(snapshot, at) {
+    const clocks = snapshot.unix_s - snapshot.now_s;
+    if (clocks < this.#clocks - 1) this.#offset = null; // the time of day was set back
+    this.#clocks = clocks;
+    const offset = at - snapshot.unix_s * 1000;
+    this.#offset = Math.min(offset, (this.#offset ?? offset) + 0.05);
+    return offset - this.#offset;
   }
 
   #tell(status, words, code = "") {

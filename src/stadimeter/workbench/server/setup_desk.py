@@ -91,7 +91,7 @@ class SetupDesk:
         """
         self.leave()
         saved = self._saved()
-        known = Known(folder=self.folder, opening=self.camera.opened, is_each_tried=False)
+        known = Known(folder=self.folder, opening=self.camera.opened, looks_ahead=False)
         if anew or not was_left(self._file, self._configuration):
             self._interview = Interview(self.folder, earlier=saved, known=known)
             return
@@ -152,10 +152,6 @@ class SetupDesk:
         with self.camera.opened(choice) as source:
             self.shown = source.capture.latest(SETTLING_WAIT_S)
         return self.shown
-
-    def ready_colour(self) -> str:
-        """Return the range of what stands out in the picture, if the colour is asked for; empty for none."""
-        return self._question.ready if self._question is not None and self._question.kind == "colour" else ""
 
     def remember(self, measured: Measurement) -> None:
         """Keep what was measured, for trying rules on it."""

@@ -10,6 +10,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.colour_picture import colour_picture
+from stadimeter.workbench.colour_places import NOTHING_STANDS_OUT
 from stadimeter.workbench.picture_quality import better_exposure_s
 from stadimeter.workbench.server.arguments import number, places, text, truth
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
@@ -107,21 +108,25 @@ def camera(desk: Desk, args: Mapping[str, Any]) -> Reply:
 
 
 def colour(desk: Desk, args: Mapping[str, Any]) -> Reply:
-    """Try a range of colours: from clicks on the picture that was shown last, or a given one, widened or narrowed."""
+    """Try a range of colours: from clicks on the picture that was shown last, or a given one, widened or narrowed.
+
+    With ``look``, that of what stands out by itself, which takes seconds.
+    """
     setup = setup_of(desk)
     clicks, frame, trial = places(args, "clicks"), setup.shown or setup.newest(), setup.trial
     if truth(args, "forget"):
         trial.forget()
-    given = text(args, "range", "") or ("" if trial.colour else setup.ready_colour())
-    if given:
-        trial.take(given, frame)
+    if "range" in args:
+        trial.take(text(args, "range"), frame)
+    if truth(args, "look") and not trial.look(frame):
+        raise ConfigError(f"{NOTHING_STANDS_OUT}; click on it")
     is_pointed_at = True
     if clicks:
         is_pointed_at = trial.point(frame, clicks, same_picture=text(args, "of", "newest") == "kept")
     if "widen" in args:
         trial.widen(int(number(args, "widen")))
     if not trial.colour:
-        return Reply(data={"range": "", "found": False, "words": "Click on the ball.", "others": [], "pictures": 0})
+        return Reply(data={"range": "", "found": False, "words": colour_trial.CLICK, "others": [], "pictures": 0})
     seen = colour_trial.view((trial.seen_in if clicks else None) or frame, trial.colour)
     is_found = is_pointed_at and seen.detection.status is not DetectionStatus.NOT_FOUND
     return Reply(

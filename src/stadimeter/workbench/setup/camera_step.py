@@ -138,7 +138,7 @@ def _spread(frames: Iterator[Frame]) -> tuple[Frame, ...]:
 
 def _try(known: Known, camera: AttachedCamera, number: int) -> str:
     """Take a picture with a camera that is there, and say where it is, or what is wrong."""
-    if camera.trouble or not known.is_each_tried:
+    if camera.trouble or not known.looks_ahead:
         return camera.trouble or camera.node
     name = f"{PICTURES}/camera-{number}.png"
     try:

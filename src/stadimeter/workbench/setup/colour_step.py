@@ -49,7 +49,7 @@ class ColourStep(Step):
         """Propose the range of what stands out, or the one that the last answer has led to."""
         if self._camera != known.answers["camera"]:
             self._proposed, self._camera = None, known.answers["camera"]
-        ready, found = self._proposed or self._what_stands_out(known)
+        ready, found = self._proposed or (self._what_stands_out(known) if known.looks_ahead else ("", ()))
         return Question(
             key=self.key,
             text="Which colour has the ball?",

@@ -21,6 +21,7 @@ MOST_STEPS = 12
 
 NOT_THERE = "No ball is seen where you point: click on another part of it, or bring it nearer."
 MISSED = "No ball is seen with this range."
+CLICK = "Click on the ball."
 OTHERS = "Something else has this colour, at {places}: take it away, narrow the range, or click on the ball once more."
 
 
@@ -77,6 +78,14 @@ class ColourTrial:
             self._missed = [newest]
         self.seen_in = newest.frame
         return best.is_seen
+
+    def look(self, frame: Frame) -> bool:
+        """Try the range of what stands out in a picture by itself, and return whether anything does; takes seconds."""
+        fit = _fit((ColourSample(frame),))
+        if fit is None or not fit.is_seen:
+            return False
+        self.fitted, self.steps = fit.colour, 0
+        return True
 
     def take(self, colour: str, frame: Frame) -> None:
         """Try a range that a person gives; a `ConfigError` if it is none."""

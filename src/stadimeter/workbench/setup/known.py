@@ -33,7 +33,8 @@ class Known:
         camera_model: The lens; None before the calibration.
         model_file: The camera file that was there already; empty where one has to be written.
         opening: Opens the camera for a look through it.
-        is_each_tried: Whether a picture of each camera is taken before people choose one.
+        looks_ahead: Whether a question finds out by itself what takes seconds to find: what each camera sees, and what
+            stands out in the picture. A face with pictures asks for that when it is wanted.
     """
 
     folder: Path
@@ -44,7 +45,7 @@ class Known:
     camera_model: CameraModel | None = None
     model_file: str = ""
     opening: Opening = opened
-    is_each_tried: bool = True
+    looks_ahead: bool = True
 
     @property
     def frame(self) -> Frame:

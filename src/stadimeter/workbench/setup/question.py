@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,6 +29,9 @@ class Question:
         unattended: The answer that is taken where no person is there to put the target somewhere; empty for `ready`.
         kind: What it asks for, for faces that show more than text: ``camera``, ``target``, ``size``, ``tag``,
             ``colour``, ``calibration``, ``proof``, ``wish``, ``blank``, ``output``, ``base`` or ``broker``.
+        names: Sizes that have a name, of a `size`.
+        sentence: The wish that a blank is of, with each of its blanks in braces.
+        blanks: The blanks of that sentence: ``key``, ``text`` and the ``ready`` answer.
     """
 
     key: str
@@ -38,6 +42,9 @@ class Question:
     form: str = ""
     unattended: str = ""
     kind: str = ""
+    names: tuple[str, ...] = ()
+    sentence: str = ""
+    blanks: tuple[Mapping[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -30,6 +30,9 @@ _SIZES = {
 """The ready answer, and how one may look."""
 
 
+_NAMES = {"ball": tuple(BALLS), "sheet": tuple(PAPER)}
+
+
 class TargetStep(Step):
     """What to measure."""
 
@@ -62,6 +65,7 @@ class SizeStep(Step):
             text=f"How large is the {kind}? The distances are as right as this is: measure it.",
             ready=ready,
             form=form,
+            names=_NAMES.get(kind, ()),
         )
 
     def accept(self, known: Known, text: str) -> Accepted:

@@ -96,14 +96,17 @@ class BlankStep(Step):
     def question(self, known: Known) -> Question:
         """Ask for it, with an answer ready that this camera can serve."""
         seen_m, name = seen_up_to_m(known), f"the {known.answers['target']}"
+        ready = ready_answers(self.wish, seen_m)
         return Question(
             key=self.key,
             text=f"{self.wish.title[0].upper()}{self.wish.title[1:]}. {self.blank.text}",
             found=(f"With this camera, {name} is found reliably up to {seen_m:.2g} m.",)
             if self.blank.is_length
             else (),
-            ready=ready_answers(self.wish, seen_m)[self.blank.key],
+            ready=ready[self.blank.key],
             form=f"such as {self.blank.ready}",
+            sentence=self.wish.sentence,
+            blanks=tuple({"key": each.key, "text": each.text, "ready": ready[each.key]} for each in self.wish.blanks),
         )
 
     def accept(self, known: Known, text: str) -> Accepted:

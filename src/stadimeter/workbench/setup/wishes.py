@@ -39,6 +39,7 @@ class Wish:
 
     key: str
     title: str
+    sentence: str
     blanks: tuple[Blank, ...]
     output: str
     rules: str

@@ -46,8 +46,10 @@ export function mount(root, context) {
     }
   };
   let last = 0;
-  const leave = live.subscribe((snapshot) => {
-    if (snapshot.events?.length) refresh();
+  let known = live.history.events[0];
+  const leave = live.subscribe(() => {
+    if (live.history.events[0] !== known) refresh();
+    known = live.history.events[0];
     if (performance.now() - last < SLOW_MS) return;
     last = performance.now();
     draw();

@@ -19,9 +19,9 @@ export function mount(root, context) {
   const [ofRules, ofOutputs, ofChart, ofEvents, ofHealth, ofRoom, ofMessages] = slow;
   const column = (name, ...parts) => h("div", { class: `stack ${name}` }, parts.map((part) => part.element));
   replace(root, h("h1", { class: "sr" }, "Live"), h("div", { class: "live" },
-    column("seen", shown, shown.tools, ofChart, ofRoom),
+    column("seen", shown, shown.tools, ofChart),
     column("done", figures, ofRules, ofOutputs),
-    column("told", ofEvents, ofHealth, ofMessages)));
+    column("told", ofRoom, ofEvents, ofHealth, ofMessages)));
   let last = 0;
   const leave = context.live.subscribe((snapshot, bitmap) => {
     for (const part of quick) part.update(snapshot, bitmap);

@@ -31,7 +31,7 @@ export function picture({ live, unit, api, session, say }) {
   const timer = setInterval(() => {
     const age = live.ageMs();
     const isOld = shown !== null && (age === null || age > OLD_MS || live.state.status !== "live");
-    old.hidden = !isOld;
+    if (old.hidden === isOld) old.hidden = !isOld;
     frame.classList.toggle("is-old", isOld);
     if (isOld) write(old, `Old picture: ${format.since((age ?? 0) / 1000)}`);
   }, CHECK_MS);

@@ -20,7 +20,8 @@ export function room({ api, session, unit, say }) {
   const faults = h("div", { class: "row" });
   const where = h("p", { class: "small number", role: "status" });
   const element = h("section", { class: "panel room", hidden: true }, h("h2", null, "Simulated room"), plan, where,
-    session.right === "operate" && h("p", { class: "small quiet" }, "Drag the ball, or move it with the arrow keys. The rings are 1 m apart."), faults);
+    session.right === "operate" && h("p", { class: "small quiet" }, "Drag the ball, or move it with the arrow keys. The rings are 1 m apart."),
+    session.right === "operate" && h("button", { type: "button", class: "button", onclick: () => send({ release: true }) }, "Let it go on by itself"), faults);
   const isOurs = session.right === "operate";
   const send = sender(api, say);
   let dragged = null;

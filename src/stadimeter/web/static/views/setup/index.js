@@ -36,7 +36,10 @@ class SetUp {
     this.#root = root;
     this.context = context;
     this.api = context.api;
-    this.picture = new Picture(context);
+    this.picture = new Picture(context, () => this.#sync());
+    const isBack = () => document.hidden || this.state === undefined || this.#sync().catch(() => {});
+    document.addEventListener("visibilitychange", isBack);
+    this.undoWatch = () => document.removeEventListener("visibilitychange", isBack);
   }
 
   /** Begin, or go on where it was left: here, or on another device. */
@@ -59,14 +62,26 @@ class SetUp {
     }
   }
 
-  /** Answer the question; the state that follows is shown. Throws what is wrong with the answer. */
-  async answer(text) {
-    this.show(await this.api.post("setup/answer", { answer: text, confirm: true }));
+  /** Answer the question, and those that follow as far as `more` has their answers by key; show the state that
+   *  follows. Throws what is wrong with an answer. */
+  async answer(text, more = {}) {
+    const asked = this.state.question.key;
+    if (!(await this.#sync())) return;
+    let state = await this.api.post("setup/answer", { answer: text, confirm: true });
+    try {
+      while (!state.doubt && state.question?.key !== asked && state.question?.key in more) {
+        state = await this.api.post("setup/answer", { answer: more[state.question.key], confirm: true });
+      }
+    } catch (error) {
+      this.context.say(error.message, "error");
+    }
+    await this.show(state);
   }
 
   /** Take back the last answers, as many as are told. */
   async back(count = 1) {
     try {
+      if (!(await this.#sync())) return;
       let state;
       for (let each = 0; each < count; each += 1) state = await this.api.post("setup/back");
       if (state) this.show(state);
@@ -84,16 +99,18 @@ class SetUp {
     this.#cleanUp();
     this.state = state;
     this.picture.mode({});
+    this.aside = h("div", { class: "stack" });
     const hasCamera = state.answers.some(({ key }) => key === "camera");
     const heading = h("h1", { tabindex: -1 }, state.done ? "Save, and run it" : state.question.text);
     const form = kind === "done" ? widget(this) : answerForm(this, widget);
-    const side = h("aside", { class: "setup-side", hidden: !hasCamera }, this.picture.element, (this.aside = h("div", { class: "stack" })));
+    const side = h("aside", { class: "setup-side", hidden: !hasCamera }, this.picture.element, this.aside);
     replace(this.#root,
       h("div", { class: `setup is-${kind}${hasCamera ? "" : " is-alone"}` },
         drawRail(this, kind),
         h("div", { class: "setup-head" }, heading, this.#notes(state)),
         side,
-        h("div", { class: "setup-ask" }, form)));
+        h("div", { class: "setup-ask" }, form),
+        hasCamera && h("p", { class: "setup-end" }, h("button", { type: "button", class: "button bare", onclick: () => this.beginAnew() }, "Begin anew"))));
     if (hasCamera) this.picture.start();
     (form.querySelector("[data-first]") ?? heading).focus({ preventScroll: true });
     scrollTo({ top: 0 });
@@ -105,9 +122,24 @@ class SetUp {
   }
 
   takeDown() {
+    this.isOver = true;
     this.#drawn += 1;
     this.#cleanUp();
+    this.undoWatch();
     this.picture.stop();
+  }
+
+  /** Take up what another device, or a pause, has changed; return whether the question is still the one that is shown. */
+  async #sync() {
+    let state = await this.api.get("setup");
+    if (!state.begun) state = await this.#begin(false);
+    if (this.isOver) return false;
+    const isSame = state.done === this.state.done && state.question?.key === this.state.question?.key;
+    if (!isSame) {
+      await this.show(state);
+      this.context.say("The set-up went on meanwhile, or on another device: this is where it is now.", "warning");
+    }
+    return isSame;
   }
 
   #begin(anew) {
@@ -116,8 +148,8 @@ class SetUp {
 
   #notes(state) {
     const last = state.answers.at(-1)?.notes ?? [];
-    const notes = [...(state.trouble ? [h("p", { class: "setup-note is-warning" }, state.trouble)] : []), ...last.map((each) => h("p", { class: "setup-note" }, each))];
-    return notes.length > 0 && h("div", { role: "status" }, notes);
+    const box = (kind, words) => words.length > 0 && h("div", { class: `setup-note ${kind}` }, words.map((each) => h("p", null, each)));
+    return h("div", { role: "status" }, box("is-warning", state.trouble ? [state.trouble] : []), box("", last));
   }
 
   #cleanUp() {

@@ -15,7 +15,9 @@ export class Picture {
   #listeners = [];
   values = null;
 
-  constructor({ api, unit }) {
+  /** `recover()` is called after a picture that failed. */
+  constructor({ api, unit }, recover) {
+    this.recover = recover;
     this.api = api;
     this.unit = unit;
     this.image = h("img", { alt: "What the camera sees", draggable: false });
@@ -23,6 +25,7 @@ export class Picture {
     this.stage = h("div", { class: "setup-stage-picture" }, this.image, this.marks);
     this.caption = h("p", { class: "setup-caption quiet small", role: "status" });
     this.below = h("div", { class: "stack" });
+    this.ball_m = 1.1; // where the ball of the simulated room is
     this.element = h("figure", { class: "setup-picture" }, this.stage, h("figcaption", null, this.caption, this.below));
   }
 
@@ -81,6 +84,7 @@ export class Picture {
       if (stop.signal.aborted) return;
       this.#tell(error.message, true);
       pause = AGAIN_MS;
+      await this.recover().catch(() => {});
     }
     if (!stop.signal.aborted) this.#timer = setTimeout(() => this.#next(), pause);
   }

@@ -8,6 +8,7 @@ export function answerForm(setup, widget = choices) {
   const { question, doubt, answers } = setup.state;
   const step = new Step(setup, question);
   const shown = widget(step);
+  step.isBusy(false);
   const others = h("details", { class: "setup-text", open: !shown },
     h("summary", null, shown ? "Answer in words instead" : "Your answer"),
     h("label", { class: "field" }, h("span", { class: "sr" }, question.text), step.text, question.form && h("span", { class: "quiet small" }, question.form)));
@@ -15,33 +16,38 @@ export function answerForm(setup, widget = choices) {
     event.preventDefault();
     step.isBusy(true);
     try {
-      await setup.answer(step.answer);
+      await setup.answer(step.answer, step.more?.());
     } catch (error) {
       step.say(error.message);
       step.text.setAttribute("aria-invalid", "true");
     }
     step.isBusy(false);
   };
-  return h("form", { class: "panel stack", onsubmit: send, novalidate: true },
+  const enter = (event) => event.key === "Enter" && event.target.tagName === "SELECT" && (event.preventDefault(), form.requestSubmit());
+  step.submit = (answer) => (step.set(answer), form.requestSubmit());
+  const form = h("form", { class: "panel stack", onsubmit: send, onkeydown: enter, novalidate: true },
     question.found.map((each) => h("p", { class: "quiet" }, each)),
     shown,
     others,
     doubt && h("div", { class: "setup-doubt", role: "alert" }, doubt.notes.map((each) => h("p", null, each)), h("p", null, "Change the answer, or go on with it as it is.")),
     step.error,
+    step.progress,
     h("div", { class: "row setup-way" },
       answers.length > 0 && h("button", { type: "button", class: "button", onclick: () => setup.back() }, "Back"),
       step.go));
+  return form;
 }
 
 class Step {
   #listeners = [];
 
   constructor(setup, question) {
-    const { doubt } = setup.state;
-    Object.assign(this, { setup, question, api: setup.api, picture: setup.picture });
+    Object.assign(this, { setup, question, api: setup.api, picture: setup.picture, goes: "Go on", busyWords: "One moment …" });
     this.text = h("input", { type: "text", value: question.ready, autocomplete: "off", spellcheck: false, "data-first": "", oninput: () => this.#tell() });
     this.error = h("p", { class: "setup-error", role: "alert", hidden: true });
-    this.go = h("button", { type: "submit", class: "button primary" }, doubt ? "Use it all the same" : "Go on");
+    this.go = h("button", { type: "submit", class: "button primary" });
+    this.progress = h("progress", { hidden: true, "aria-label": "Working" });
+    this.isBusy(false);
   }
 
   get answer() {
@@ -64,16 +70,20 @@ class Step {
     replace(this.error, words && words[0].toUpperCase() + words.slice(1));
   }
 
-  isBusy(isIt, words = "One moment …") {
-    this.goes ??= this.go.textContent;
+  isBusy(isIt) {
     this.go.disabled = isIt;
-    replace(this.go, isIt ? words : this.goes);
+    replace(this.go, isIt ? this.busyWords : this.#goes());
+    this.progress.hidden = !isIt;
+  }
+
+  #goes() {
+    return this.setup.state.doubt && this.answer === this.question.ready ? "Use it all the same" : this.goes;
   }
 
   #tell() {
     this.say("");
     this.text.removeAttribute("aria-invalid");
-    if (this.goes !== "Go on" && this.answer !== this.question.ready) replace(this.go, (this.goes = "Go on"));
+    replace(this.go, this.#goes());
     for (const fn of this.#listeners) fn(this.answer);
   }
 }

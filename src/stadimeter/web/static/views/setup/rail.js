@@ -29,9 +29,7 @@ export function drawRail(setup, kind) {
       mine.map((each) => answerButton(setup, each)));
   });
   return h("nav", { class: "setup-rail", "aria-label": "Steps of the set-up" },
-    h("ol", null, stages),
-    h("div", { class: "setup-rail-end" },
-      answers.length > 0 && h("button", { type: "button", class: "button bare", onclick: () => setup.beginAnew() }, "Begin anew")));
+    h("ol", null, stages));
 }
 
 const answerButton = (setup, { key, answer, back }) =>

@@ -1,0 +1,168 @@
+"""The page of a run, as a process beside it: started, watched and ended, and nothing else.
+
+The page asks the run at its control socket like any other program. If it dies, it is started again, after waits that
+grow; the run does not depend on it. It lives through a restart of the run, which keeps its process id: the program that
+begins anew finds the page by what the old one left in the environment.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stadimeter.app.restarts import HANDED_ON, RESTARTED
+
+if TYPE_CHECKING:
+    from stadimeter.config.models import WebTable
+
+FIRST_WAIT_S = 1.0
+LONGEST_WAIT_S = 60.0
+"""Before a page that ended is started again: the first wait, doubled each time, up to the longest."""
+
+PROVEN_S = 60.0
+"""After a page that lived this long, the waits begin anew."""
+
+END_WAIT_S = 0.8
+"""A page that is asked to end has this long; then it is killed."""
+
+LINE_MAX = 500
+"""No more characters of a line of the page are told."""
+
+READY = "The page: "
+"""Begins the line in which a page says where it is."""
+
+UNBUFFERED = {"PYTHONUNBUFFERED": "1"}
+
+_OF_RUN = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", RESTARTED, HANDED_ON)
+"""These variables of the environment are about this process, and not the page's."""
+
+
+def page_command(configuration: Path, socket: Path, web: WebTable) -> list[str]:
+    """Return the command line of a page."""
+    command = [sys.executable, "-m", "stadimeter", "web", str(configuration), "--socket", str(socket)]
+    command += ["--port", str(web.port)]
+    for option, value in (
+        ("--address", web.host),
+        ("--certificate", web.certificate),
+        ("--key", web.key),
+        ("--password-file", web.password_file),
+    ):
+        command += [option, str(value)] if value is not None else []
+    return command + [word for name in web.allowed_hosts for word in ("--allow-host", name)]
+
+
+class PageProcess:
+    """Keeps a page running.
+
+    Args:
+        tell: Takes a line that a person should read: where the page is, or why it ended. Called in a thread.
+    """
+
+    def __init__(self, command: Sequence[str], tell: Callable[[str], None]) -> None:
+        self._command = list(command)
+        self._tell = tell
+        self._told = ""
+        self._is_over = threading.Event()
+        self._lock = threading.Lock()
+        self._pid = 0  # of the page; 0 for none
+        self._words = -1  # what the page says, as a file descriptor
+        self._thread = threading.Thread(target=self._keep, name="page", daemon=True)
+
+    def start(self) -> None:
+        """Start the page, or go on with that of the program which this one has replaced. Returns at once."""
+        self._thread.start()
+
+    def end(self) -> None:
+        """End the page, and wait a moment for it. May be called any number of times."""
+        self._is_over.set()
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            with self._lock:
+                if self._pid:
+                    os.kill(self._pid, number)
+            self._thread.join(END_WAIT_S)
+
+    def hand_on(self) -> None:
+        """Leave the page to the program that replaces this one."""
+        self._is_over.set()
+        with self._lock:
+            if self._pid:
+                os.environ[HANDED_ON] = f"{self._words} {self._pid} {_digest(self._command)}"
+
+    def _keep(self) -> None:
+        wait_s = FIRST_WAIT_S
+        self._take_over()
+        while not self._is_over.is_set():
+            began_s = time.monotonic()
+            said = self._begin_and_hear()
+            if self._is_over.is_set():
+                return
+            if time.monotonic() - began_s > PROVEN_S:
+                wait_s = FIRST_WAIT_S
+            self._say(f"warning: the page has ended and is started again: {said or 'it did not say why'}")
+            self._is_over.wait(wait_s)
+            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+
+    def _take_over(self) -> None:
+        """Go on with the page of the program that this one has replaced, if it is the same; else end that one."""
+        handed_on = os.environ.pop(HANDED_ON, "").split()
+        if len(handed_on) != 3:
+            return
+        self._words, self._pid = int(handed_on[0]), int(handed_on[1])
+        os.set_inheritable(self._words, False)
+        if handed_on[2] != _digest(self._command):
+            os.kill(self._pid, signal.SIGTERM)
+            self._hear()
+
+    def _begin_and_hear(self) -> str:
+        """Start the page if there is none, hear it until it ends, and return what it said last."""
+        with self._lock:
+            if self._is_over.is_set():
+                return ""
+            if not self._pid:
+                self._words, self._pid = _begun(self._command)
+        return self._hear()
+
+    def _hear(self) -> str:
+        said = ""
+        with open(self._words, encoding="utf-8", errors="replace") as lines:  # noqa: PTH123 - a descriptor
+            while line := lines.readline(LINE_MAX):
+                said = line.strip() or said
+                if said.startswith(READY):
+                    self._say(said)
+        with self._lock:
+            with suppress(ChildProcessError):
+                os.waitpid(self._pid, 0)
+            self._pid = 0
+        return said.removeprefix("error: ")
+
+    def _say(self, words: str) -> None:
+        """Tell what is news."""
+        if words != self._told:
+            self._told = words
+            self._tell(words)
+
+
+def _begun(command: list[str]) -> tuple[int, int]:
+    """Start a page; return what it says, as a file descriptor, and its process id."""
+    words, end = os.pipe()
+    try:
+        nothing = os.open(os.devnull, os.O_RDONLY)
+        actions = [(os.POSIX_SPAWN_DUP2, nothing, 0), (os.POSIX_SPAWN_DUP2, end, 1), (os.POSIX_SPAWN_DUP2, end, 2)]
+        environment = {name: value for name, value in os.environ.items() if name not in _OF_RUN} | UNBUFFERED
+        pid = os.posix_spawn(command[0], command, environment, file_actions=actions, setpgroup=0)
+        os.close(nothing)
+    finally:
+        os.close(end)
+    return words, pid
+
+
+def _digest(command: Sequence[str]) -> str:
+    return sha256("\0".join(command).encode()).hexdigest()

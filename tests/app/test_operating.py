@@ -1,0 +1,227 @@
+"""What people do to a run beside its rules: record it, move its ball, list its alarms. Through whole simulated runs."""
+
+import json
+
+import pytest
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.control import recording
+from stadimeter.app.control.messages import Reply, parse_request
+from stadimeter.app.control.recording import Bounds, recordings_folder
+from stadimeter.app.control.socket_server import Asked
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.operating import operated
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.decide import decide, initial_state
+from stadimeter.testing.eventually import eventually
+from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay import replay_run
+from support.simulated_run import SIMULATED_BALL
+
+ROOM = (
+    SIMULATED_BALL
+    + """
+[rules.near]
+actuator = "motor"
+when = { below = "1.6 m" }
+on_delay = "0 s"
+ack = "required"
+
+[rules.far]
+actuator = "motor"
+ramp = { from = "2 m", to = "3 m" }
+
+[world]
+loop = false
+path = [{ at = "0 s", x = "1 m", y = "0 m" }, { at = "3 s", x = "3 m", y = "0.4 m" }]
+"""
+)
+
+
+class Room:
+    """A simulated run that is asked for something after some of its frames."""
+
+    def __init__(self, folder):
+        self.path = folder / "room.toml"
+        self.path.write_text(ROOM)
+        self.loop = Loop(build(load_configuration(self.path), speed=None))
+        self.waiting, self.answers, self.records, self.plans, self.told = [], [], [], {}, []
+        self.loop.services.tell = self.told.append
+
+    def take(self):
+        taken, self.waiting = self.waiting, []
+        return taken
+
+    def at(self, frame, op, **args):
+        """Ask for something after a frame; time waits until it is answered."""
+        self.plans[frame] = {"op": op, "args": args}
+
+    def listen(self, record, _frame):
+        self.records.append(record)
+        count = len(self.records)
+        if count in self.plans:
+            request = parse_request(json.dumps(self.plans[count]).encode())
+            self.waiting.append(Asked(request, self.answers.append))
+        begins = count - 1 in self.plans and self.plans[count - 1] == {"op": "record", "args": {"do": "start"}}
+        if begins:  # the file is opened in a thread: simulated time waits for it
+            assert eventually(lambda: self.answers or self.loop.services.recording._ready)
+
+    def run(self, frames=150):
+        with operated(self.loop, self):
+            self.loop.listeners.append(self.listen)
+            self.loop.run(Limits(frames=frames))
+        assert eventually(lambda: len(self.answers) == len(self.plans))
+        return [answer if isinstance(answer, Reply) else answer() for answer in self.answers]
+
+
+@pytest.fixture
+def room(tmp_path):
+    return Room(tmp_path)
+
+
+def replayed(path):
+    """Return how many cycles a recording has; each must replay to the decision that is recorded."""
+    cycles = 0
+    for cycle, _, decision in replay_run(read_recording(path), None):
+        assert cycle.record().decision == decision
+        cycles += 1
+    return cycles
+
+
+class TestRecording:
+    def test_what_is_recorded_from_the_middle_of_a_run_replays_to_the_same_decisions(self, room):
+        room.at(40, "record", do="start")
+        room.at(120, "record", do="stop")
+        begun, ended = room.run()
+        assert (begun.error, ended.error) == ("", "")
+        path = room.path.parent / "recordings" / begun.data["file"]
+        assert path.stat().st_size == ended.data["bytes"] > 0
+        assert 60 < replayed(path) < 90
+
+    def test_a_recording_ends_with_its_run_and_is_whole(self, room):
+        room.at(40, "record", do="start")
+        (begun,) = room.run()
+        assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 90
+
+    def test_a_second_one_is_refused_and_so_is_the_end_of_none(self, room):
+        room.at(10, "record", do="stop")
+        room.at(40, "record", do="start")
+        room.at(60, "record", do="start")
+        none, begun, second = room.run()
+        assert none.error == "nothing is recorded"
+        assert begun.error == ""
+        assert second.error == "a recording is under way already; end it first"
+
+    def test_the_snapshot_tells_of_it_while_it_goes_on(self, room):
+        room.at(40, "record", do="start")
+        seen = []
+        room.loop.listeners.append(lambda *_: seen.append(room.loop.services.recording.now()))
+        room.run()
+        assert seen[0] is None
+        assert {"file", "seconds", "bytes", "started_unix_s"} <= set(seen[-1])
+
+    @pytest.mark.parametrize(
+        ("bounds", "words"),
+        [(Bounds(folder_bytes=-1), "delete recordings first"), (Bounds(free_bytes=10**18), "make room first")],
+    )
+    def test_none_begins_while_folder_or_disk_is_full(self, room, bounds, words, monkeypatch):
+        monkeypatch.setattr(recording, "Bounds", lambda: bounds)
+        room.at(40, "record", do="start")
+        (refused,) = room.run()
+        assert words in refused.error
+        assert list((room.path.parent / "recordings").iterdir()) == []
+
+    @pytest.mark.parametrize(
+        ("bounds", "words"), [(Bounds(file_bytes=1), "it has 0 MB"), (Bounds(seconds=1.5), "it is 0 min long")]
+    )
+    def test_one_that_reaches_a_bound_ends_whole_and_a_person_is_told(self, room, bounds, words, monkeypatch):
+        monkeypatch.setattr(recording, "Bounds", lambda: bounds)
+        room.at(40, "record", do="start")
+        (begun,) = room.run()
+        assert words in room.told[-1]
+        assert 0 < replayed(room.path.parent / "recordings" / begun.data["file"]) < 90
+
+    def test_a_service_records_to_the_folder_of_its_state(self, tmp_path, monkeypatch):
+        monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/stadimeter")
+        assert str(recordings_folder(tmp_path / "room.toml")) == "/var/lib/stadimeter/recordings"
+
+
+class TestContinuing:
+    def test_any_moment_of_a_run_goes_on_to_the_same_decisions(self, room):
+        from stadimeter.app.persistence.continuation import continuation_text
+        from stadimeter.app.persistence.resumption import read_resumption
+
+        states = []
+        room.loop.listeners.append(lambda *_: states.append(room.loop.state))
+        room.run()
+        plan = room.loop.parts.configuration.plan
+        for begin in range(0, 120, 7):
+            state = read_resumption(continuation_text(states[begin])).of(initial_state(plan))
+            for record in room.records[begin + 1 : begin + 40]:
+                state, decision = decide(state, record.observation)
+                assert decision == record.decision
+
+
+class TestWorld:
+    def test_the_ball_goes_where_it_is_put_and_back_to_its_path(self, room):
+        room.at(10, "world", x_m=2.5, y_m=0.5)
+        room.at(40, "world", release=True)
+        put, released = room.run()
+        assert released.error == ""
+        assert put.data["targets"][0]["name"] == "ball"
+        seen_m = [record.decision.tracks[0].distance_m for record in room.records]
+        assert seen_m[35] == pytest.approx((2.5**2 + 0.5**2 + 0.15**2) ** 0.5, abs=0.05)
+        path_m = room.loop.parts.world.ball.position_m(room.records[-1].observation.now_s)
+        assert seen_m[-1] == pytest.approx((path_m[0] ** 2 + path_m[1] ** 2) ** 0.5, abs=0.1)
+
+    def test_it_is_put_where_the_camera_shall_see_it(self, room):
+        room.at(10, "world", bearing_rad=0.2, distance_m=2.0)
+        room.run(60)
+        track = room.records[-1].decision.tracks[0]
+        assert track.distance_m == pytest.approx(2.0, abs=0.05)
+        assert track.bearing_rad == pytest.approx(0.2, abs=0.02)
+
+    def test_what_goes_wrong_is_put_right_again(self, room):
+        room.at(10, "world", fault="hide-target")
+        room.at(40, "world", fault="hide-target")
+        wrong, right = room.run()
+        assert wrong.data["faults"]["hide-target"] is True
+        assert right.data["faults"]["hide-target"] is False
+
+    @pytest.mark.parametrize(
+        ("args", "words"),
+        [
+            ({"fault": "hide-tarket"}, "did you mean 'hide-target'"),
+            ({"target": "bull", "x_m": 1.0, "y_m": 0.0}, "there is no target 'bull'"),
+            ({"x_m": 1.0}, "x_m and y_m"),
+            ({}, "x_m and y_m"),
+        ],
+    )
+    def test_what_cannot_be_done_is_refused_in_words(self, room, args, words):
+        room.at(10, "world", **args)
+        (refused,) = room.run(20)
+        assert words in refused.error
+
+
+def alarms_of(reply):
+    return {alarm["rule"]: alarm for alarm in json.loads(reply.json)["alarms"]}
+
+
+class TestAlarms:
+    def test_an_alarm_says_since_when_it_stands_and_who_has_acknowledged_it(self, room):
+        room.at(20, "alarms")
+        room.at(30, "ack", rule="near", by="Zoë", why="on my way")
+        room.at(120, "alarms")
+        before, _, after = room.run()
+        raised = alarms_of(before)["near"]
+        assert (raised["status"], raised["acknowledged"], raised["acknowledged_by"]) == ("active", False, "")
+        near = alarms_of(after)["near"]
+        assert (near["acknowledged_by"], near["why"], near["count"]) == ("Zoë", "on my way", 1)
+        assert near["raised_unix_s"] < near["acknowledged_unix_s"] < near["cleared_unix_s"]
+        kinds = [event["kind"] for event in json.loads(after.json)["events"] if event["source"] == "near"]
+        assert sorted(kinds) == ["acknowledged", "cleared", "raised"]
+
+    def test_rules_that_are_no_alarms_are_not_listed(self, room):
+        room.at(20, "alarms")
+        (listed,) = room.run(30)
+        assert list(alarms_of(listed)) == ["near"]

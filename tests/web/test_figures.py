@@ -1,0 +1,57 @@
+"""The figures that the page has to reach in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from benchmarks.page_in_browser import delays_ms, first_picture_ms, kept, loaded_bytes, old_after_ms, p95
+from support.browser import Served, served, tab
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with served(tmp_path_factory.mktemp("figures")) as serving:
+        yield serving
+
+
+def test_all_that_the_page_loads_has_at_most_250_kb(browser, here):
+    with tab(browser) as page:
+        assert 20_000 < loaded_bytes(page, here.url) <= 250_000
+
+
+@pytest.mark.long
+def test_a_frame_is_on_the_screen_within_150_ms(browser, here):
+    with tab(browser) as page:
+        page.goto(f"{here.url}/#live")
+        delays = delays_ms(page, 20)
+        assert len(delays) > 100
+        assert p95(delays) <= 150
+
+
+@pytest.mark.long
+def test_the_first_picture_comes_within_a_second(browser, here):
+    with tab(browser) as page:
+        assert min(first_picture_ms(page, here.url) for _ in range(3)) <= 1000
+
+
+@pytest.mark.long
+def test_a_frozen_picture_is_marked_as_old_within_a_second(browser, here):
+    with tab(browser) as page:
+        page.goto(f"{here.url}/#live")
+        assert old_after_ms(page) <= 1000
+        page.get_by_label("freeze camera").uncheck()
+
+
+@pytest.mark.long
+def test_a_tab_that_watches_does_not_grow(browser, here):
+    with tab(browser) as page:
+        page.goto(f"{here.url}/#live")
+        page.locator("canvas[data-drawn]").wait_for()
+        page.wait_for_timeout(10_000)
+        heap, nodes = kept(page)
+        page.wait_for_timeout(30_000)
+        heap_later, nodes_later = kept(page)
+        assert heap_later - heap < 1_000_000
+        assert nodes_later - nodes < 200

@@ -1,0 +1,248 @@
+"""The set-up in a real browser: each question, what is wrong with an answer, and that nothing is lost."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from stadimeter.config.loader import load_configuration
+from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers
+from support.browser import DESKTOP, PHONE, TABLET, served, tab
+
+BALLS = Path("/work/shared/data/tennis_ball")
+
+CAMERA = {"camera": "simulated"}
+TARGET = {**CAMERA, "target": "ball", "size": "20 cm"}
+COLOUR = {**TARGET, "colour": "21,46,38:52,255,255"}
+LENS = {**COLOUR, "calibration": "56 deg"}
+WISH = {**LENS, "wish": "far"}
+BLANKS = {**WISH, "far_from": "2 m", "far_to": "4 m"}
+ALL = {**BLANKS, "far_output": "screen"}
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    """Return a page of a configuration that is not there yet; nothing runs."""
+    with served(tmp_path_factory.mktemp("setup"), None, runs=False) as started:
+        yield started
+
+
+@pytest.fixture
+def page(browser):
+    with tab(browser) as opened:
+        yield opened
+
+
+def begin_at(page, here, answers):
+    """Open the set-up where it was left with these answers."""
+    page.request.post(f"{here.url}/api/v1/setup/leave", data={}, headers={"Origin": here.url})
+    here.configuration.unlink(missing_ok=True)
+    save_answers(here.configuration.parent / ANSWERS, answers)
+    page.goto(f"{here.url}/#setup")
+    page.wait_for_selector(".setup")
+
+
+def asked(page):
+    return page.locator("h1").inner_text()
+
+
+def go_on(page):
+    """Press the button that goes on, and wait until the next question is asked, or something is said about this one."""
+    before = asked(page)
+    page.locator(".setup-way .primary").click()
+    page.wait_for_function(
+        "before => document.querySelector('h1').innerText !== before"
+        " || document.querySelector('.setup-doubt, .setup-error:not([hidden])')",
+        arg=before,
+    )
+
+
+def kept(here):
+    return load_answers(here.configuration.parent / ANSWERS)
+
+
+def test_enter_goes_through_the_simulated_room_from_nothing_to_what_shall_happen(page, here):
+    begin_at(page, here, {})
+    page.get_by_label("simulated").check()
+    page.keyboard.press("Enter")
+    for question in ("What shall be measured?", "How large is the ball?", "Which colour has the ball?"):
+        page.get_by_role("heading", name=question).wait_for()
+        if "colour" in question:
+            page.locator(".setup-found.is-good").wait_for()
+            page.get_by_role("button", name="Go on").focus()
+        page.keyboard.press("Enter")
+    page.get_by_role("heading", name="How far away is the ball?").wait_for()
+    page.keyboard.press("Enter")
+    page.get_by_role("heading", name="farther away").wait_for()
+    page.get_by_text(re.compile(r"Focal length 60\d px ± ")).wait_for()
+    page.get_by_label("Distance of the simulated ball").fill("3.1")
+    page.get_by_text(re.compile("Found, 3[89] px across|Found, 40 px across")).wait_for()
+    page.get_by_role("button", name="Take it as proof").click()
+    page.get_by_role("heading", name="What shall happen?").wait_for()
+    page.get_by_text("The two distances agree.").wait_for()
+    rows = page.locator(".setup-outlook tbody tr")
+    rows.first.wait_for()
+    assert rows.count() >= 5
+
+
+def test_a_click_on_the_ball_finds_its_colour_and_one_on_the_wall_says_what_is_wrong(page, here):
+    begin_at(page, here, TARGET)
+    picture = page.locator(".setup-stage-picture")
+    page.locator(".setup-found.is-good").wait_for()
+    page.get_by_role("button", name="Forget the clicks").wait_for(state="hidden")
+    box = picture.bounding_box()
+    picture.click(position={"x": box["width"] / 2, "y": box["height"] / 2})
+    page.get_by_text("1 picture counts.").wait_for()
+    colour = page.locator(".setup-text input").input_value()
+    assert re.fullmatch(r"\d+,\d+,\d+:\d+,\d+,\d+", colour)
+    picture.click(position={"x": box["width"] * 0.04, "y": box["height"] * 0.06})
+    page.locator(".setup-error:not([hidden]), .setup-found.is-warning").first.wait_for()
+    assert "ball" in page.locator(".setup-error:not([hidden]), .setup-found.is-warning").first.inner_text()
+    assert page.locator(".setup-text input").input_value() == colour
+
+
+def test_the_cross_on_the_picture_moves_by_arrow_keys_and_enter_takes_its_place(page, here):
+    begin_at(page, here, TARGET)
+    picture = page.get_by_role("application")
+    page.locator(".setup-found.is-good").wait_for()
+    picture.focus()
+    page.keyboard.press("ArrowLeft")
+    page.locator(".setup-marks .is-cross").wait_for(state="attached")
+    page.keyboard.press("Enter")
+    page.get_by_text("1 picture counts.").wait_for()
+
+
+def test_a_wider_range_of_colours_is_another_range_and_can_be_taken_back(page, here):
+    begin_at(page, here, TARGET)
+    page.locator(".setup-found.is-good").wait_for()
+    text, slider = page.locator(".setup-text input"), page.get_by_label("Range of colours")
+    fitted = text.input_value()
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("was => document.querySelector('.setup-text input').value !== was", arg=fitted)
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_function("was => document.querySelector('.setup-text input').value === was", arg=fitted)
+
+
+@pytest.mark.parametrize(
+    ("answers", "wrong", "words"),
+    [
+        pytest.param({}, "/dev/video97", "video97", id="a camera that is not there"),
+        pytest.param(CAMERA | {"target": "ball"}, "0 cm", "above zero", id="a size of nothing"),
+        pytest.param(BLANKS, "buzzer 99", "99", id="a pin that the header has not"),
+    ],
+)
+def test_an_answer_that_cannot_be_used_gets_its_sentence_and_nothing_is_lost(page, here, answers, wrong, words):
+    begin_at(page, here, answers)
+    question = asked(page)
+    page.locator(".setup-text summary").click()
+    page.locator(".setup-text input").fill(wrong)
+    go_on(page)
+    assert words in page.locator(".setup-error:not([hidden])").first.inner_text()
+    assert asked(page) == question
+    assert page.locator(".setup-text input").input_value() == wrong
+    assert kept(here) == answers
+
+
+def test_the_same_distance_twice_proves_nothing_and_is_refused(page, here):
+    begin_at(page, here, COLOUR)
+    go_on(page)
+    page.get_by_role("heading", name="farther away").wait_for()
+    page.get_by_label("Distance", exact=True).fill("1")
+    go_on(page)
+    assert page.locator(".setup-error:not([hidden])").first.inner_text()
+    assert "proof" not in kept(here)
+
+
+def test_a_set_up_that_was_left_is_taken_up_at_its_question_and_goes_back_to_any(page, here):
+    begin_at(page, here, WISH)
+    assert "From which distance on?" in asked(page)
+    page.reload()
+    page.wait_for_selector(".setup")
+    assert "From which distance on?" in asked(page)
+    page.get_by_role("button", name="Change the answer to size: 20 cm").click()
+    page.get_by_role("heading", name="How large is the ball?").wait_for()
+    assert page.get_by_label("Size", exact=True).input_value() == "20"
+    assert list(kept(here)) == ["camera", "target"]
+
+
+def test_an_answer_is_not_given_to_another_question_when_another_device_went_on(browser, page, here):
+    begin_at(page, here, CAMERA)
+    with tab(browser) as other:
+        other.goto(f"{here.url}/#setup")
+        other.get_by_role("heading", name="What shall be measured?").wait_for()
+        other.get_by_label("sheet").check()
+        go_on(other)
+    page.locator(".setup-way .primary").click()
+    page.get_by_text("on another device").wait_for()
+    assert "How large is the sheet?" in asked(page)
+    assert kept(here) == CAMERA | {"target": "sheet"}
+
+
+def test_a_wish_is_a_sentence_with_blanks_that_is_tried_while_it_is_filled_in(page, here):
+    begin_at(page, here, WISH)
+    assert "Vibrate when it is farther than" in page.locator(".setup-sentence").inner_text()
+    lanes = page.get_by_role("img", name="If it came, went, and was gone")
+    lanes.wait_for()
+    page.get_by_label("And fully from where?").fill("5 m")
+    page.get_by_text("full at 5.00 m").wait_for()
+    go_on(page)
+    assert kept(here) == WISH | {"far_from": "2 m", "far_to": "5 m"}
+
+
+def test_a_pin_is_chosen_by_the_keyboard_and_its_wiring_and_its_danger_are_shown(page, here):
+    begin_at(page, here, BLANKS)
+    page.get_by_label("vibration-motor 18").check()
+    page.get_by_alt_text("How the vibration-motor is wired to GPIO 18").wait_for()
+    page.get_by_role("radio", name="Pin 12, GPIO 18").focus()
+    page.keyboard.press("ArrowUp")
+    page.get_by_alt_text("wired to GPIO 15").wait_for()
+    page.get_by_text("Careful: it is used for the serial console").wait_for()
+    page.keyboard.press("ArrowDown")
+    page.get_by_alt_text("wired to GPIO 18").wait_for()
+    go_on(page)
+    assert kept(here)["far_output"] == "vibration-motor 18"
+
+
+def test_save_shows_what_it_does_keeps_the_former_one_and_brings_it_back(page, here):
+    begin_at(page, here, ALL)
+    page.get_by_role("heading", name="All 2 tests pass").wait_for()
+    page.get_by_role("button", name="Save only").click()
+    page.get_by_text("It is saved.").wait_for()
+    written = load_configuration(here.configuration)
+    assert [rule.name for rule in written.plan.rules] == ["far"]
+
+
+def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, here):
+    begin_at(page, here, ALL)
+    page.get_by_role("heading", name="All 2 tests pass").wait_for()
+    here.configuration.write_text("# of another\n")
+    page.get_by_role("button", name="Save only").click()
+    page.get_by_text("Below is what yours changes in theirs").wait_for()
+    assert here.configuration.read_text() == "# of another\n"
+    assert "- # of another" in page.locator(".setup-file").first.inner_text()
+    page.get_by_role("button", name="Save only").click()
+    page.get_by_text("It is saved.").wait_for()
+    page.reload()
+    page.wait_for_selector(".setup")
+    assert "[rules.far]" in here.configuration.read_text()
+
+
+@pytest.mark.parametrize("size", [PHONE, TABLET, DESKTOP])
+@pytest.mark.parametrize("answers", [{}, CAMERA, TARGET, COLOUR, LENS, WISH, BLANKS, ALL])
+@pytest.mark.long
+def test_no_step_is_wider_than_its_screen(browser, here, size, answers):
+    with tab(browser, size=size) as page:
+        begin_at(page, here, answers)
+        page.wait_for_load_state("networkidle") if not answers else page.locator(".setup-stage-picture img[src]").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+
+
+@pytest.mark.skipif(not BALLS.exists(), reason="the shared pictures of a tennis ball are not on this machine")
+def test_a_click_on_a_real_tennis_ball_finds_its_colour(page, here):
+    picture = sorted(BALLS.glob("*.jpg"))[0]
+    begin_at(page, here, {"camera": str(picture), "target": "ball", "size": "6.4 cm"})
+    page.locator(".setup-stage-picture img[src]").wait_for()
+    page.locator(".setup-found.is-good").wait_for()

@@ -1,0 +1,348 @@
+"""The set-up through the operations that the page asks: a simulated room, a double of a device, and a run."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.app.control.client import find
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.errors import CalibrationError, ConfigError, ControlError, StadimeterError
+from stadimeter.workbench.server.operations import MODULES, Desk, Reply, operation
+from stadimeter.workbench.server.setup_operations import setup_of
+from stadimeter.workbench.setup.camera_step import with_exposure
+from stadimeter.workbench.setup.lens import parse_distance
+from support.browser import ROOM
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.render import render
+from support.scenes.scene import Scene
+from support.v4l2_double import V4l2Double
+
+pytestmark = pytest.mark.vision
+
+LENS = CameraModel.with_focal_length(600.0, 640, 480)
+SKY = [320.0, 20.0]
+BALL_AT = [320.0, 240.0]
+
+
+class Setup:
+    """A workbench process's set-up, without the pipe."""
+
+    def __init__(self, configuration: Path) -> None:
+        self.desk = Desk(configuration=configuration, run_socket=configuration.parent / "no-run.sock")
+
+    def __call__(self, name: str, **args: object) -> Any:
+        """Return the data of an operation."""
+        return self.reply(name, **args).data
+
+    def reply(self, name: str, **args: object) -> Reply:
+        """Return the whole reply."""
+        return operation(f"setup-{name}")(self.desk, args)
+
+    def question(self) -> str:
+        """Return the kind of the question that is next; empty for none."""
+        question = self("state")["question"]
+        return question["kind"] if question else ""
+
+    def close(self) -> None:
+        """Close the camera."""
+        for each in self.desk.at_rest:
+            each()
+
+
+@pytest.fixture
+def setup(tmp_path: Path) -> Any:
+    made = Setup(tmp_path / "stadimeter.toml")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def in_room(setup: Setup) -> Setup:
+    """Return a set-up before the simulated room, up to the colour."""
+    setup("begin")
+    for answer in ("simulated", "ball", "20 cm"):
+        setup("answer", answer=answer)
+    return setup
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a set-up before the simulated room, answered up to what shall happen."""
+    made = Setup(tmp_path_factory.mktemp("answered") / "stadimeter.toml")
+    made("begin")
+    for answer in ("simulated", "ball", "20 cm"):
+        made("answer", answer=answer)
+    made("picture", draw="plain")
+    made("answer", answer=made("colour", clicks=[BALL_AT])["range"])
+    made("take", distance="1 m", sigma="5 mm")
+    made("world", x_m=3.1)
+    _moved(made, 3.1)
+    made("take", distance="3 m", sigma="1 cm")
+    made.close()
+    return made.desk.configuration.parent
+
+
+@pytest.fixture
+def calibrated(setup: Setup, answered: Path) -> Setup:
+    """Return a set-up that has taken these answers up again."""
+    shutil.copytree(answered, setup.desk.configuration.parent, dirs_exist_ok=True)
+    setup("begin")
+    return setup
+
+
+def _moved(setup: Setup, distance_m: float) -> None:
+    """Wait until the picture shows the ball where it was put."""
+    for _ in range(100):
+        if abs((setup("picture")["distance_m"] or 0.0) / distance_m - 1) < 0.02:
+            return
+    raise AssertionError("the ball never came there")
+
+
+def test_every_operation_of_the_table_is_there() -> None:
+    for name in MODULES:
+        assert callable(operation(name))
+
+
+def test_from_nothing_to_files_that_can_be_used(calibrated: Setup) -> None:
+    assert calibrated.question() == "wish"
+    calibrated("answer", answer="near")
+    tried = calibrated("try", answers={"near_near": "80 cm"})
+    (lane,) = tried["made_up"]["rules"]
+    assert lane["rule"] == "near"
+    assert len(lane["active"]) == 1
+    assert all(test["ok"] for test in tried["tests"])
+    calibrated("answer", answer="80 cm")
+    assert calibrated.question() == "output"
+    with pytest.raises(ConfigError, match="questions left"):
+        calibrated("files")
+    assert calibrated("answer", answer="screen")["done"]
+    made = calibrated("files")
+    assert [file["name"] for file in made["files"]] == ["stadimeter.toml", "camera.toml"]
+    assert made["findings"] == []
+    text, camera = (file["text"] for file in made["files"])
+    saved = operation("save")(calibrated.desk, {"text": text, "files": {"camera.toml": camera}, "base_version": ""})
+    configuration = load_configuration(calibrated.desk.configuration)
+    assert saved.data["version"]
+    assert configuration.camera_model is not None
+    assert configuration.camera_model.fx_px == pytest.approx(600, rel=0.01)
+
+
+def test_a_set_up_that_was_left_goes_on_with_its_answers(in_room: Setup) -> None:
+    left = in_room("leave")
+    assert (left["begun"], left["left"]) == (False, True)
+    assert [each["answer"] for each in left["answers"]] == ["simulated", "ball", "20 cm"]
+    assert in_room("begin")["question"]["kind"] == "colour"
+    assert in_room("begin", anew=True)["question"]["kind"] == "camera"
+    in_room("answer", answer="simulated")
+    assert in_room("back")["question"]["ready"] == "simulated"
+    with pytest.raises(ConfigError, match="first question"):
+        in_room("back")
+
+
+def test_a_click_beside_the_ball_does_not_spoil_the_one_on_it(in_room: Setup) -> None:
+    in_room("picture", draw="plain")
+    assert in_room("colour")["range"] == ""
+    beside = in_room("colour", clicks=[SKY])
+    assert not beside["found"]
+    on_it = in_room("colour", clicks=[BALL_AT])
+    assert on_it["found"]
+    assert on_it["others"] == []
+    again = in_room("colour", clicks=[SKY])
+    assert not again["found"]
+    assert again["range"] == on_it["range"]
+
+
+def test_what_stands_out_is_tried_without_a_click(in_room: Setup) -> None:
+    in_room("picture", draw="plain")
+    found = in_room("colour", look=True)
+    assert found["found"]
+    assert found["centre_px"] == pytest.approx(BALL_AT, abs=5)
+
+
+def test_a_range_is_widened_and_narrowed_from_what_was_clicked_and_its_mask_is_shown(in_room: Setup) -> None:
+    in_room("picture", draw="plain")
+    fitted = in_room("colour", clicks=[BALL_AT])["range"]
+    shares = []
+    for steps in (-6, 0, 12):
+        in_room("colour", widen=steps)
+        shares.append(_lit(in_room.reply("picture", draw="mask").attached))
+    assert shares[0] <= shares[1] < shares[2]
+    assert in_room("colour", widen=0)["range"] == fitted
+    assert in_room("colour", widen=999)["widen"] == in_room("colour")["widen_max"]
+
+
+def _lit(jpeg: bytes) -> float:
+    """Return the share of a mask's picture that is not darkened."""
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return float(np.mean(image.max(axis=2) > 100))
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ({"clicks": [[-1, 5]]}, "outside the picture"),
+        ({"clicks": "all"}, "list of places"),
+        ({"clicks": [[1, None]]}, "must be a number"),
+        ({"range": "green"}, "limits"),
+        ({"widen": "more"}, "must be a number"),
+    ],
+)
+def test_bad_clicks_and_ranges_are_refused_in_a_sentence(in_room: Setup, args: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        in_room("colour", **args)
+
+
+def test_the_same_distance_twice_is_refused_and_nothing_is_lost(calibrated: Setup) -> None:
+    calibrated("back")
+    assert calibrated.question() == "proof"
+    calibrated("world", x_m=3.1)
+    with pytest.raises(CalibrationError, match="proves nothing"):
+        calibrated("take", distance="1.2 m")
+    with pytest.raises(CalibrationError, match="contradict"):
+        calibrated("take", distance="6 m")
+    assert calibrated.question() == "proof"
+    taken = calibrated("take", distance="3 m")
+    assert taken["focal_px"] == pytest.approx(600, rel=0.01)
+    assert 0 < taken["focal_sigma_px"] < 10
+
+
+def test_sizes_of_nothing_and_cameras_that_are_not_there_are_refused_in_a_sentence(setup: Setup) -> None:
+    setup("begin")
+    for camera in ("/dev/video99", "simulated,exposure=3 ms", "opencv,device=0,colour=red"):
+        with pytest.raises(StadimeterError):
+            setup("camera", camera=camera)
+    for answer in ("simulated", "ball"):
+        setup("answer", answer=answer)
+    for size in ("0", "0 cm", "-3 cm", "nan cm", "600 m", ""):
+        with pytest.raises(ConfigError):
+            setup("answer", answer=size)
+    assert setup.question() == "size"
+    with pytest.raises(ConfigError, match="8 m"):
+        setup("world", x_m=1e9)
+
+
+def test_the_table_of_distances_begins_where_the_target_fills_the_picture(
+    calibrated: Setup,
+) -> None:
+    table = calibrated("outlook")
+    rows = table["rows"]
+    assert rows[0]["distance_m"] == table["nearest_m"]
+    assert rows[-1]["distance_m"] == table["farthest_m"]
+    assert rows[0]["width_px"] == pytest.approx(0.9 * 480, rel=0.01)
+    assert [row["sigma_m"] for row in rows] == sorted(row["sigma_m"] for row in rows)
+
+
+def test_what_the_camera_saw_is_tried_with_a_wish(calibrated: Setup) -> None:
+    seen = setup_of(calibrated.desk)
+    for number in range(300):  # from 2 m to 0.6 m and back, twice
+        distance_m = 1.3 + 0.7 * math.cos(2 * math.pi * number / 150)
+        measured = Measurement(
+            target="ball",
+            status=MeasurementStatus.MEASURED,
+            captured_at_s=100 + number / 15,
+            distance_m=distance_m,
+            depth_m=distance_m,
+            sigma_m=0.01,
+            noise_m=0.01,
+            bearing_rad=0.0,
+            elevation_rad=0.0,
+        )
+        seen.remember(measured)
+    calibrated("answer", answer="near")
+    (lane,) = calibrated("try", answers={"near_near": "1 m"})["seen"]["rules"]
+    assert len(lane["active"]) == 2
+
+
+def test_pins_are_named_with_what_takes_them_and_the_circuit_is_drawn(calibrated: Setup) -> None:
+    reply = calibrated.reply("wiring", output="vibration-motor 18")
+    pins = {pin["gpio"]: pin for pin in reply.data["pins"] if pin["gpio"] is not None}
+    assert len(reply.data["pins"]) == 40
+    assert pins[18]["taken_by"] == ["vibration-motor"]
+    assert pins[2]["warning"]
+    assert reply.attached.startswith(b"<svg")
+    with pytest.raises(ConfigError):
+        calibrated("wiring", output="laser 18")
+
+
+def test_a_device_is_opened_once_and_held_until_the_set_up_is_left(
+    setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ball = BallTarget(position_m=(0.0, 0.0, 1.1), diameter_m=0.2)
+    picture = render(Scene(camera=LENS, target=ball, seed=1, backdrop=PlainBackdrop())).image
+    device = V4l2Double.plugged_in(tmp_path / "video0", picture, monkeypatch)
+    camera = f"opencv,device={device.node}"
+    setup("begin")
+    offered = setup("camera", camera=camera, exposure="10 ms")
+    assert offered["answer"] == f"{camera},exposure=10 ms"
+    assert offered["is_locked"]
+    setup("answer", answer=offered["answer"])
+    monkeypatch.setattr(cv2, "VideoCapture", _never)
+    for _ in range(3):
+        assert setup("picture", draw="plain")["width_px"] == 640
+    setup("leave")
+    assert not device.isOpened()
+
+
+def _never(*_args: object) -> None:
+    raise AssertionError("the camera is open already")
+
+
+def test_an_exposure_takes_the_place_of_another() -> None:
+    assert with_exposure("opencv,device=0,exposure=3 ms,rate=30 Hz", "5 ms") == (
+        "opencv,device=0,rate=30 Hz,exposure=5 ms"
+    )
+
+
+@pytest.mark.parametrize(("text", "share"), [("1 m", 0.01), ("1 m ± 5 mm", 0.005), ("2 m +- 1 cm", 0.005)])
+def test_a_distance_may_say_how_well_it_is_known(text: str, share: float) -> None:
+    assert parse_distance(text)[1] == pytest.approx(share)
+
+
+def test_the_camera_of_a_run_is_seen_through_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    configuration = tmp_path / "room.toml"
+    configuration.write_text(ROOM)
+    (tmp_path / "sockets").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "sockets"))
+    command = [sys.executable, "-m", "stadimeter", "run", str(configuration)]
+    run = subprocess.Popen(command, env=os.environ, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    setup = Setup(configuration)
+    setup.desk.run_socket = _listening(configuration, run)
+    try:
+        setup("begin")
+        offered = setup("camera", camera="simulated")
+        assert "a run has this camera open" in offered["settings"][0].lower()
+        assert setup("picture", draw="plain")["width_px"] == 640
+        with pytest.raises(ConfigError, match="no simulated room"):
+            setup("world", x_m=1.0)
+    finally:
+        run.terminate()
+        run.wait(timeout=20)
+    with pytest.raises(StadimeterError):
+        setup("picture", draw="plain")
+    assert setup("picture", draw="plain")["width_px"] == 640  # the run is gone: the camera is ours
+    setup.close()
+
+
+def _listening(configuration: Path, run: subprocess.Popen[bytes]) -> Path:
+    until_s = time.monotonic() + 30
+    while time.monotonic() < until_s and run.poll() is None:
+        try:
+            return find(configuration)
+        except ControlError:
+            time.sleep(0.05)
+    raise AssertionError("the run did not begin to listen")
