@@ -14,9 +14,10 @@ import pytest
 from stadimeter.app.control.framing import framed
 from stadimeter.testing.eventually import eventually
 from stadimeter.web import serving
+from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.routes import PLACES
-from support.browser import served
-from support.page import OPERATE, quicken, served_page
+from support.browser import ROOM, served
+from support.page import OPERATE, ServedPage, quicken, served_page
 
 LIVE = b"GET /api/v1/live?image=%s HTTP/1.1\r\nHost: localhost\r\n\r\n"
 PICTURE = b"\xff\xd8" + 60_000 * b"p"
@@ -98,6 +99,22 @@ def test_one_who_never_reads_holds_nobody_up_and_is_hung_up_on(tmp_path, talkati
 def memory_kb(pid, key="VmRSS"):
     with Path(f"/proc/{pid}/status").open() as status:
         return next(int(line.split()[1]) for line in status if line.startswith(key))
+
+
+def test_the_process_is_small_with_three_who_watch_and_one_who_logs_in(tmp_path):
+    """Its greatest size so far, with passwords hashed at their full cost."""
+    PasswordFile(tmp_path / "stadimeter.passwords").set("operate", OPERATE)
+    with served(tmp_path, ROOM, "--address", "127.0.0.1") as here, contextlib.ExitStack() as stack:
+        site = ServedPage(None, int(here.url.rpartition(":")[2]))
+        assert site.log_in(OPERATE).status == 303
+        eventually(lambda: site.get("/api/v1/session").data["run"]["is_running"])
+        (cookie,) = (f"{name}={value}".encode() for name, value in site.cookies.items())
+        crowd = [stack.enter_context(connected(site.port)) for _ in range(3)]
+        for each in crowd:
+            each.sendall((LIVE % b"drawn").replace(b"\r\n\r\n", b"\r\nCookie: " + cookie + b"\r\n\r\n"))
+            read_some(each, 500_000)
+        assert site.get("/api/v1/configuration").status == 200
+        assert memory_kb(here.page.pid, "VmHWM") <= 50_000
 
 
 @pytest.mark.long

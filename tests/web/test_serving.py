@@ -11,9 +11,7 @@ import subprocess
 import sys
 
 import pytest
-from typer.testing import CliRunner
 
-from stadimeter.cli.main import app
 from stadimeter.errors import PageError
 from stadimeter.testing.eventually import eventually
 from stadimeter.web import serving
@@ -41,14 +39,15 @@ def test_with_a_password_it_listens_everywhere(tmp_path, monkeypatch):
 
 
 def invoked(*words):
-    return CliRunner().invoke(app, ["web", *map(str, words)])
+    command = [sys.executable, "-m", "stadimeter", "web", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
 
 
 def test_a_port_in_use_is_a_sentence(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         done = invoked(tmp_path / "room.toml", "--port", port)
-    assert done.exit_code == 2
+    assert done.returncode == 2
     assert done.stderr == f"error: port {port} is in use by another program; give another one with `--port`\n"
 
 
@@ -56,12 +55,12 @@ def test_an_address_that_is_not_ours_is_a_sentence(tmp_path, monkeypatch):
     quicken(monkeypatch)
     PasswordFile(tmp_path / "room.passwords").set("operate", OPERATE)
     done = invoked(tmp_path / "room.toml", "--address", "192.0.2.1", "--port", 0)
-    assert (done.exit_code, "cannot listen there" in done.stderr) == (2, True)
+    assert (done.returncode, "cannot listen there" in done.stderr) == (2, True)
 
 
 def test_a_configuration_is_named(tmp_path):
     done = invoked("--password-file", tmp_path / "words")
-    assert (done.exit_code, "name the CONFIG" in done.stderr) == (2, True)
+    assert (done.returncode, "name the CONFIG" in done.stderr) == (2, True)
 
 
 def test_without_the_extra_the_command_names_what_installs_it(tmp_path):

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import socket
+import json
+import os
+import sys
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from stadimeter.cli.exits import plain_errors
 from stadimeter.errors import PageError
-
-if TYPE_CHECKING:
-    from stadimeter.web.page import Options
+from stadimeter.web import python
 
 
 def register(app: typer.Typer) -> None:
@@ -80,14 +81,17 @@ def web(
         passwords = password_file or place_of_passwords(config)
         if set_password:
             _set_password(passwords, "read" if read else "operate")
-        elif config is None:
+            return
+        if config is None:
             raise PageError(400, "no-configuration", "name the CONFIG that the page is for; it need not be there yet")
-        else:
-            from stadimeter.web.page import Options  # noqa: PLC0415
-
-            hosts = tuple(allow_host or ())
-            options = Options(configuration=config, passwords=passwords, socket=socket, allowed_hosts=hosts)
-            _serve(options, (address, port), (certificate, key))
+        paths = {
+            "configuration": config,
+            "passwords": passwords,
+            "socket": socket,
+            "certificate": certificate,
+            "key": key,
+        }
+        _become(paths, {"address": address, "port": port, "allowed_hosts": allow_host or []})
 
 
 def _check_extra() -> None:
@@ -105,18 +109,8 @@ def _set_password(path: Path, right: str) -> None:
     typer.echo(f"The password is set; all sessions have ended. Its hash is in {path}.")
 
 
-def _serve(options: Options, listens: tuple[str | None, int], tls: tuple[Path | None, Path | None]) -> None:
-    from stadimeter.web.serving import check_certificate, listen, serve  # noqa: PLC0415 - only with the extra
-
-    check_certificate(*tls)
-    listener = listen(*listens, options.passwords)
-    scheme = "https" if tls[0] else "http"
-    serve(options, listener, tls, lambda: typer.echo(f"The page: {scheme}://{_shown(listener)}/"))
-
-
-def _shown(listener: socket.socket) -> str:
-    """Return where a browser finds us: an address, or our name on the local network if it may be any address."""
-    address, port = listener.getsockname()[:2]
-    if address in {"::", "0.0.0.0"}:  # noqa: S104
-        return f"{socket.gethostname().partition('.')[0]}.local:{port}"
-    return f"[{address}]:{port}" if ":" in address else f"{address}:{port}"
+def _become(paths: Mapping[str, Path | None], more: Mapping[str, object]) -> None:
+    """Go on as the page's process, which has nothing of the command line in its memory."""
+    given = {"paths": {name: path and str(path) for name, path in paths.items()}, **more}
+    sys.stdout.flush()
+    os.execv(sys.executable, [*python("stadimeter.web"), json.dumps(given)])  # noqa: S606 - our own interpreter, with what was asked for

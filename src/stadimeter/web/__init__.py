@@ -1,1 +1,14 @@
 """The page: a process of its own that shows a run, sets it up and operates it, and computes nothing itself."""
+
+from __future__ import annotations
+
+import sys
+
+
+def python(module: str) -> list[str]:
+    """Return what runs a module of ours in a process of its own, by the interpreter and the libraries that we have.
+
+    With ``-P`` no module is taken from the folder that we happen to be in.
+    """
+    flags = ["-P", "-s"] if sys.flags.no_user_site else ["-P"]
+    return [sys.executable, *flags, "-m", module]

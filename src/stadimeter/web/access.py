@@ -193,6 +193,13 @@ def is_loopback(address: str) -> bool:
         return address == "localhost"
 
 
+def shown_address(address: str, port: int) -> str:
+    """Return where a browser finds us: an address, or our name on the local network if it may be any address."""
+    if ip_address(address).is_unspecified:
+        return f"{socket.gethostname().partition('.')[0]}.local:{port}"
+    return f"[{address}]:{port}" if ":" in address else f"{address}:{port}"
+
+
 def _own_names() -> set[str]:
     name = socket.gethostname().lower()
     short = name.partition(".")[0]

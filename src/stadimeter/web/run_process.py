@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import subprocess
-import sys
 import tempfile
 from asyncio.subprocess import DEVNULL, Process
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from typing import Any
 
 from stadimeter.app.restarts import HAS_PAGE
 from stadimeter.errors import PageError
+from stadimeter.web import python
 from stadimeter.web.run_link import RunLink
 
 START_MAX_S = 45.0
@@ -96,7 +96,7 @@ class RunProcess:
 
 
 async def _begun(configuration: Path, said: Any) -> Process:
-    command = [sys.executable, "-m", "stadimeter", "run", str(configuration)]
+    command = [*python("stadimeter"), "run", str(configuration)]
     try:
         return await asyncio.create_subprocess_exec(
             *command,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 from asyncio.subprocess import PIPE, Process
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.errors import PageError
+from stadimeter.web import python
 from stadimeter.web.exchange import LINE_MAX_BYTES, UNREADABLE, Answer, put, take
 
 IDLE_MAX_S = 300.0
@@ -127,4 +127,4 @@ class WorkbenchLink:
 def command_of_workbench(configuration: Path, socket: Path | None) -> list[str]:
     """Return what starts the workbench process of a configuration."""
     given = [] if socket is None else ["--socket", str(socket)]
-    return [sys.executable, "-m", "stadimeter.workbench.server", "--configuration", str(configuration), *given]
+    return [*python("stadimeter.workbench.server"), "--configuration", str(configuration), *given]

@@ -5,7 +5,7 @@ import { h, replace } from "../../dom.js";
 export function widget(step) {
   const { picture, question } = step;
   const state = { clicks: [], others: [], pictures: 0, view: "mask" };
-  const words = h("p", { role: "status", class: "setup-found" }, question.ready ? "" : "Click on the ball.");
+  const words = h("p", { role: "status", class: "setup-found" }, question.ready ? "" : "Looking for a ball …");
   const slider = h("input", { type: "range", min: -12, max: 12, step: 1, value: 0, disabled: !question.ready, "aria-label": "Range of colours: narrower to wider", oninput: widened });
   const again = h("button", { type: "button", class: "button", onclick: forget }, "Forget the clicks");
   const kept = h("p", { class: "quiet small" });
@@ -24,7 +24,7 @@ export function widget(step) {
     replace(refused, list.map((each) => h("li", null, each.reason)));
   });
   step.text.addEventListener("change", () => ask({ range: step.answer }));
-  if (question.ready) ask({ range: question.ready }, true);
+  ask(question.ready ? { range: question.ready } : { look: true }, true);
   picture.stage.dataset.first = "";
   step.setup.onLeave(() => delete picture.stage.dataset.first);
   tell();
@@ -57,7 +57,8 @@ export function widget(step) {
       taken(await step.api.post("setup/colour", args), args);
     } catch (error) {
       if (args.clicks) state.clicks.pop();
-      if (!isQuiet) step.say(error.message);
+      if (isQuiet) replace(words, "Click on the ball.");
+      else step.say(error.message);
     }
     isAsking = false;
     if (waiting) ask(...[waiting, (waiting = null)].slice(0, 1));

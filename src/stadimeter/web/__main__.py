@@ -1,0 +1,40 @@
+"""``python -m stadimeter.web``: the page's process, as `stadimeter web` starts it in its own place.
+
+The libraries that read a command line and print its help would take a third of the memory of this process, which stays.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from stadimeter.errors import PageError
+from stadimeter.web.access import shown_address
+from stadimeter.web.page import Options
+from stadimeter.web.serving import check_certificate, listen, serve
+
+
+def main() -> None:
+    """Serve the page with the options of the only argument, as JSON."""
+    given = json.loads(sys.argv[1])
+    paths = {name: Path(path) if path else None for name, path in given["paths"].items()}
+    certificate, key = paths.pop("certificate"), paths.pop("key")
+    options = Options(**paths, allowed_hosts=tuple(given["allowed_hosts"]))  # type: ignore[arg-type]
+    try:
+        check_certificate(certificate, key)
+        listener = listen(given["address"], given["port"], options.passwords)
+    except PageError as error:
+        sys.exit(_said(error))
+    scheme = "https" if certificate else "http"
+    address = shown_address(*listener.getsockname()[:2])
+    serve(options, listener, (certificate, key), lambda: print(f"The page: {scheme}://{address}/", flush=True))
+
+
+def _said(error: PageError) -> int:
+    print(f"error: {error}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    main()
