@@ -13,7 +13,7 @@ from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # no command loads a driver that nobody named
     from stadimeter.simulation.protocol import StagedWorld
 
 BALL = "20 cm"
