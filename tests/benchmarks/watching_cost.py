@@ -143,7 +143,7 @@ class Watchers:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.ended = threading.Event()
-        self.messages = 0
+        self.latencies_s: list[float] = []
 
     def subscribe(self, image: str, *, reads: bool = True) -> None:
         with socket.socket(socket.AF_UNIX) as connection, suppress(OSError):
@@ -156,8 +156,8 @@ class Watchers:
             with connection.makefile("rb") as file:
                 while not self.ended.is_set():
                     answer = json.loads(file.readline())
-                    file.read(answer.get("bytes", 0))
-                    self.messages += 1
+                    if file.read(answer.get("bytes", 0)):
+                        self.latencies_s.append(time.time() - answer["data"]["frame"]["captured_unix_s"])
 
     def stand_by(self, count: int) -> None:
         """Hold connections that say nothing, as many as there may be."""
@@ -185,7 +185,7 @@ def watch(path: Path, condition: str) -> None:
     watchers.ended.set()
     for thread in threads:
         thread.join()
-    print(watchers.messages)
+    print(json.dumps(watchers.latencies_s))
 
 
 def measure(minutes: float, block_s: float, *, is_first: bool = False) -> dict[str, dict[str, float]]:
@@ -193,7 +193,7 @@ def measure(minutes: float, block_s: float, *, is_first: bool = False) -> dict[s
     blocks = max(1, round(minutes * 60 / block_s / len(CONDITIONS)))
     order = [condition for _ in range(blocks) for condition in random.sample(CONDITIONS, len(CONDITIONS))]
     spans: list[tuple[str, float, float]] = []
-    messages = dict.fromkeys(CONDITIONS, 0)
+    latencies_s: dict[str, list[float]] = {condition: [] for condition in CONDITIONS}
     with tempfile.TemporaryDirectory() as name:
         path, cycles = Path(name) / "run.sock", Path(name) / "cycles.npy"
         seconds = len(order) * (block_s + 2.0) + 10
@@ -212,12 +212,23 @@ def measure(minutes: float, block_s: float, *, is_first: bool = False) -> dict[s
             time.sleep(block_s)
             spans.append((condition, began_s, time.time()))
             out, _ = watching.communicate(b"")
-            messages[condition] += int(out)
+            latencies_s[condition] += json.loads(out)
         run.wait()
         rows = np.load(cycles)
-    return {condition: figures(rows, [s for s in spans if s[0] == condition]) for condition in CONDITIONS} | {
-        "messages": messages
+    return {
+        condition: figures(rows, [span for span in spans if span[0] == condition]) | read(latencies_s[condition])
+        for condition in CONDITIONS
     }
+
+
+def read(latencies_s: list[float]) -> dict[str, float]:
+    """Return how many pictures were read, and how long after their capture, in milliseconds."""
+    if not latencies_s:
+        return {"pictures read": 0.0}
+    found = {
+        f"capture to read p{share} ms": round(float(np.percentile(latencies_s, share)) * 1e3, 1) for share in (50, 95)
+    }
+    return found | {"pictures read": float(len(latencies_s))}
 
 
 def figures(rows: np.ndarray, spans: list[tuple[str, float, float]]) -> dict[str, float]:
