@@ -238,9 +238,7 @@ def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, h
 def test_no_step_is_wider_than_its_screen(browser, here, size, answers):
     with tab(browser, size=size) as page:
         begin_at(page, here, answers)
-        page.wait_for_load_state("networkidle") if not answers else page.locator(
-            ".setup-stage-picture img[src]"
-        ).wait_for()
+        page.locator(".setup-stage-picture img[src]" if answers else ".setup-look img").first.wait_for()
         assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
 
 
