@@ -74,7 +74,7 @@ $(VENV)/.python:
 
 $(VENV)/.app: $(VENV)/.python pyproject.toml
 	@echo "Installing stadimeter and its libraries there, once: about 100 MB, half a minute to a few minutes."
-	@$(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable .
+	@$(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable ".[web]"
 	@touch $@
 
 $(VENV)/.pip: $(VENV)/.app

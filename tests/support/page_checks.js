@@ -48,6 +48,7 @@
         const around = panel.getBoundingClientRect();
         if (boxes(node).some((box) => box.right > around.right + TOLERANCE_PX || box.left < around.left - TOLERANCE_PX)) faults.push(`out of its panel: "${node.data.trim().slice(0, 60)}"`);
       }
+      if (element.closest("[aria-hidden=true]")) continue; // follows something else that scrolls
       const style = getComputedStyle(element);
       const hides = (axis) => ["hidden", "clip"].includes(style[axis]);
       if (hides("overflowX") && element.scrollWidth > element.clientWidth + TOLERANCE_PX) faults.push(`clipped: ${told(element)}`);
@@ -116,19 +117,22 @@
 
   /** Call after each Tab: notes where the focus is, and whether it can be seen. Returns whether it has been there before. */
   const visited = new Set();
+  const names = new Set(); // an element may be made anew once the focus has left it
   const unseen = new Set();
   function visit() {
     const element = document.activeElement;
     if (!element || element === document.body || visited.has(element)) return visited.has(element);
     visited.add(element);
-    if (getComputedStyle(element).outlineStyle === "none") unseen.add(told(element));
+    names.add(told(element));
+    const frames = [element, element.parentElement, element.parentElement?.parentElement];
+    if (frames.every((each) => !each || getComputedStyle(each).outlineStyle === "none")) unseen.add(told(element));
     return false;
   }
 
   /** What no Tab came to (of radio buttons with one name, one is enough), and where the focus was not to be seen. */
   function unreachable() {
     const groups = new Set([...visited].filter((element) => element.type === "radio").map((element) => element.name));
-    const missed = actions().filter((element) => !visited.has(element) && !(element.type === "radio" && groups.has(element.name)));
+    const missed = actions().filter((element) => !visited.has(element) && !names.has(told(element)) && !(element.type === "radio" && groups.has(element.name)));
     return [...missed.map((element) => `no Tab comes to ${told(element)}`), ...[...unseen].map((each) => `no sign of the focus on ${each}`)];
   }
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 
 from stadimeter.config.loader import Configuration
-from stadimeter.config.models import ButtonTable
+from stadimeter.config.models import ButtonTable, WebTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, leaves
 from stadimeter.core.plan import BaseOutput
@@ -44,8 +44,15 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield f"Tells people through `{notifier.name}` ({notifier.driver})."
     if configuration.status_led:
         yield f"Shows how it is doing on `{configuration.status_led.name}` ({configuration.status_led.driver})."
+    if configuration.web is not None:
+        yield f"Has a page for browsers at port {configuration.web.port}, {_where(configuration.web)}."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+
+
+def _where(web: WebTable) -> str:
+    how = "with https" if web.certificate is not None else "without encryption"
+    return f"on {web.host}, {how}" if web.host else f"on this computer only until a password is set, {how}"
 
 
 def _held(table: ButtonTable) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from stadimeter.app.capture import capture_for
 from stadimeter.app.clock import MonotonicClock
@@ -11,7 +12,9 @@ from stadimeter.config.plugins import DriverChoice, DriverContext, Shared, load_
 from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.protocol import StagedWorld
+
+if TYPE_CHECKING:  # no command loads a driver that nobody named
+    from stadimeter.simulation.protocol import StagedWorld
 
 BALL = "20 cm"
 """The diameter of the ball in the room."""

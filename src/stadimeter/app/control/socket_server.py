@@ -194,7 +194,9 @@ class _Handler(socketserver.StreamRequestHandler):
                 connection.replies.put(Reply(error=str(error)))
         if end is None:
             # Without an answer in time the connection ends: the next request would be given the one that is too late.
-            self._say(connection.replies.get(timeout=ANSWER_MAX_S), transaction, connection)
+            line, attached = self._put_into_words(connection.replies.get(timeout=ANSWER_MAX_S), transaction)
+            connection.turn(is_owed=False)
+            self._write(line, attached)
             return True
         try:
             self._tell_until_hung_up(transaction, connection)
@@ -222,20 +224,25 @@ class _Handler(socketserver.StreamRequestHandler):
         return watched
 
     def _tell_until_hung_up(self, transaction: Transaction, connection: _Connection) -> None:
-        """Write each snapshot. What ends it is an error of writing, or a connection that was closed by us."""
+        """Write each snapshot. What ends it is an error of writing, or a connection that was closed by us.
+
+        It counts as owed all the time, so that no connection which says nothing takes its place; one that is not read
+        ends by itself.
+        """
         self.request.settimeout(min(UNREAD_MAX_S, self.server.control.idle_max_s))
         while not connection.is_closed:
             connection.turn(is_owed=True)
-            self._say(connection.replies.get(), transaction, connection)
+            self._write(*self._put_into_words(connection.replies.get(), transaction))
 
-    def _say(self, reply: Reply | Callable[[], Reply], transaction: Transaction, connection: _Connection) -> None:
+    def _put_into_words(self, reply: Reply | Callable[[], Reply], transaction: Transaction) -> tuple[bytes, bytes]:
         with self.server.control.speaking:
-            known = reply if isinstance(reply, Reply) else _put_into_words(reply)
-            line = known.line(transaction)
-        connection.turn(is_owed=False)
+            known = reply if isinstance(reply, Reply) else _made(reply)
+            return known.line(transaction), known.attached
+
+    def _write(self, line: bytes, attached: bytes) -> None:
         self.wfile.write(line)
-        if known.attached:
-            self.wfile.write(known.attached)
+        if attached:
+            self.wfile.write(attached)
 
 
 class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
@@ -306,7 +313,7 @@ class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             longest.hang_up()
 
 
-def _put_into_words(reply: Callable[[], Reply]) -> Reply:
+def _made(reply: Callable[[], Reply]) -> Reply:
     try:
         return reply()
     except Exception as error:  # noqa: BLE001 - a defect in an answer is said to whoever asked

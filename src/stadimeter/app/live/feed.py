@@ -21,6 +21,7 @@ class LiveFeed:
     Attributes:
         clock: The run's clock.
         unix_time_s: The computer's clock.
+        frame_at_s: When the loop was done with the newest frame, on the clock of `time.monotonic`.
     """
 
     clock: Clock
@@ -28,10 +29,13 @@ class LiveFeed:
     board: Board = field(default_factory=Board)
     unix_time_s: Callable[[], float] = time.time
     history: RunHistory = field(default_factory=RunHistory)
+    frame_at_s: float = 0.0
 
     def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
         """Take in a cycle, in the loop's thread. Nobody is woken: that alone can cost a loop a millisecond."""
         self.history.add(record, frame)
+        if frame is not None:
+            self.frame_at_s = time.monotonic()
 
     def snapshot(self, window_s: float = WINDOW_S) -> Snapshot:
         """Return what there is to see now, with the distances of this long."""

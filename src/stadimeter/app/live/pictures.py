@@ -16,6 +16,7 @@ from stadimeter.app.live.history import Seen
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
+from stadimeter.core.track import Track
 
 SHOWN_MAX_PX = 1280
 """A larger picture is made smaller before it is encoded: no page shows more, and to encode it takes long."""
@@ -79,15 +80,19 @@ def drawn(image: Image, record: CycleRecord, width_px: int) -> Image:
     for found in record.detections:
         if found.status is DetectionStatus.NOT_FOUND or not len(found.outline_px):
             continue
-        track = tracks.get(found.target)
-        words = found.target
-        if track is not None and track.is_valid and track.distance_m is not None:
-            words += f" {track.distance_m:.2f} m +/- {track.sigma_m or 0.0:.2f}"
-        _draw_target(canvas, found, words, canvas.shape[1] / width_px, pen)
+        _draw_target(canvas, found, _words(found.target, tracks.get(found.target)), canvas.shape[1] / width_px, pen)
     acting = [trace for trace in record.decision.rules if trace.status not in QUIET]
     for line, trace in enumerate(acting[:RULES_MAX]):
         _write(canvas, f"{trace.rule}: {trace.status.value}", (8 * pen, (20 + 20 * line) * pen), WHITE, pen)
     return canvas
+
+
+def _words(target: str, track: Track | None) -> str:
+    """Return a target's name and distance, to the millimetre if it is known that well."""
+    if track is None or not track.is_valid or track.distance_m is None or track.sigma_m is None:
+        return target
+    digits = 3 if track.sigma_m < 0.01 else 2
+    return f"{target} {track.distance_m:.{digits}f} m +/- {track.sigma_m:.{digits}f}"
 
 
 def _draw_target(canvas: Image, found: Detection, words: str, scale: float, pen: float) -> None:

@@ -10,6 +10,7 @@ costs it least.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -31,8 +32,11 @@ PERIOD_S = 0.1
 EARLY_S = 0.015
 """A frame that comes this much before it is time counts as in time: frames never come evenly."""
 
+AFTER_S = 0.0015
+"""A frame is looked for this long after it is expected: then nobody takes the interpreter from the loop."""
+
 LOOK_EVERY_S = 0.003
-"""From then on a new frame is looked for this often."""
+"""From then on it is looked for this often."""
 
 WITHOUT_FRAME_S = 0.3
 """Without a new frame a snapshot is told after this long: time passes, and the picture grows old."""
@@ -148,11 +152,19 @@ class Subscriptions:
 
     def _wait_for_news(self) -> None:
         """Return when it is time for a snapshot: with a new frame if one comes, and no later if none does."""
-        history, before_s = self.feed.history, self._told_s
-        time.sleep(max(0.0, before_s + PERIOD_S - EARLY_S - time.monotonic()))
-        while history.seen is self._told and self._all and time.monotonic() < before_s + WITHOUT_FRAME_S:
+        history, latest_s = self.feed.history, self._told_s + WITHOUT_FRAME_S
+        due_s = self._after_frame_s(self._told_s + PERIOD_S - EARLY_S)
+        time.sleep(max(0.0, min(due_s, latest_s) - time.monotonic()))
+        while history.seen is self._told and self._all and time.monotonic() < latest_s:
             time.sleep(LOOK_EVERY_S)
         self._told, self._told_s = history.seen, time.monotonic()
+
+    def _after_frame_s(self, due_s: float) -> float:
+        """Return when the loop will be done with the first frame after a time, if frames go on as they came."""
+        rate_hz, last_s = self.feed.history.frame_rate_hz, self.feed.frame_at_s
+        if not rate_hz:
+            return due_s
+        return last_s + math.ceil(max(0.0, due_s - last_s) * rate_hz) / rate_hz + AFTER_S
 
     def _message(self, to: _Subscription) -> Reply:
         """Return the newest snapshot as it is told to one who watches."""

@@ -17,7 +17,7 @@ export function room({ api, session, unit, say }) {
     Array.from({ length: 20 }, (_, index) => svg("circle", { r: index + 1, class: "ring" })), robot);
   const balls = svg("g");
   plan.append(balls);
-  const faults = h("div", { class: "row" });
+  const faults = h("div", { class: "faults" });
   const where = h("p", { class: "small number", role: "status" });
   const element = h("section", { class: "panel room", hidden: true }, h("h2", null, "Simulated room"), plan, where,
     session.right === "operate" && h("p", { class: "small quiet" }, "Drag the ball, or move it with the arrow keys. The rings are 1 m apart."),
