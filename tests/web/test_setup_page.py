@@ -208,7 +208,7 @@ def test_a_pin_is_chosen_by_the_keyboard_and_its_wiring_and_its_danger_are_shown
     assert kept(here)["far_output"] == "vibration-motor 18"
 
 
-def test_save_shows_what_it_does_keeps_the_former_one_and_brings_it_back(page, here):
+def test_save_says_that_the_tests_pass_and_writes_a_configuration_that_loads(page, here):
     begin_at(page, here, ALL)
     page.get_by_role("heading", name="All 2 tests pass").wait_for()
     page.get_by_role("button", name="Save only").click()
