@@ -153,9 +153,10 @@ function recordButton({ api, session, say }) {
   if (session.right !== "operate") return null;
   let isRecording = false;
   const element = h("button", { type: "button", class: "button record", onclick: async () => {
+    const wish = isRecording ? "stop" : "start"; // the run may say that it has stopped before it answers
     try {
-      const answer = await api.post("recordings", { do: isRecording ? "stop" : "start" });
-      if (isRecording) say(`Recorded: ${answer?.file ?? ""}`);
+      const answer = await api.post("recordings", { do: wish });
+      if (wish === "stop") say(`Recorded: ${answer?.file ?? ""}`);
     } catch (error) {
       say(error.message, "error");
     }
