@@ -43,7 +43,7 @@ STRANGE = (
 
 
 GROWTH_MAX_KB = 40_000
-"""What an allocator keeps of buffers for pictures, the history of five minutes, what can be explained of the last one."""
+"""What an allocator keeps of buffers for pictures, and what is remembered of the last five minutes."""
 
 SURVIVED = sorted(set(OPS) - {"restart"})
 KEYS = ("rule", "by", "why", "for_s", "one_shot", "rate_hz", "image", "quality", "encoding", "output", "level", "x_m")
