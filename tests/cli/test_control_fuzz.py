@@ -42,8 +42,8 @@ STRANGE = (
 )
 
 
-GROWTH_MAX_KB = 12_000
-"""The history of five minutes, what can be explained of the last one, and what an allocator keeps."""
+GROWTH_MAX_KB = 40_000
+"""What an allocator keeps of buffers for pictures, and what is remembered of the last five minutes."""
 
 SURVIVED = sorted(set(OPS) - {"restart"})
 KEYS = ("rule", "by", "why", "for_s", "one_shot", "rate_hz", "image", "quality", "encoding", "output", "level", "x_m")

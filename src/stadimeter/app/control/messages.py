@@ -225,6 +225,10 @@ _ACTIONS: Mapping[str, OperatorAction] = {
 }
 
 
+Attached = bytes | memoryview
+"""What follows the line of an answer; a view of bytes that others hold is not copied."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reply:
     """An answer: what was asked for, or why it is not done.
@@ -239,7 +243,7 @@ class Reply:
     error: str = ""
     problems: tuple[Problem, ...] = ()
     json: str = ""
-    attached: bytes = b""
+    attached: Attached = b""
 
     def line(self, transaction: Transaction) -> bytes:
         """Return one line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair."""

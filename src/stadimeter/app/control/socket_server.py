@@ -27,6 +27,7 @@ from typing import Any, Protocol
 
 from stadimeter.app.control.messages import (
     LINE_MAX_BYTES,
+    Attached,
     FrameArgs,
     FrameRequest,
     PlainRequest,
@@ -234,12 +235,13 @@ class _Handler(socketserver.StreamRequestHandler):
             connection.turn(is_owed=True)
             self._write(*self._put_into_words(connection.replies.get(), transaction))
 
-    def _put_into_words(self, reply: Reply | Callable[[], Reply], transaction: Transaction) -> tuple[bytes, bytes]:
+    def _put_into_words(self, reply: Reply | Callable[[], Reply], transaction: Transaction) -> tuple[bytes, Attached]:
+        """Return the line of an answer, and what follows it."""
         with self.server.control.speaking:
             known = reply if isinstance(reply, Reply) else _made(reply)
             return known.line(transaction), known.attached
 
-    def _write(self, line: bytes, attached: bytes) -> None:
+    def _write(self, line: bytes, attached: Attached) -> None:
         self.wfile.write(line)
         if attached:
             self.wfile.write(attached)

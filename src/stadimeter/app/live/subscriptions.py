@@ -1,8 +1,9 @@
 """Snapshots of a run for those who watch it from another process.
 
-While somebody watches, a thread looks whether the loop has left a new frame, ten times a second at most. Then it wakes
-those who watch, and the thread of each makes and sends the message. Whoever is still busy with the last one is passed
-over. So a slow reader gets fewer snapshots and every event, and neither holds up the run nor keeps anything in memory.
+While somebody watches, a thread looks whether the loop has left a new frame, ten times a second at most. It makes what
+is the same for all, such as the JPEG, and wakes those who watch; the thread of each adds the rest and sends it. Whoever
+is still busy with the last one is passed over. So a slow reader gets fewer snapshots and every event, and neither holds
+up the run nor keeps anything in memory.
 
 The loop waits for its next frame at that moment, and has no use for the interpreter: what is made right after a cycle
 costs it least.
@@ -13,10 +14,13 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
+
+import numpy as np
 
 from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs
 from stadimeter.app.live.feed import LiveFeed
@@ -121,7 +125,7 @@ class Subscriptions:
         data: dict[str, Any] = {**(frame_data(seen, self.feed.unix_offset_s()) or {}), **_origin(frame)}
         if args.encoding == "raw":
             image = drawn(frame.image, seen.record, frame.width_px) if args.image == "drawn" else frame.image
-            return Reply(data, attached=image.tobytes())
+            return Reply(data, attached=np.ascontiguousarray(image).data.cast("B"))
         with self._lock:
             jpeg = self._pictures.jpeg(seen, args.image, args.quality)
             self._keep_nothing_unwatched()
@@ -145,10 +149,20 @@ class Subscriptions:
                     self._thread = None
                     return
                 self._number += 1
-            for each in self._all:
-                if each.is_due(self._told_s):
-                    each.is_woken, each.woken_s = True, self._told_s
-                    each.wake(partial(self._message, each))
+            due = [each for each in self._all if each.is_due(self._told_s)]
+            with suppress(Exception):  # whoever asks gets the same defect as an answer, and this thread goes on
+                self._prepare(due)
+            for each in due:
+                each.is_woken, each.woken_s = True, self._told_s
+                each.wake(partial(self._message, each))
+
+    def _prepare(self, due: Sequence[_Subscription]) -> None:
+        """Make what they share, in this one thread: allocators keep large buffers for each thread that had some."""
+        with self._lock:
+            seen = self._newest().snapshot.seen if due else None
+            for each in due:
+                if seen is not None and seen.frame is not each.frame:
+                    self._pictures.jpeg(seen, each.args.image, each.args.quality)
 
     def _wait_for_news(self) -> None:
         """Return when it is time for a snapshot: with a new frame if one comes, and no later if none does."""
