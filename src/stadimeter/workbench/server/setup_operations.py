@@ -153,10 +153,11 @@ def take(desk: Desk, args: Mapping[str, Any]) -> Reply:
     sigma = text(args, "sigma", "").strip()
     given = text(args, "distance") + (f" ± {sigma}" if sigma else "")
     accepted = setup.answer(given, confirm=truth(args, "confirm", otherwise=True))
-    return Reply(data={**setup.state(), **_lens(setup.known.camera_model), "notes": list(accepted.notes)})
+    return Reply(data={**setup.state(), **lens_as_json(setup.known.camera_model), "notes": list(accepted.notes)})
 
 
-def _lens(model: CameraModel | None) -> dict[str, Any]:
+def lens_as_json(model: CameraModel | None) -> dict[str, Any]:
+    """Return the focal length and what goes with it; nulls for no lens yet."""
     if model is None:
         return {"focal_px": None, "focal_sigma_px": None, "edge_bias_px": None}
     sigma_px = model.fx_px * model.focal_relative_sigma

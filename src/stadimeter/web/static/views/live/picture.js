@@ -30,10 +30,10 @@ export function picture({ live, unit, api, session, say }) {
 
   const timer = setInterval(() => {
     const age = live.ageMs();
-    const isOld = shown !== null && (age === null || age > OLD_MS || live.state.status !== "live");
+    const isOld = shown === null || (age === null || age > OLD_MS || live.state.status !== "live");
     if (old.hidden === isOld) old.hidden = !isOld;
     frame.classList.toggle("is-old", isOld);
-    if (isOld) write(old, `Old picture: ${format.since((age ?? 0) / 1000)}`);
+    if (isOld) write(old, shown ? `Old picture: ${format.since((age ?? 0) / 1000)}` : "No picture yet");
   }, CHECK_MS);
 
   return {
