@@ -1,4 +1,9 @@
-"""The set-up, one question at a time: the interview of `stadimeter init` with a live picture beside it."""
+"""The set-up, one question at a time: the interview of `stadimeter init` with a live picture beside it.
+
+A picture takes less than a tenth of a second on a desktop computer. These take a second or more on a small Pi: to open
+a camera (``setup-camera``, and ``setup-begin`` where answers are taken up again), ``setup-take``, and ``setup-colour``
+with clicks or ``look``. Answers come in order, so no picture comes meanwhile.
+"""
 
 from __future__ import annotations
 
