@@ -201,3 +201,13 @@ def test_who_may_only_read_sees_everything_and_operates_nothing(browser, tmp_pat
         assert page.get_by_role("link", name="Edit").count() == 0
         page.get_by_role("button", name="Log out").click()
         page.locator("input[type=password]").wait_for()
+
+
+def test_a_recording_is_made_with_a_button_and_listed(browser, still):
+    with tab(browser) as page:
+        opened(page, still)
+        page.get_by_role("button", name="Record", exact=True).click()
+        page.get_by_role("button", name="Stop recording").click()
+        page.get_by_text("Recorded:").wait_for()
+        page.get_by_role("link", name="Recordings").click()
+        page.get_by_text(".mcap").first.wait_for()
