@@ -1,4 +1,4 @@
-"""From an empty folder to a rule that acts, by the page alone, in a real browser; and from the demonstration to the page."""
+"""From an empty folder to a rule that acts, by the page alone; and from the demonstration to the page."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Person:
     def enter(self, label: str, text: str) -> None:
         """Write into a field, or set a slider."""
         self._did(f"enter {label}: {text}")
-        self.page.get_by_label(label).fill(text)
+        self.page.get_by_label(label, exact=True).fill(text)
 
     def point_at_the_ball(self) -> None:
         """Click on the picture where the ball is: in front of the camera, in its middle."""
@@ -78,6 +78,7 @@ def empty(tmp_path) -> Iterator[Served]:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(240)
 def test_from_an_empty_folder_to_a_rule_that_acts_by_the_page_alone(browser, empty):
     with tab(browser) as page:
         page.goto(empty.url)
@@ -126,9 +127,12 @@ def set_up(person: Person) -> None:
 def test_the_demonstration_says_where_its_page_is_and_the_page_shows_it(browser, tmp_path):
     command = [sys.executable, "-m", "stadimeter", "demo", "--plain"]
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as demo:
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as demo:
         try:
-            address = next(word for line in demo.stdout for word in line.split() if word.startswith("http://127.0.0.1"))
+            words = (word for line in demo.stdout for word in line.split())
+            address = next(word for word in words if word.startswith("http://127.0.0.1"))
             with tab(browser) as page:
                 page.goto(address)
                 page.locator("canvas[data-drawn]").wait_for()
