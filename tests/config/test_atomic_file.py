@@ -98,6 +98,7 @@ SAVES = {
     "workbench/tuning/plot.py": "into memory",
     "app/service.py": "a counter of failed starts, which counts from 0 where it cannot be read",
     "workbench/bench.py": "into a temporary folder",
+    "web/passwords.py": "a hidden file first, as there; the page imports nothing of `config`",
 }
 
 
