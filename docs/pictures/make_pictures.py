@@ -11,6 +11,7 @@ from pathlib import Path
 import camera_table
 from gallery import make_gallery
 from live_view_svg import save_svg
+from web_pages import make_pages
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle_record import CycleRecord
@@ -123,4 +124,5 @@ if __name__ == "__main__":
     wiring_pictures(HERE)
     printed_page(HERE / "print-tag.svg")
     make_gallery(HERE)
+    make_pages(HERE)
     camera_table.write()

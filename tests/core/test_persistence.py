@@ -162,10 +162,14 @@ def test_shelving_ends_when_it_would_have_ended():
 def test_what_people_have_said_is_remembered():
     life = Life(plan_of(replace(NEAR, needs_ack=True)), lambda _time_s: 0.6)
     life.live(1)
-    life.run.tell("acknowledge", "near", by="Ada")
+    life.run.tell("acknowledge", "near", by="Ada", why="on my way")
+    ago_s = life.run.now_s - life.run.state.rules.steps[0].state.acknowledgement.at_s
     life.run.tell("take-out", "near", by="Ada")
     life.restart(1.0, 500.0)
     (trace,) = life.run.state.rules.traces
+    said = life.run.state.rules.steps[0].state.acknowledgement
+    assert (said.by, said.why) == ("Ada", "on my way")
+    assert said.at_s == pytest.approx(500.0 - 1.0 - ago_s, abs=0.1)  # one second down, on another clock
     assert trace.acknowledged
     assert trace.gates == ("out of service",)
 

@@ -13,10 +13,12 @@
   };
   const isShown = (element) => element.checkVisibility({ opacityProperty: true, visibilityProperty: true }) && !element.closest(".sr");
   const scrolls = (element, axis) => ["auto", "scroll"].includes(getComputedStyle(element)[axis]);
-  const inScroller = (element) => {
-    for (let each = element.parentElement; each && each !== document.documentElement; each = each.parentElement) if (scrolls(each, "overflowX")) return true;
+  const isInside = (element, does) => {
+    for (let each = element.parentElement; each && each !== document.documentElement; each = each.parentElement) if (does(each)) return true;
     return false;
   };
+  const inScroller = (element) => isInside(element, (each) => scrolls(each, "overflowX"));
+  const isClippedDecoration = (element) => !element.textContent.trim() && isInside(element, (each) => ["hidden", "clip"].includes(getComputedStyle(each).overflowX));
 
   function* texts(root = document.body) {
     const walker = document.createTreeWalker(root, NodeFilter.SHOW_TEXT);
@@ -38,7 +40,7 @@
     const faults = [];
     if (document.scrollingElement.scrollWidth > width + TOLERANCE_PX) faults.push(`the page scrolls sideways: ${document.scrollingElement.scrollWidth} px in ${width}`);
     for (const element of document.body.querySelectorAll("*")) {
-      if (!isShown(element) || inScroller(element) || element.closest(".skip") || element.ownerSVGElement) continue;
+      if (!isShown(element) || inScroller(element) || element.closest(".skip") || element.ownerSVGElement || isClippedDecoration(element)) continue;
       const box = element.getBoundingClientRect();
       if (box.width && (box.right > width + TOLERANCE_PX || box.left < -TOLERANCE_PX)) faults.push(`beyond the screen: ${told(element)}`);
     }

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from stadimeter.web.passwords import PasswordFile
 from support.browser import PHONE, ROOM, Served, served, tab, until
 
 STILL = ROOM.partition("path = [")[0] + 'path = [{ at = "0 s", x = "3.2 m", y = "0.3 m" }]\n'
@@ -179,3 +180,34 @@ def test_a_frozen_picture_and_an_ended_run_cannot_be_overlooked(browser, moving)
         page.get_by_role("button", name="Start the run").wait_for()
         moving.start_run()
         page.get_by_text("live", exact=True).wait_for()
+
+
+def test_who_may_only_read_sees_everything_and_operates_nothing(browser, tmp_path):
+    passwords = tmp_path / "passwords"
+    PasswordFile(passwords).set("read", "only to look")
+    PasswordFile(passwords).set("operate", "to operate too")
+    options = ("--password-file", str(passwords), "--address", "127.0.0.1")
+    with served(tmp_path, ROOM, *options) as here, tab(browser) as page:
+        page.goto(here.url)
+        page.locator("input[type=password]").fill("only to look")
+        page.keyboard.press("Enter")
+        page.get_by_text("live", exact=True).wait_for()
+        page.locator("canvas[data-drawn]").wait_for()
+        page.locator(".badge", has_text="not acknowledged").wait_for()
+        page.get_by_text("You are logged in to look").wait_for()
+        for name in ("Acknowledge", "Reset", "Hold to test", "Record", "Let it go on", "forwards"):
+            assert page.get_by_role("button", name=name).count() == 0
+        assert page.locator(".room input:not(:disabled)").count() == 0
+        assert page.get_by_role("link", name="Edit").count() == 0
+        page.get_by_role("button", name="Log out").click()
+        page.locator("input[type=password]").wait_for()
+
+
+def test_a_recording_is_made_with_a_button_and_listed(browser, still):
+    with tab(browser) as page:
+        opened(page, still)
+        page.get_by_role("button", name="Record", exact=True).click()
+        page.get_by_role("button", name="Stop recording").click()
+        page.get_by_text("Recorded:").wait_for()
+        page.get_by_role("link", name="Recordings").click()
+        page.get_by_text(".mcap").first.wait_for()

@@ -24,6 +24,8 @@ def opened(page: Any, here: Served, view: str) -> None:
     page.get_by_text("live", exact=True).wait_for()
     page.locator(".view > *").first.wait_for()
     page.wait_for_load_state("load")
+    if view == "edit":
+        page.locator(".to-line").first.wait_for()  # what its check found
     if view == "live":
         page.locator("canvas[data-drawn]").wait_for()
         page.get_by_text("Show what was refused").click()

@@ -187,6 +187,7 @@ def test_a_disk_that_is_full_at_the_second_file_leaves_both_as_they_were(
     assert desk.configuration.read_text() == HERE
     assert (desk.configuration.parent / "camera.toml").read_text() == LENS
     assert not list(desk.configuration.parent.glob(".*"))
+    assert ask(desk, "versions") == [], "nothing was replaced"
 
 
 STRANGE = [
@@ -229,6 +230,23 @@ def test_the_tests_of_a_configuration_hold_nobody_up_for_long(desk: Desk, monkey
     (told,) = ask(desk, "check", text=text, tests=True)["tests"]
     assert told["ok"] is None
     assert "not run" in told["words"]
+
+
+def test_a_save_that_failed_half_way_keeps_what_it_has_replaced(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The camera file has its new name; then the disk fails."""
+    whole, calls = Path.replace, []
+
+    def replace(path: Path, target: Path) -> Path:
+        calls.append(target.name)
+        if calls.count("stadimeter.toml") == 2:  # the first is that of the kept one
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return whole(path, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    with pytest.raises(ConfigError, match="input/output error"):
+        ask(desk, "save", text=THERE, base_version=version(desk), files={"camera.toml": OTHER_LENS})
+    (former,) = saving.versions(desk.configuration)
+    assert (former.folder / "camera.toml").read_text() == LENS
 
 
 def test_the_oldest_versions_go_and_the_newest_stay(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:

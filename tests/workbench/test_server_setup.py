@@ -19,7 +19,7 @@ from stadimeter.app.control.client import find
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.errors import CalibrationError, ConfigError, ControlError, StadimeterError
+from stadimeter.errors import CalibrationError, ConfigError, ControlError, DeviceOpenError, StadimeterError
 from stadimeter.workbench.server.operations import MODULES, Desk, Reply, operation
 from stadimeter.workbench.server.setup_operations import setup_of
 from stadimeter.workbench.setup.camera_step import with_exposure
@@ -302,6 +302,18 @@ def _never(*_args: object) -> None:
     raise AssertionError("the camera is open already")
 
 
+def test_a_camera_that_another_program_has_is_told_and_can_be_tried_again(
+    setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = V4l2Double.plugged_in(tmp_path / "video0", np.full((480, 640, 3), 128, np.uint8), monkeypatch)
+    device.is_busy = True
+    setup("begin")
+    with pytest.raises(DeviceOpenError):
+        setup("camera", camera=f"opencv,device={device.node}")
+    device.is_busy = False
+    assert setup("camera", camera=f"opencv,device={device.node}")["width_px"] == 640
+
+
 def test_an_exposure_takes_the_place_of_another() -> None:
     assert with_exposure("opencv,device=0,exposure=3 ms,rate=30 Hz", "5 ms") == (
         "opencv,device=0,rate=30 Hz,exposure=5 ms"
@@ -346,3 +358,34 @@ def _listening(configuration: Path, run: subprocess.Popen[bytes]) -> Path:
         except ControlError:
             time.sleep(0.05)
     raise AssertionError("the run did not begin to listen")
+
+
+def test_a_real_chessboard_moved_before_the_camera_gives_its_lens(
+    setup: Setup, tmp_path: Path, real_pictures: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures = [cv2.imread(str(path)) for path in sorted((real_pictures / "chessboard").glob("left[0-9]*.jpg"))][::2]
+    device = V4l2Double.plugged_in(tmp_path / "video0", pictures[0], monkeypatch)
+    setup("begin")
+    for answer in (f"opencv,device={device.node}", "ball", "20 cm", "20,60,40:50,255,255"):
+        setup("answer", answer=answer, confirm=False)
+    with pytest.raises(ConfigError, match="which board"):
+        setup("board")
+    with pytest.raises(ConfigError, match="columns and rows"):
+        setup("board", do="start", columns=0, rows=6, square="25 mm")
+    setup("board", do="start", columns=9, rows=6, square="25 mm")
+    with pytest.raises(CalibrationError, match="still missing"):
+        setup("board", do="finish")
+    for picture in pictures:
+        device.show(picture)
+        setup("board")
+        looked = setup("board")
+        assert len(looked["corners_px"]) in {0, 54}
+    assert looked["views"] >= 5
+    assert looked["coverage"] > 0.3
+    taken = setup("board", do="finish")
+    assert taken["focal_px"] == pytest.approx(534, rel=0.03)
+    assert setup.question() == "wish"
+    setup("answer", answer="near")
+    setup("answer", answer="1 m", confirm=False)
+    setup("answer", answer="screen")
+    assert [file["name"] for file in setup("files")["files"]] == ["stadimeter.toml", "camera.toml"]

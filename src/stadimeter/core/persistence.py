@@ -153,6 +153,7 @@ def _lasting(state: AlarmState) -> tuple[object, ...]:
         state.owes_notice,
         state.is_chattering,
         state.leg,
+        state.acknowledgement,
         inhibits.shelved_until_s,
         inhibits.is_one_shot,
         inhibits.shelved_by,

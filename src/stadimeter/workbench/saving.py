@@ -7,11 +7,12 @@ order, since the clock of a Pi without a network may go backwards.
 from __future__ import annotations
 
 import fcntl
+import filecmp
 import os
 import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import zip_longest
@@ -92,10 +93,17 @@ def save_files(
         with _alone(folder):
             check()
             changed = {name: text for name, text in files.items() if not _holds(folder / name, text)}
-            kept = _keep(folder, [name for name in files if (folder / name).exists()]) if changed else None
-            for name in changed:
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            write_all_atomically({folder / name: text.encode() for name, text in changed.items()})
+            present = [name for name in files if (folder / name).exists()] if changed else []
+            kept = _next_version(folder) if present else None
+            try:
+                _keep(folder, present, kept)
+                for name in changed:
+                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                write_all_atomically({folder / name: text.encode() for name, text in changed.items()})
+            except BaseException:
+                _forget(folder, kept)
+                raise
+            _forget_oldest(_all(folder))
     except OSError as error:
         place = folder.joinpath(*list(files)[-1:])
         raise ConfigError([Problem(f"it cannot be written: {_reason(error)}", str(place))]) from error
@@ -157,17 +165,28 @@ def _holds(path: Path, text: str) -> bool:
         return False
 
 
-def _keep(folder: Path, names: list[str]) -> Path | None:
-    if not names:
-        return None
+def _next_version(folder: Path) -> Path:
     before = _all(folder)
     number = before[-1].number + 1 if before else 1
-    kept = folder / VERSIONS / f"{number:04}-{datetime.now(UTC).strftime(_STAMP)}"
+    return folder / VERSIONS / f"{number:04}-{datetime.now(UTC).strftime(_STAMP)}"
+
+
+def _keep(folder: Path, names: list[str], kept: Path | None) -> None:
+    if kept is None:
+        return
     for name in names:
         (kept / name).parent.mkdir(parents=True, exist_ok=True)
         write_atomically(kept / name, (folder / name).read_bytes(), like=folder / name)
-    _forget_oldest([*before, Version(kept)])
-    return kept
+
+
+def _forget(folder: Path, version: Path | None) -> None:
+    """Delete a version of a save that came to nothing, unless something of it was replaced all the same."""
+    if version is None:
+        return
+    with suppress(OSError):
+        kept = Version(version).files()
+        if all(filecmp.cmp(file, folder / name, shallow=False) for name, file in kept.items()):
+            shutil.rmtree(version, ignore_errors=True)
 
 
 def _forget_oldest(kept: list[Version]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from stadimeter.app.control.messages import NoArgs, Reply
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.alarms.state import Acknowledgement
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Decision, Event, EventKind
 from stadimeter.core.rule import AlarmRule
@@ -23,7 +25,6 @@ class _Course:
 
     raised_at_s: float | None = None
     cleared_at_s: float | None = None
-    acknowledged: Event | None = None
 
 
 class AlarmList:
@@ -56,8 +57,6 @@ class AlarmList:
                 self._courses[event.source] = _Course(raised_at_s=event.at_s)
             elif event.kind is EventKind.CLEARED:
                 self._courses[event.source] = replace(course, cleared_at_s=event.at_s)
-            elif event.kind is EventKind.ACKNOWLEDGED:
-                self._courses[event.source] = replace(course, acknowledged=event)
 
     def act(self, _args: NoArgs, answer: Answer) -> None:
         """Answer with every alarm, the one that was raised last first, and the newest events."""
@@ -86,20 +85,22 @@ def _alarms(state: State, decision: Decision, courses: dict[str, _Course], offse
 
 def _alarm(rule: AlarmRule, step: AlarmStep, course: _Course, decision: Decision, offset_s: float) -> dict[str, Any]:
     def unix_s(at_s: float | None) -> float | None:
-        return None if at_s is None else round(at_s + offset_s, 3)
+        return None if at_s is None or math.isnan(at_s) else round(at_s + offset_s, 3)
 
-    acknowledged = course.acknowledged
+    state = step.state
+    acknowledged = state.acknowledgement or Acknowledgement(at_s=math.nan)
+    over_s = state.leg.began_s if state.leg is not None and state.leg.on == "cleared" else None
     return {
         "rule": rule.name,
         "status": step.trace.status.value,
         "acknowledged": step.trace.acknowledged,
         "gates": step.trace.gates,
-        "raised_unix_s": unix_s(step.state.raised_at_s if course.raised_at_s is None else course.raised_at_s),
-        "cleared_unix_s": unix_s(course.cleared_at_s),
-        "acknowledged_by": acknowledged.by if acknowledged is not None else "",
-        "acknowledged_unix_s": unix_s(acknowledged.at_s) if acknowledged is not None else None,
-        "why": acknowledged.reason.partition(": ")[2] if acknowledged is not None else "",
-        "count": step.state.raises,
+        "raised_unix_s": unix_s(course.raised_at_s if state.raised_at_s is None else state.raised_at_s),
+        "cleared_unix_s": unix_s(over_s if course.cleared_at_s is None else course.cleared_at_s),
+        "acknowledged_by": acknowledged.by,
+        "acknowledged_unix_s": unix_s(acknowledged.at_s),
+        "why": acknowledged.why,
+        "count": state.raises,
         "severity": rule.severity.value,
         "reason": decision.reasons.get(rule.name, ""),
     }

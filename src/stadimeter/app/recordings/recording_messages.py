@@ -16,10 +16,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import cv2
+import numpy as np
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decision import Event, Severity
+from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Image
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.target import TargetShape
@@ -148,6 +150,7 @@ _LEVELS = {Severity.INFO: 2, Severity.WARNING: 3, Severity.ALARM: 4, Severity.SA
 """Of foxglove.Log: info, warning, error, fatal."""
 
 _GREEN = {"r": 0.2, "g": 0.9, "b": 0.4, "a": 1.0}
+_ORANGE = {"r": 1.0, "g": 0.65, "b": 0.15, "a": 1.0}
 _RED = {"r": 1.0, "g": 0.35, "b": 0.35, "a": 1.0}
 _CLEAR = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
 _SHADE = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.6}
@@ -155,6 +158,11 @@ _THICKNESS_PX = 2.0
 _FONT_PX = 14.0
 _WHOLE_COLOUR = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
 """JPEGs mostly have colour at half the resolution; edges that only colour shows then move by a part of a pixel."""
+
+_LINE_LOOP = 2
+"""Of foxglove.PointsAnnotation: the last point is joined to the first."""
+
+_OUTLINE_POINTS_MAX = 64
 
 _FIRST_PIXEL = 0.5
 """Foxglove has (0, 0) at the corner of the first pixel, not at its centre."""
@@ -241,6 +249,8 @@ def image_annotations(
         sizes: The size of each target, by its name.
     """
     when = stamp(time_ns)
+    outlines = [_outline(found, when) for found in record.detections if len(found.outline_px)]
+    drawn = {found.target for found in record.detections if len(found.outline_px)}
     circles: list[dict[str, Any]] = []
     texts: list[dict[str, Any]] = []
     for measured in record.observation.measurements:
@@ -252,12 +262,35 @@ def image_annotations(
         across_px = camera.fx_px * size.longest_m / measured.distance_m if size else 0.0
         said = f"{measured.target} {measured.distance_m:.2f} m"
         if math.isfinite(x_px) and math.isfinite(y_px):
-            circles.append(_circle((x_px, y_px), across_px, _GREEN, when))
+            if measured.target not in drawn:
+                circles.append({**_circle((x_px, y_px), across_px, _GREEN, when), "metadata": _named(measured.target)})
             texts.append(_label((x_px, y_px), across_px, said, when))
     for rejected in (candidate for found in record.rejected.values() for candidate in found):
         circles.append(_circle(rejected.centre_px, rejected.size_px, _RED, when))
         texts.append(_label(rejected.centre_px, rejected.size_px, rejected.reason, when))
-    return _json({"circles": circles, "points": [], "texts": texts})
+    return _json({"circles": circles, "points": outlines, "texts": texts})
+
+
+def _outline(found: Detection, when: Any) -> dict[str, Any]:
+    """Return the outline of a target, which is convex, as a closed line."""
+    points = found.outline_px[np.isfinite(found.outline_px).all(axis=1)]
+    across = points - points.mean(axis=0) if len(points) else points
+    around = points[np.argsort(np.arctan2(across[:, 1], across[:, 0]))]
+    around = around[np.linspace(0, len(around) - 1, min(len(around), _OUTLINE_POINTS_MAX)).astype(int)]
+    return {
+        "timestamp": when,
+        "type": _LINE_LOOP,
+        "points": [{"x": round(x, 1), "y": round(y, 1)} for x, y in (around + _FIRST_PIXEL).tolist()],
+        "outline_color": _GREEN if found.status is DetectionStatus.FOUND else _ORANGE,
+        "outline_colors": [],
+        "fill_color": _CLEAR,
+        "thickness": _THICKNESS_PX,
+        "metadata": _named(found.target),
+    }
+
+
+def _named(target: str) -> list[dict[str, str]]:
+    return [{"key": "target", "value": target}]
 
 
 def _circle(centre_px: tuple[float, float], across_px: float, colour: Mapping[str, float], when: Any) -> dict[str, Any]:

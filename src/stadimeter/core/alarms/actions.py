@@ -124,6 +124,7 @@ def _begin(evaluation: Evaluation, reason: str) -> None:
         reported_at_s=now_s,
         notified_at_s=now_s if may_notify else state.notified_at_s,
         owes_notice=not may_notify,
+        acknowledgement=None,
         leg=Leg(on="raised", began_s=now_s, event=event),
     )
 

@@ -23,7 +23,7 @@ from stadimeter.core.alarms.actions import (
     why_not_latched,
 )
 from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, AlarmState, Phase, Trigger
-from stadimeter.core.alarms.state import NO_INHIBITS, Sample
+from stadimeter.core.alarms.state import NO_INHIBITS, Acknowledgement, Sample
 from stadimeter.core.condition import Condition, CountCondition, PresenceCondition, leaves
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.inputs import RuleInputs
@@ -313,7 +313,9 @@ def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     if evaluation.state.is_acknowledged:
         return "there is nothing to acknowledge"
     evaluation.add_event(EventKind.ACKNOWLEDGED, _said(command), notify=not evaluation.is_quiet, by=command.by)
-    evaluation.go(machine.acknowledged(evaluation.rule, evaluation.state), _said(command), command.by)
+    said = Acknowledgement(at_s=evaluation.inputs.now_s, by=command.by, why=command.why)
+    state = replace(machine.acknowledged(evaluation.rule, evaluation.state), acknowledgement=said)
+    evaluation.go(state, _said(command), command.by)
     return ""
 
 

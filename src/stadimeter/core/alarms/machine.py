@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from stadimeter.core.alarms.chattering import MINUTE_S, is_too_frequent, with_raise
-from stadimeter.core.alarms.state import NO_INHIBITS, NO_TIMERS, Inhibits, Leg, Resumed, Sample, Timers
+from stadimeter.core.alarms.state import NO_INHIBITS, NO_TIMERS, Acknowledgement, Inhibits, Leg, Resumed, Sample, Timers
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
 
 
@@ -156,6 +156,7 @@ class AlarmState:
     is_chattering: bool = False
     """It came too often within a minute, and does not clear before it has calmed down."""
     leg: Leg | None = None
+    acknowledgement: Acknowledgement | None = None
     inhibits: Inhibits = field(default=NO_INHIBITS)
     resumed: Resumed | None = None
 

@@ -66,6 +66,15 @@ class Inhibits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Acknowledgement:
+    """Who has acknowledged an alarm, when on the run's clock, and why."""
+
+    at_s: float
+    by: str = ""
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Leg:
     """The steps that an alarm goes through since it was raised, reported again or cleared."""
 

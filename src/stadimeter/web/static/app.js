@@ -70,7 +70,8 @@ function drawMenu() {
   const unit = h("select", { onchange: () => (localStorage.setItem("unit", unit.value), open()) },
     Object.keys(UNITS).map((symbol) => h("option", { value: symbol, selected: symbol === chosenUnit().symbol }, symbol)));
   const leave = session.needs_password && h("button", { type: "button", class: "button bare", onclick: logOut }, "Log out");
-  replace(part("menu"), h("label", { class: "small quiet" }, "Lengths in", unit), leave);
+  const toLook = session.right !== "operate" && h("span", { class: "small quiet" }, "You are logged in to look, not to operate.");
+  replace(part("menu"), toLook, h("label", { class: "small quiet" }, "Lengths in", unit), leave);
 }
 
 async function logOut() {

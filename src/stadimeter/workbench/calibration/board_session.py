@@ -164,6 +164,7 @@ class BoardSession:
 
     Attributes:
         optics: How the camera is set, if its driver knows.
+        seen: The board in the frame before; None where it was not found.
         calibration: What the views give so far; None while they are too few, or do not fix the camera.
     """
 
@@ -171,7 +172,7 @@ class BoardSession:
         self._board = board
         self._date = date
         self._must_be_steady = must_be_steady
-        self._before: BoardView | None = None
+        self.seen: BoardView | None = None
         self._edges_away: list[frozenset[str]] = []
         self.views: list[BoardView] = []
         self.width_px = self.height_px = 0
@@ -191,9 +192,9 @@ class BoardSession:
         name = frame.source or f"view {len(self.views) + 1}"
         found = self._board.find(name, frame.image)
         if isinstance(found, str):
-            self._before = None
+            self.seen = None
             return found
-        before, self._before = self._before, found
+        before, self.seen = self.seen, found
         why_not = self._unsteady(found, before) or self._too_similar(found)
         if not why_not:
             self.views.append(found)

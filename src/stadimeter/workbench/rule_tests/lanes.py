@@ -11,10 +11,10 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
+from stadimeter.workbench.replay.lanes import Lane, Point, thinned
 
-SAMPLES_MAX = 600
 EVENTS_MAX = 100
-"""A chart shows no more; of more samples, some are taken at even distances."""
+"""Nobody reads more beside a chart."""
 
 
 @dataclass(slots=True)
@@ -22,31 +22,28 @@ class Lanes:
     """What became of a plan over observations. Times are in seconds from the first of them.
 
     Attributes:
-        active: By rule, when it was active: beginnings and ends.
+        active: By rule, when it was active.
         steps: By output, from when on it had which level; of a base, the speeds forwards and of turning.
     """
 
-    active: dict[str, list[list[float]]] = field(default_factory=dict)
+    active: dict[str, Lane] = field(default_factory=dict)
     steps: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
     events: list[tuple[float, Event]] = field(default_factory=list)
-    samples: dict[str, list[tuple[float, float | None, float | None]]] = field(default_factory=dict)
+    samples: dict[str, list[Point]] = field(default_factory=dict)
     took_s: float = 0.0
 
     def see(self, at_s: float, observation: Observation, decision: Decision) -> None:
         """Take in a cycle."""
         for trace in decision.rules:
-            stretches, is_open = self.active.setdefault(trace.rule, []), self.took_s
-            if trace.active and stretches and stretches[-1][1] == is_open:
-                stretches[-1][1] = at_s
-            elif trace.active:
-                stretches.append([at_s, at_s])
+            self.active.setdefault(trace.rule, Lane()).add(at_s, is_on=trace.active is True)
         for command in decision.commands:
             now = (command.level,) if isinstance(command, LevelCommand) else (command.linear_mps, command.angular_radps)
             steps = self.steps.setdefault(command.output, [])
             if not steps or steps[-1][1:] != now:
                 steps.append((at_s, *now))
         for measured in observation.measurements:
-            self.samples.setdefault(measured.target, []).append((at_s, measured.distance_m, measured.sigma_m))
+            point = (at_s, measured.distance_m, measured.sigma_m or 0.0)
+            self.samples.setdefault(measured.target, []).append(point)
         self.events += [(at_s, event) for event in decision.events]
         self.took_s = at_s
 
@@ -55,16 +52,13 @@ class Lanes:
         return {
             "seconds": self.took_s,
             "rules": [
-                {"rule": rule, "active": [{"from_s": start, "to_s": end} for start, end in stretches]}
-                for rule, stretches in self.active.items()
+                {"rule": rule, "active": [{"from_s": start, "to_s": end} for start, end in lane.thinned()]}
+                for rule, lane in self.active.items()
             ],
             "outputs": [
                 {"output": name, "steps": [list(step) for step in steps]} for name, steps in self.steps.items()
             ],
-            "samples": {
-                target: [list(each) for each in samples[:: 1 + len(samples) // SAMPLES_MAX]]
-                for target, samples in self.samples.items()
-            },
+            "samples": {name: list(map(list, thinned(points))) for name, points in self.samples.items()},
             "events": [
                 {"at_s": at_s, "kind": event.kind.value, "source": event.source, "reason": event.reason}
                 for at_s, event in self.events[:EVENTS_MAX]

@@ -56,6 +56,7 @@ MODULES: dict[str, str] = {
     **dict.fromkeys(("configuration", "check", "save", "version", "versions", "restore"), _EDITING),
     **dict.fromkeys(("recordings", "recording", "recording-delete"), _RECORDINGS),
     **{f"setup-{name}": _SETUP for name in _SETUP_NAMES.split()},
+    "setup-board": "stadimeter.workbench.server.setup_board",
     **dict.fromkeys(("setup-outlook", "setup-try", "setup-wiring", "setup-files"), _SETUP_RESULTS),
     "replay-diff": "stadimeter.workbench.server.replaying",
     "recording-frame": "stadimeter.workbench.server.recorded_frame",

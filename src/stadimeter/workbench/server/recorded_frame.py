@@ -13,10 +13,10 @@ import numpy as np
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
-from stadimeter.app.live.snapshot import Snapshot
+from stadimeter.app.live.snapshot import Snapshot, limits_m
 from stadimeter.app.live.snapshot_json import ReasonsInTurn, shared_json
 from stadimeter.app.recordings.recorded_configuration import load_recorded
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError
 from stadimeter.workbench.replay.recording_index import Moment, RecordingIndex
@@ -26,6 +26,9 @@ from stadimeter.workbench.server.recordings import began_unix_s, index_of, path_
 
 QUALITY = 80
 RIM_POINTS = 48
+FIRST_PIXEL = 0.5
+"""The messages have (0, 0) at the corner of the first pixel, not at its centre."""
+
 SHOWN = ("frame", "targets", "rules", "outputs", "safety")
 """The parts of a live snapshot that a recording has, too."""
 
@@ -53,7 +56,9 @@ def _values(desk: Desk, index: RecordingIndex, moment: Moment, seen: Seen | None
     record = moment.cycle.record()
     now_s = record.observation.now_s
     unix_s = began_unix_s(index.recording.header, 0.0) + moment.at_s
-    snapshot = Snapshot(record=record, seen=seen, started_s=now_s - moment.at_s, plan=_plan(desk, index))
+    plan = _plan(desk, index)
+    limits = limits_m(plan) if plan is not None else {}
+    snapshot = Snapshot(record=record, seen=seen, started_s=now_s - moment.at_s, plan=plan, limits_m=limits)
     told = json.loads(shared_json(snapshot, 0, now_s, unix_s - now_s, ReasonsInTurn()) + "}")
     for target in told["targets"]:
         target["detection"], target["rejected"] = None, []
@@ -81,25 +86,29 @@ def _with_detections(moment: Moment) -> CycleRecord:
 
 
 def _detections(moment: Moment) -> Iterator[Detection]:
+    """Yield the outlines; of recordings that have none, the circles around what was measured."""
     try:
         found = json.loads(moment.annotations or b"{}")
-        circles, texts = found.get("circles", []), found.get("texts", [])
-        for circle, label in zip(circles, texts, strict=False):
+        for line in found.get("points", []):
+            outline = np.array([[point["x"], point["y"]] for point in line["points"]], float).reshape(-1, 2)
+            yield _outlined(line["metadata"][0]["value"], outline - FIRST_PIXEL)
+        for number, circle in enumerate(found.get("circles", [])):
             if circle["outline_color"]["r"] < circle["outline_color"]["g"]:  # not red, which is what was rejected
-                centre = circle["position"]["x"] - 0.5, circle["position"]["y"] - 0.5
-                yield _disc(label["text"].rsplit(" ", 2)[0], centre, float(circle["diameter"]))
-    except (ValueError, KeyError, TypeError, AttributeError):  # damaged, or of another program
+                centre = circle["position"]["x"] - FIRST_PIXEL, circle["position"]["y"] - FIRST_PIXEL
+                named = circle["metadata"]
+                target = named[0]["value"] if named else found["texts"][number]["text"].rsplit(" ", 2)[0]
+                yield _outlined(target, _rim(centre, float(circle["diameter"])))
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError):  # damaged, or of another program
         return
 
 
-def _disc(target: str, centre_px: tuple[float, float], across_px: float) -> Detection:
+def _rim(centre_px: tuple[float, float], across_px: float) -> Points:
     angles = np.linspace(0, 2 * math.pi, RIM_POINTS, endpoint=False)
-    outline = np.array(centre_px) + across_px / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
-    return Detection(
-        target=target,
-        status=DetectionStatus.FOUND,
-        centre_px=centre_px,
-        width_px=across_px,
-        height_px=across_px,
-        outline_px=outline,
-    )
+    rim: Points = np.array(centre_px) + across_px / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
+    return rim
+
+
+def _outlined(target: str, outline_px: Points) -> Detection:
+    x, y = (outline_px.min(axis=0) + outline_px.max(axis=0)) / 2
+    centre = float(x), float(y)
+    return Detection(target=target, status=DetectionStatus.FOUND, centre_px=centre, outline_px=outline_px)

@@ -1,4 +1,9 @@
-"""The set-up, one question at a time: the interview of `stadimeter init` with a live picture beside it."""
+"""The set-up, one question at a time: the interview of `stadimeter init` with a live picture beside it.
+
+A picture takes less than a tenth of a second on a desktop computer. These take a second or more on a small Pi: to open
+a camera (``setup-camera``, and ``setup-begin`` where answers are taken up again), ``setup-take``, and ``setup-colour``
+with clicks or ``look``. Answers come in order, so no picture comes meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -153,10 +158,11 @@ def take(desk: Desk, args: Mapping[str, Any]) -> Reply:
     sigma = text(args, "sigma", "").strip()
     given = text(args, "distance") + (f" ± {sigma}" if sigma else "")
     accepted = setup.answer(given, confirm=truth(args, "confirm", otherwise=True))
-    return Reply(data={**setup.state(), **_lens(setup.known.camera_model), "notes": list(accepted.notes)})
+    return Reply(data={**setup.state(), **lens_as_json(setup.known.camera_model), "notes": list(accepted.notes)})
 
 
-def _lens(model: CameraModel | None) -> dict[str, Any]:
+def lens_as_json(model: CameraModel | None) -> dict[str, Any]:
+    """Return the focal length and what goes with it; nulls for no lens yet."""
     if model is None:
         return {"focal_px": None, "focal_sigma_px": None, "edge_bias_px": None}
     sigma_px = model.fx_px * model.focal_relative_sigma

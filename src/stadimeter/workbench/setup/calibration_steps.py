@@ -18,7 +18,7 @@ from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance
 from stadimeter.workbench.setup.answers import words_of
-from stadimeter.workbench.setup.known import CAMERA_FILE, PICTURES, Known
+from stadimeter.workbench.setup.known import BOARD_FILE, CAMERA_FILE, PICTURES, Known
 from stadimeter.workbench.setup.lens import (
     PictureAt,
     contradiction,
@@ -83,7 +83,8 @@ class ProofStep(Step):
 
     def is_asked(self, known: Known) -> bool:
         """Return whether the camera was calibrated with what it saw just now."""
-        return known.is_live and known.answers.get("calibration", "").startswith(f"{PICTURES}/")
+        answer = known.answers.get("calibration", "")
+        return known.is_live and answer.startswith(f"{PICTURES}/") and answer != BOARD_FILE
 
     def question(self, known: Known) -> Question:
         """Ask for a distance several times as large."""
@@ -184,7 +185,7 @@ def _named_pictures(known: Known) -> list[Option]:
 def _from_file(known: Known, text: str) -> Accepted:
     model = load_camera_model(known.path(text))
     model.for_frame(known.frame)  # refuses another aspect
-    return _taken(known, model, text, (), model_file=text)
+    return _taken(known, model, text, (), model_file="" if text == BOARD_FILE else text)
 
 
 def _from_pictures(known: Known, pictures: list[str], answer: str, seen: tuple[str, ...]) -> Accepted:

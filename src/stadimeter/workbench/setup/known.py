@@ -18,6 +18,8 @@ CONFIGURATION = "stadimeter.toml"
 CAMERA_FILE = "camera.toml"
 PICTURES = "init"
 """The folder for the pictures that show what was found."""
+BOARD_FILE = f"{PICTURES}/board.toml"
+"""The camera file of views of a board, which is no answer yet; saving makes it the one of the configuration."""
 
 
 @dataclass(slots=True, kw_only=True)

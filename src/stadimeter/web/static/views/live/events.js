@@ -8,7 +8,7 @@ const LOOKS = { info: "quiet", warning: "warning", alarm: "alarm", safety: "alar
 
 export function eventList({ live, unit }, most) {
   const list = h("ol", { class: "list events" });
-  const none = h("p", { class: "quiet" }, "Nothing has happened yet.");
+  const none = h("p", { class: "quiet", hidden: true }, "Nothing has happened yet.");
   const element = h("section", { class: "panel" }, h("h2", null, "Events"), none, list, h("p", null, h("a", { href: "#alarms" }, "All alarms and events")));
   return {
     element,

@@ -9,7 +9,7 @@ const SLOW = { mps: 0.1, radps: 0.3 };
 
 export function outputs(context) {
   const list = h("ul", { class: "list" });
-  const none = h("p", { class: "quiet" }, "No output.");
+  const none = h("p", { class: "quiet", hidden: true }, "No output.");
   const element = h("section", { class: "panel outputs" }, h("h2", null, "Outputs"), none, list);
   return {
     element,

@@ -28,13 +28,7 @@ export function picture({ live, unit, api, session, say }) {
   const watch = new ResizeObserver(draw);
   watch.observe(frame);
 
-  const timer = setInterval(() => {
-    const age = live.ageMs();
-    const isOld = shown !== null && (age === null || age > OLD_MS || live.state.status !== "live");
-    if (old.hidden === isOld) old.hidden = !isOld;
-    frame.classList.toggle("is-old", isOld);
-    if (isOld) write(old, `Old picture: ${format.since((age ?? 0) / 1000)}`);
-  }, CHECK_MS);
+  const stopMarking = markAge(live, frame, old, () => shown !== null);
 
   return {
     element,
@@ -55,10 +49,22 @@ export function picture({ live, unit, api, session, say }) {
       listRefused(refused, snapshot, wanted.checked, unit);
     },
     takeDown() {
-      clearInterval(timer);
+      stopMarking();
       watch.disconnect();
     },
   };
+}
+
+/** Mark the picture while it is old, or there is none yet. */
+function markAge(live, frame, old, hasPicture) {
+  const timer = setInterval(() => {
+    const age = live.ageMs() ?? 0;
+    const isOld = !hasPicture() || age > OLD_MS || live.state.status !== "live";
+    if (old.hidden === isOld) old.hidden = !isOld;
+    frame.classList.toggle("is-old", isOld);
+    if (isOld) write(old, hasPicture() ? `Old picture: ${format.since(age / 1000)}` : "No picture yet");
+  }, CHECK_MS);
+  return () => clearInterval(timer);
 }
 
 function drawAll(canvas, kept, snapshot, unit, withRefused) {

@@ -16,7 +16,7 @@ export function lookOf({ status, severity, gates, acknowledged, is_alarm }) {
 
 export function rules(context) {
   const list = h("ul", { class: "list" });
-  const none = h("p", { class: "quiet" }, "No rule: nothing happens yet. Set-up has a choice of them.");
+  const none = h("p", { class: "quiet", hidden: true }, "No rule: nothing happens yet. Set-up has a choice of them.");
   const element = h("section", { class: "panel rules" }, h("h2", null, "Rules"), none, list);
   return {
     element,

@@ -24,6 +24,7 @@ export function widget(step) {
   step.busyWords = "Taking pictures: hold still …";
   step.goes = isProof ? "Take it as proof" : "Take it";
   if (!step.setup.state.doubt) measured();
+  step.picture.mode({ isSaid: true });
   step.picture.onValues((values) => {
     replace(seen, values.found ? `Found, ${Math.round(values.size_px[0])} px across.` : values.words || "Looking …");
     seen.classList.toggle("is-good", values.found);

@@ -8,6 +8,7 @@ export function widget(step) {
   const words = h("p", { role: "status", class: "setup-found" }, question.ready ? "" : "Click on the ball.");
   const slider = h("input", { type: "range", min: -12, max: 12, step: 1, value: 0, disabled: !question.ready, "aria-label": "Range of colours: narrower to wider", oninput: widened });
   const again = h("button", { type: "button", class: "button", onclick: forget }, "Forget the clicks");
+  const look = h("button", { type: "button", class: "button", onclick: () => ask({ look: true }) }, "Look for it");
   const kept = h("p", { class: "quiet small" });
   const views = h("div", { class: "setup-views row", role: "group", "aria-label": "What the picture shows" },
     [["mask", "What has this colour"], ["candidates", "Ball, and what is refused"], ["plain", "Plain"]].map(([view, name]) =>
@@ -16,7 +17,7 @@ export function widget(step) {
   let isAsking = false;
   let waiting = null;
 
-  picture.mode({ draw: "mask", onPlace: clicked, onCross: draw });
+  picture.mode({ draw: "mask", isSaid: true, onPlace: clicked, onCross: draw });
   replace(picture.below, views, refused);
   picture.onValues((values) => {
     draw();
@@ -24,7 +25,7 @@ export function widget(step) {
     replace(refused, list.map((each) => h("li", null, each.reason)));
   });
   step.text.addEventListener("change", () => ask({ range: step.answer }));
-  if (question.ready) ask({ range: question.ready }, true);
+  ask(question.ready ? { range: question.ready } : {}, true);
   picture.stage.dataset.first = "";
   step.setup.onLeave(() => delete picture.stage.dataset.first);
   tell();
@@ -33,7 +34,7 @@ export function widget(step) {
     h("p", null, "Click on the ball in the picture. Click again where the light falls otherwise, and in another light: the clicks count together."),
     words, kept,
     h("label", { class: "field" }, h("span", null, "Narrower or wider"), slider),
-    h("div", { class: "row" }, again));
+    h("div", { class: "row" }, look, again));
 
   function clicked(x_px, y_px) {
     state.clicks.push({ x_px, y_px });
@@ -53,6 +54,7 @@ export function widget(step) {
   async function ask(args, isQuiet = false) {
     if (isAsking) return void (waiting = args);
     isAsking = true;
+    step.progress.hidden = false;
     try {
       taken(await step.api.post("setup/colour", args), args);
     } catch (error) {
@@ -60,7 +62,11 @@ export function widget(step) {
       if (!isQuiet) step.say(error.message);
     }
     isAsking = false;
-    if (waiting) ask(...[waiting, (waiting = null)].slice(0, 1));
+    step.progress.hidden = true;
+    if (!waiting) return;
+    const next = waiting;
+    waiting = null;
+    ask(next);
   }
 
   function taken(answer, args) {

@@ -2,14 +2,15 @@
 
 import { h, svg } from "../../dom.js";
 
-const WIDTH = 600;
+const WIDTHS = [340, 600]; // on a phone, and else: the letters keep their size
 const LEFT = 8;
 const CURVE = 110;
 const LANE = 30;
 
 /** A picture of lanes as the server has them, with a title and, for those who cannot see it, a sentence for each rule. */
 export function lanesPicture(title, { seconds, rules, outputs, samples }, unit) {
-  const x = (at_s) => LEFT + (at_s / (seconds || 1)) * (WIDTH - 2 * LEFT);
+  const width = WIDTHS[Number(innerWidth >= 700)];
+  const x = (at_s) => LEFT + (at_s / (seconds || 1)) * (width - 2 * LEFT);
   const curves = Object.values(samples);
   const top_m = 1.1 * Math.max(0.1, ...curves.flat().map(([, distance_m]) => distance_m ?? 0));
   const y = (distance_m) => CURVE - (distance_m / top_m) * (CURVE - 14);
@@ -17,13 +18,13 @@ export function lanesPicture(title, { seconds, rules, outputs, samples }, unit) 
   const height = CURVE + 26 + lanes.length * LANE;
   return h("figure", { class: "setup-lanes" },
     h("figcaption", null, h("b", null, title), h("span", { class: "quiet small" }, ` ${Math.round(seconds)} s`)),
-    svg("svg", { viewBox: `0 0 ${WIDTH} ${height}`, role: "img", "aria-label": `${title}. ${inWords(rules, outputs)}` },
-      svg("line", { class: "axis", x1: LEFT, x2: WIDTH - LEFT, y1: CURVE, y2: CURVE }),
+    svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${title}. ${inWords(rules, outputs)}` },
+      svg("line", { class: "axis", x1: LEFT, x2: width - LEFT, y1: CURVE, y2: CURVE }),
       svg("text", { x: LEFT, y: 11 }, `${(top_m / unit.size_m).toPrecision(2)} ${unit.symbol}`),
       curves.map((curve, index) => svg("path", { class: `curve is-${index + 1}`, d: path(curve, x, y) })),
       lanes.map(([name, draw], index) => {
         const row = CURVE + 22 + index * LANE;
-        return svg("g", null, svg("text", { x: LEFT, y: row - 3 }, name), svg("rect", { class: "lane", x: LEFT, width: WIDTH - 2 * LEFT, y: row, height: 10 }), draw(row));
+        return svg("g", null, svg("text", { x: LEFT, y: row - 3 }, name), svg("rect", { class: "lane", x: LEFT, width: width - 2 * LEFT, y: row, height: 10 }), draw(row));
       })));
 }
 

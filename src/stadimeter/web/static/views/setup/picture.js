@@ -29,14 +29,20 @@ export class Picture {
     this.element = h("figure", { class: "setup-picture" }, this.stage, h("figcaption", null, this.caption, this.below));
   }
 
-  /** What is drawn: `{draw, onPlace(x_px, y_px), query}`; the default is the target, and no places. */
+  /** What is drawn: `{draw, onPlace(x_px, y_px), onCross(x_px, y_px), isSaid}`, where what is found is
+   *  said elsewhere; the default is the target, and no places. */
   mode(mode) {
-    this.#mode = { draw: "target", query: "", ...mode };
+    this.#mode = { draw: "target", ...mode };
     this.#listeners = [];
     replace(this.below);
     replace(this.marks);
     this.#makeClickable(Boolean(mode.onPlace));
     this.freeze(false);
+  }
+
+  /** Whether a step says itself what is found. */
+  get isSaid() {
+    return Boolean(this.#mode.isSaid);
   }
 
   /** Draw other things than before, from the next picture on. */
@@ -90,8 +96,7 @@ export class Picture {
   }
 
   async #show(stop) {
-    const { draw, query } = this.#mode;
-    const { blob, values } = await this.api.picture(`setup/picture.jpg?draw=${draw}&width_px=${WIDTH_PX}${query}`, { signal: stop.signal });
+    const { blob, values } = await this.api.picture(`setup/picture.jpg?draw=${this.#mode.draw}&width_px=${WIDTH_PX}`, { signal: stop.signal });
     if (stop.signal.aborted || this.isFrozen) return;
     const url = URL.createObjectURL(blob);
     this.image.src = url;
@@ -100,7 +105,7 @@ export class Picture {
     this.#url = url;
     this.values = values;
     this.marks.setAttribute("viewBox", `0 0 ${values.width_px} ${values.height_px}`);
-    this.#tell([this.#measured(values), values.words, ...(values.remarks ?? [])].filter(Boolean).join(" "));
+    this.#tell([this.#measured(values), this.#mode.isSaid ? "" : values.words, ...(values.remarks ?? [])].filter(Boolean).join(" "));
     for (const fn of this.#listeners) fn(values);
   }
 
@@ -126,10 +131,8 @@ export class Picture {
 
   #clicked(event) {
     if (event.button || !this.values) return;
-    const box = this.image.getBoundingClientRect();
-    const x_px = ((event.clientX - box.left) / box.width) * this.values.width_px;
-    const y_px = ((event.clientY - box.top) / box.height) * this.values.height_px;
-    if (x_px >= 0 && y_px >= 0 && x_px < this.values.width_px && y_px < this.values.height_px) this.#mode.onPlace(Math.round(x_px), Math.round(y_px));
+    const { x: x_px, y: y_px } = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.marks.getScreenCTM().inverse());
+    if (x_px >= 0 && y_px >= 0 && x_px < this.values.width_px && y_px < this.values.height_px) this.#mode.onPlace(Math.floor(x_px), Math.floor(y_px));
   }
 
   #keyed(event) {

@@ -26,7 +26,7 @@ export function answerForm(setup, widget = choices) {
   const enter = (event) => event.key === "Enter" && event.target.tagName === "SELECT" && (event.preventDefault(), form.requestSubmit());
   step.submit = (answer) => (step.set(answer), form.requestSubmit());
   const form = h("form", { class: "panel stack", onsubmit: send, onkeydown: enter, novalidate: true },
-    question.found.map((each) => h("p", { class: "quiet" }, each)),
+    !step.picture.isSaid && question.found.map((each) => h("p", { class: "quiet" }, each)),
     shown,
     others,
     doubt && h("div", { class: "setup-doubt", role: "alert" }, doubt.notes.map((each) => h("p", null, each)), h("p", null, "Change the answer, or go on with it as it is.")),

@@ -1,0 +1,126 @@
+"""Screenshots of the page, in a real browser, with a run in a simulated room: for docs/web.md."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from support.browser import ROOM, chromium, served, tab
+
+WIDE, PHONE = (1120, 760), (390, 780)
+COLOURS = 192
+"""As many colours as a screenshot keeps: a third of the bytes, and it looks the same."""
+
+STILL = ROOM.partition("path = [")[0] + 'path = [{ at = "0 s", x = "1.6 m", y = "0.2 m" }]\n'
+"""The ball does not move, so that a picture made again is nearly the same one."""
+
+
+def make_pages(folder: Path) -> None:
+    """Write the screenshots.
+
+    Args:
+        folder: Where to.
+    """
+    with tempfile.TemporaryDirectory() as room, chromium() as browser:
+        with _at(browser, Path(room), STILL, WIDE) as page:
+            _live(page, folder / "web-live.png")
+            _edited(page, folder / "web-edit.png")
+            _recorded(page, folder / "web-recordings.png")
+        with _at(browser, Path(room), STILL, PHONE, "dark") as page:
+            _live(page, folder / "web-phone.png")
+    with tempfile.TemporaryDirectory() as empty, chromium() as browser, _at(browser, Path(empty), None, WIDE) as page:
+        _set_up(page, folder)
+
+
+@contextmanager
+def _at(browser: Any, folder: Path, text: str | None, size: tuple[int, int], scheme: str = "light") -> Iterator[Any]:
+    with served(folder, text, runs=text is not None) as here, tab(browser, size=size, scheme=scheme) as page:
+        page.goto(here.url)
+        page.home = here.url
+        yield page
+
+
+def _live(page: Any, path: Path) -> None:
+    page.locator("canvas[data-drawn]").wait_for()
+    page.wait_for_timeout(20_000)  # until the chart has a line
+    _save(page, path)
+
+
+def _edited(page: Any, path: Path) -> None:
+    page.goto(f"{page.home}/#edit")
+    page.get_by_text("2 warnings").wait_for()
+    field = page.get_by_role("textbox", name="Configuration")
+    field.fill(field.input_value().replace('when = { below = "1 m" }', 'when = { below = "1 parsec" }'))
+    page.get_by_text("1 error").wait_for()
+    page.get_by_role("button", name="unknown unit").click()
+    _save(page, path)
+    field.fill(field.input_value().replace("1 parsec", "1 m"))
+
+
+def _recorded(page: Any, path: Path) -> None:
+    page.goto(f"{page.home}/#recordings")
+    page.get_by_role("button", name="Record", exact=True).click()
+    page.get_by_text("Recording: 6 s").wait_for()
+    page.get_by_role("button", name="Stop recording").click()
+    page.get_by_role("button", name="Replay").first.click()
+    page.get_by_label("Moment of the recording").fill("1")
+    page.get_by_text("1.0 s of").wait_for()
+    page.get_by_text("Measured").wait_for()
+    page.wait_for_timeout(1000)
+    _save(page, path)
+
+
+def _set_up(page: Any, folder: Path) -> None:
+    def asked(words: str) -> None:
+        page.get_by_role("heading", name=words).wait_for()
+        page.wait_for_timeout(1500)
+
+    def go(words: str = "Go on") -> None:
+        page.get_by_role("button", name=words, exact=True).click()
+
+    page.goto(f"{page.home}/#setup")
+    asked("Which camera?")
+    page.get_by_text("simulated room").first.click()
+    go()
+    asked("What shall be measured?")
+    go()
+    asked("How large is the ball?")
+    go()
+    asked("Which colour has the ball?")
+    box = page.get_by_alt_text("What the camera sees").bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.get_by_role("button", name="Forget the clicks").wait_for()
+    page.wait_for_timeout(1500)
+    _save(page, folder / "web-colour.png")
+    go()
+    asked("How far away is the ball?")
+    go("Take it")
+    asked("Now put the ball farther away")
+    page.get_by_label("Distance of the simulated ball in metres").fill("3.1")
+    page.wait_for_timeout(1000)
+    go("Take it as proof")
+    asked("What shall happen?")
+    go()
+    asked("Nearer than what?")
+    page.wait_for_timeout(2000)
+    _save(page, folder / "web-wish.png")
+    go()
+    asked("drive?")
+    page.wait_for_timeout(2000)
+    _save(page, folder / "web-wiring.png")
+
+
+def _save(page: Any, path: Path) -> None:
+    """Write what is in sight, with few colours."""
+    shown = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    shown.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+if __name__ == "__main__":
+    make_pages(Path(__file__).parent)
