@@ -44,7 +44,7 @@ export class Saving {
     try {
       const answer = await this.desk.api.post(path);
       replace(this.element);
-      this.desk.say(answer?.words ?? "Done.");
+      this.desk.say(answer?.words ?? (answer?.changed?.length ? `Done; changed: ${answer.changed.join(", ")}.` : "Done."));
     } catch (error) {
       this.desk.say(error.message, "error");
     }
