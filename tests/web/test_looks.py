@@ -26,6 +26,8 @@ def opened(page: Any, here: Served, view: str) -> None:
     page.wait_for_load_state("load")
     if view == "edit":
         page.locator(".to-line").first.wait_for()  # what its check found
+    if view == "setup":
+        page.locator(".setup-way .primary").wait_for()  # the question is there, and has the focus
     if view == "live":
         page.locator("canvas[data-drawn]").wait_for()
         page.get_by_text("Show what was refused").click()

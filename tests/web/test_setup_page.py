@@ -11,7 +11,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers
 from support.browser import DESKTOP, PHONE, TABLET, served, tab
 
-BALLS = Path("/work/shared/data/tennis_ball/images")
+BALLS = Path(__file__).resolve().parents[3] / "shared" / "data" / "tennis_ball" / "images"
 
 CAMERA = {"camera": "simulated"}
 TARGET = {**CAMERA, "target": "ball", "size": "20 cm"}

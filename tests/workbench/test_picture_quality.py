@@ -12,7 +12,7 @@ from stadimeter.workbench.picture_quality import blur_sigma_px, picture_remarks
 
 pytestmark = pytest.mark.vision
 
-REAL = Path("/work/shared/data")
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data"
 PICTURES = [
     "tennis_ball/images/89_10.jpg",
     "seed_sheet/3ft.png",
