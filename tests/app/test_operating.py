@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from stadimeter.app.bootstrap import build
+from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.control import recording
 from stadimeter.app.control.messages import Reply, parse_request
 from stadimeter.app.control.recording import Bounds, recordings_folder
@@ -144,6 +144,11 @@ class TestRecording:
     def test_a_service_records_to_the_folder_of_its_state(self, tmp_path, monkeypatch):
         monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/stadimeter")
         assert str(recordings_folder(tmp_path / "room.toml")) == "/var/lib/stadimeter/recordings"
+
+    def test_the_demonstration_records_to_the_current_folder(self, tmp_path, monkeypatch):
+        monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+        monkeypatch.chdir(tmp_path)
+        assert recordings_folder(demo_configuration().path) == tmp_path / "recordings"
 
 
 class TestContinuing:

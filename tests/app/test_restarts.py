@@ -17,6 +17,7 @@ from stadimeter.app.control.restarting import Restarter, built
 from stadimeter.app.page_process import PageProcess
 from stadimeter.errors import ControlError
 from stadimeter.testing.eventually import eventually
+from support.processes import children, is_running
 from support.simulated_run import SIMULATED_BALL
 
 ROOM = (
@@ -147,10 +148,20 @@ def test_a_page_lives_through_a_restart_and_ends_with_the_run(program):
     assert not Path(f"/proc/{page}").exists()
 
 
-def children(pid):
-    """Return the processes that a process has started, in whichever thread."""
-    threads = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(each) for thread in threads for each in thread.read_text().split()]
+@pytest.mark.skipif(not (find_spec("uvicorn") and find_spec("starlette")), reason="the extra web is not installed")
+def test_a_page_ends_with_a_run_that_is_killed_also_after_a_restart_and_frees_its_port(program):
+    port = free_port()
+    run = program(f'{ROOM}\n[web]\nport = {port}\nhost = "127.0.0.1"\n')
+    assert eventually(lambda: "The page: " in run.said())
+    (page,) = children(run.process.pid)
+    run.heard.clear()
+    ask(run.socket, "restart", wait_s=20)
+    assert eventually(lambda: "READY=1" in run.heard), run.said()
+    assert children(run.process.pid) == [page]
+    run.process.kill()
+    run.process.wait()
+    assert eventually(lambda: not is_running(page))
+    socket.create_server(("127.0.0.1", port)).close()
 
 
 def test_the_problems_of_a_file_go_with_the_answer(tmp_path):

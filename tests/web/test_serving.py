@@ -9,6 +9,7 @@ import socket
 import ssl
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -21,6 +22,7 @@ from stadimeter.web.run_process import RunProcess
 from stadimeter.web.serving import EVERYWHERE, check_certificate, listen
 from support.browser import served
 from support.page import OPERATE, quicken, served_page
+from support.processes import children, is_running
 
 
 def test_without_a_password_others_cannot_reach_it(tmp_path):
@@ -135,11 +137,51 @@ def test_it_ends_at_once_also_with_streams_that_are_open(tmp_path, number):
         connection.close()
 
 
-def asked(here, method, path):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_ends_in_silence_while_the_workbench_hangs_and_a_download_is_slow(tmp_path, number, capfd):
+    with served(tmp_path, runs=False) as here:
+        folder = Path(asked(here, "GET", "/api/v1/recordings")[1]["folder"])
+        folder.mkdir(exist_ok=True)
+        with (folder / "long.mcap").open("wb") as file:
+            file.truncate(200_000_000)
+        (workbench,) = children(here.page.pid)
+        slow = asking(here, "/api/v1/recordings/long.mcap")
+        assert slow.getresponse().read(10) == bytes(10)
+        os.kill(workbench, signal.SIGSTOP)
+        hanging = asking(here, "/api/v1/configuration")
+        here.page.send_signal(number)
+        answer = hanging.getresponse()
+        assert (answer.status, json.loads(answer.read())["error"]["code"]) == (503, "page-ends")
+        assert here.page.wait(20) == 0
+        assert not is_running(workbench)
+        slow.close()
+        hanging.close()
+    assert capfd.readouterr().err == ""
+
+
+def test_the_workbench_ends_with_a_page_that_is_killed_and_frees_its_camera(tmp_path):
+    with served(tmp_path, runs=False) as here:
+        assert asked(here, "POST", "/api/v1/setup/begin", {"anew": True})[0] == 200
+        assert asked(here, "POST", "/api/v1/setup/camera", {"camera": "simulated"})[0] == 200
+        (workbench,) = children(here.page.pid)
+        here.page.kill()
+        here.page.wait()
+        assert eventually(lambda: not is_running(workbench))
+
+
+def asking(here, path):
+    """Begin to ask a page, and leave the answer unread."""
+    connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=60)
+    connection.request("GET", path)
+    return connection
+
+
+def asked(here, method, path, body=None):
     """Ask a page that is served by another process, as a page of its own does."""
     connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=60)
     try:
-        connection.request(method, path, headers={"Origin": here.url, "Content-Type": "application/json"})
+        headers = {"Origin": here.url, "Content-Type": "application/json"}
+        connection.request(method, path, body and json.dumps(body), headers)
         answer = connection.getresponse()
         return answer.status, json.loads(answer.read())
     finally:

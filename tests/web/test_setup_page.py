@@ -217,6 +217,29 @@ def test_save_says_that_the_tests_pass_and_writes_a_configuration_that_loads(pag
     assert [rule.name for rule in written.plan.rules] == ["far"]
 
 
+def test_a_run_that_dies_while_it_shall_take_over_is_told_and_the_next_press_starts_one(browser, tmp_path):
+    with served(tmp_path) as here, tab(browser) as page:
+        save_answers(tmp_path / ANSWERS, ALL)
+        page.goto(f"{here.url}/#live")
+        page.get_by_text("live", exact=True).wait_for()
+        page.goto(f"{here.url}/#setup")
+        press = page.get_by_role("button", name="Save, and run it")
+        press.wait_for()
+
+        def killed_first(route):
+            here.run.kill()
+            here.run.wait()
+            route.continue_()
+
+        page.route("**/run/restart", killed_first)
+        press.click()
+        page.get_by_text("It is saved, but it does not run").wait_for()
+        assert "[rules.near]" not in here.configuration.read_text()
+        press.click()
+        page.locator("canvas[data-drawn]").wait_for()
+        load_configuration(here.configuration)
+
+
 def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, here):
     begin_at(page, here, ALL)
     page.get_by_role("heading", name="All 2 tests pass").wait_for()

@@ -51,6 +51,17 @@ def test_a_configuration_that_is_not_there_yet_can_be_written(tmp_path: Path) ->
     assert ask(desk, "check", text=HERE)["problems"] == []
 
 
+def test_the_demonstration_stays_as_it_is_and_nothing_is_written_beside_it(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stadimeter.config.loader.DEMONSTRATION", desk.configuration)
+    before = {path: path.read_bytes() for path in desk.configuration.parent.iterdir()}
+    for name, args in (("save", {"text": THERE, "base_version": version(desk)}), ("setup-begin", {})):
+        with pytest.raises(ConfigError, match=r"in a folder of yours"):
+            operation(name)(desk, args)
+    assert {path: path.read_bytes() for path in desk.configuration.parent.iterdir()} == before
+
+
 def test_a_text_that_is_no_toml_has_its_line(desk: Desk) -> None:
     found = ask(desk, "check", text=HERE + "below = = 2\n")
     assert [(each["severity"], each["line"]) for each in found["problems"]] == [("error", HERE.count("\n") + 1)]

@@ -310,6 +310,10 @@ def test_a_camera_that_another_program_has_is_told_and_can_be_tried_again(
     setup("begin")
     with pytest.raises(DeviceOpenError):
         setup("camera", camera=f"opencv,device={device.node}")
+    with monkeypatch.context() as busy:
+        busy.setattr("stadimeter.cameras.opencv_device.is_in_use", lambda _node: True)
+        with pytest.raises(DeviceOpenError, match="another program is using it"):
+            setup("camera", camera="opencv,device=/dev/null")
     device.is_busy = False
     assert setup("camera", camera=f"opencv,device={device.node}")["width_px"] == 640
 

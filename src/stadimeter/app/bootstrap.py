@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import stadimeter
 from stadimeter.app.capture import Capture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.cycle import Cycle
 from stadimeter.app.leased_output import LeasedOutput
-from stadimeter.config.loader import Configuration, DriverChoice, load_configuration
+from stadimeter.config.loader import DEMONSTRATION, Configuration, DriverChoice, load_configuration
 from stadimeter.config.plugins import DriverContext, Shared
 from stadimeter.core.clock import Clock
 from stadimeter.core.outputs import safe_command
@@ -186,5 +184,5 @@ def _no_camera_model(configuration: Configuration) -> Problem:
 
 
 def demo_configuration() -> Configuration:
-    """Load the demonstration's configuration: ``config/demo.toml`` of the checkout, or its copy in a package."""
-    return load_configuration(Path(stadimeter.__file__).parent / "configurations" / "demo.toml")
+    """Load the configuration of the demonstration."""
+    return load_configuration(DEMONSTRATION)

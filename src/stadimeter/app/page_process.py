@@ -18,7 +18,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stadimeter.app.restarts import HANDED_ON, RESTARTED
+from stadimeter.app.restarts import HANDED_ON, OF_RUN, RESTARTED
 
 if TYPE_CHECKING:
     from stadimeter.config.models import WebTable
@@ -31,7 +31,7 @@ PROVEN_S = 60.0
 """After a page that lived this long, the waits begin anew."""
 
 END_WAIT_S = 0.8
-"""A page that is asked to end has this long; then it is killed."""
+"""A page that is asked to end has this long; then it is killed. Its workbench ends by the end of its input then."""
 
 LINE_MAX = 500
 """No more characters of a line of the page are told."""
@@ -156,7 +156,8 @@ def _begun(command: list[str]) -> tuple[int, int]:
     try:
         nothing = os.open(os.devnull, os.O_RDONLY)
         actions = [(os.POSIX_SPAWN_DUP2, nothing, 0), (os.POSIX_SPAWN_DUP2, end, 1), (os.POSIX_SPAWN_DUP2, end, 2)]
-        environment = {name: value for name, value in os.environ.items() if name not in _OF_RUN} | UNBUFFERED
+        environment = {name: value for name, value in os.environ.items() if name not in _OF_RUN}
+        environment |= {**UNBUFFERED, OF_RUN: str(os.getpid())}
         pid = os.posix_spawn(command[0], command, environment, file_actions=actions, setpgroup=0)
         os.close(nothing)
     finally:

@@ -16,6 +16,9 @@ HANDED_ON = "STADIMETER_PAGE"
 HAS_PAGE = "STADIMETER_HAS_PAGE"
 """A run that was started by a page finds this in its environment, and starts none of its own."""
 
+OF_RUN = "STADIMETER_OF_RUN"
+"""A page that was started by a run finds here the process id of that run, with which it ends. A restart keeps it."""
+
 RESTARTING = "restart, as asked"
 
 

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import stadimeter
 from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, Draft, parts_of, read_draft
 from stadimeter.config.driver_tables import CAMERA, read_driver_table
@@ -32,7 +33,15 @@ from stadimeter.errors import ConfigError, Problem
 if TYPE_CHECKING:  # loaded only for configurations whose tests are asked for
     from stadimeter.config.rule_test_tables import RuleTest
 
-__all__ = ["Configuration", "DriverChoice", "load_camera_choice", "load_configuration"]
+__all__ = ["Configuration", "DriverChoice", "is_demonstration", "load_camera_choice", "load_configuration"]
+
+DEMONSTRATION = Path(stadimeter.__file__).parent / "configurations" / "demo.toml"
+"""The configuration of the demonstration: ``config/demo.toml`` of the checkout, or its copy in a package."""
+
+
+def is_demonstration(configuration: Path) -> bool:
+    """Return whether a file is the demonstration's, which nothing may change and beside which nothing is written."""
+    return configuration.resolve() == DEMONSTRATION.resolve()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

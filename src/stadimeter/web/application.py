@@ -35,7 +35,8 @@ def _route(page: Page, place: Place) -> Route:
 
     async def admitted(request: Request) -> Response:
         page.access.check_place(place, request.scope)
-        return await answer(request)
+        async with page.until_the_end():
+            return await answer(request)
 
     route = Route(place.path, admitted)
     route.methods = {place.method}  # and no HEAD with each GET: a stream would not end

@@ -7,7 +7,7 @@ import html
 import mimetypes
 import time
 from collections.abc import AsyncGenerator
-from contextlib import aclosing
+from contextlib import aclosing, asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,10 +73,33 @@ class Page:
         self._static = StaticFiles(directory=HERE / "static", check_dir=False)
         self._shots: dict[str, tuple[float, Answer]] = {}
         self._shooting = asyncio.Lock()
+        self._limits: set[asyncio.Timeout] = set()
+        self._is_ending = False
+
+    @asynccontextmanager
+    async def until_the_end(self) -> AsyncGenerator[None]:
+        """Do what an answer needs; `PageError` as soon as the page ends meanwhile."""
+        try:
+            async with asyncio.timeout(0 if self._is_ending else None) as limit:
+                self._limits.add(limit)
+                yield
+        except TimeoutError as error:
+            if not limit.expired():
+                raise
+            raise PageError(503, "page-ends", "the page has been ended; start it again") from error
+        finally:
+            self._limits.discard(limit)
+
+    def end(self) -> None:
+        """Let go whoever watches, or waits for an answer."""
+        self._is_ending = True
+        self.feeds.close()
+        while self._limits:
+            self._limits.pop().reschedule(0.0)
 
     async def close(self) -> None:
         """End what it started."""
-        self.feeds.close()
+        self.end()
         await asyncio.gather(self.workbench.close(), self.run_process.end())
 
     async def index(self, request: Request) -> Response:

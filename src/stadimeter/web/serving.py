@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import logging
 import os
 import signal
 import socket
 import ssl
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from stadimeter.app.restarts import OF_RUN
 from stadimeter.errors import PageError
 from stadimeter.web.access import is_loopback
 from stadimeter.web.application import application
@@ -84,7 +86,10 @@ def serve(
     tls: tuple[Path | None, Path | None] = (None, None),
     ready: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve the page until SIGTERM or SIGINT, which end it at once, streams that are open too."""
+    """Serve the page until SIGTERM or SIGINT, or the end of the run that started it.
+
+    Each ends it at once: streams end, and who waits for an answer is told that there will be none.
+    """
     asyncio.run(_serve(Page(options, listener.getsockname()[:2]), listener, tls, ready))
 
 
@@ -94,18 +99,51 @@ async def _serve(
     server = server_of(page, tls)
 
     def end() -> None:
+        if not server.should_exit:
+            work.create_task(page.close())
         server.force_exit = server.should_exit
         server.should_exit = True
-        page.feeds.close()
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # a download that is cut short is no fault
 
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, end)
-    ready()
+    async with asyncio.TaskGroup() as work:
+        with at_end_of_run(end):
+            ready()
+            await server.serve(sockets=[listener])
+
+
+@contextmanager
+def at_end_of_run(end: Callable[[], None], environ: Mapping[str, str] = os.environ) -> Generator[None]:
+    """Call ``end`` when the run that started this process is gone, however it went; nothing if no run did.
+
+    A request of the kernel to be killed with the parent would be about the thread that started us, which ends sooner.
+    """
+    run = environ.get(OF_RUN, "")
+    if not run.isdecimal():
+        yield
+        return
+    loop = asyncio.get_running_loop()
     try:
-        await server.serve(sockets=[listener])
+        process = os.pidfd_open(int(run))
+    except ProcessLookupError:
+        end()
+        yield
+        return
+
+    def ended() -> None:
+        loop.remove_reader(process)
+        end()
+
+    loop.add_reader(process, ended)
+    if os.getppid() != int(run):  # it went before we looked, and the number is another's now
+        ended()
+    try:
+        yield
     finally:
-        await page.close()
+        loop.remove_reader(process)
+        os.close(process)
 
 
 def server_of(page: Page, tls: tuple[Path | None, Path | None] = (None, None)) -> uvicorn.Server:

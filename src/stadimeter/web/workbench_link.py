@@ -49,9 +49,10 @@ class WorkbenchLink:
         return await asyncio.shield(self._begun(self._ask(op, args, wait_s)))
 
     async def close(self) -> None:
-        """End the process."""
-        async with self._turn:
-            await self._end()
+        """End the process; what it is still asked is not answered."""
+        for work in self._work:
+            work.cancel()
+        await self._end()
 
     def _begun(self, work: Any) -> asyncio.Task[Any]:
         task = asyncio.create_task(work)
@@ -101,7 +102,11 @@ class WorkbenchLink:
 
     def _rest(self) -> None:
         if not self._waiting:
-            self._begun(self.close())
+            self._begun(self._rested())
+
+    async def _rested(self) -> None:
+        async with self._turn:
+            await self._end()
 
     async def _end(self, *, at_once: bool = False) -> None:
         """Let the process end at the end of its input; kill it if it does not."""

@@ -19,6 +19,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 from stadimeter.config.atomic_file import write_all_atomically, write_atomically
+from stadimeter.config.loader import is_demonstration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, size_text
 from stadimeter.errors import ConfigError, NotThereError, Problem
 
@@ -68,6 +69,14 @@ class Version:
             for file in sorted(self.folder.rglob("*"))
             if file.is_file() and not file.name.startswith(".")
         }
+
+
+def check_is_not_ours(configuration: Path) -> None:
+    """Raise a `ConfigError` for the demonstration's configuration: each start of it shall show the same."""
+    if is_demonstration(configuration):
+        words = "this is the demonstration's, and stays as it is"
+        hint = "for one of your own, end this and run `stadimeter web stadimeter.toml` in a folder of yours"
+        raise ConfigError([Problem(words, str(configuration), hint=hint)])
 
 
 def save_files(

@@ -16,12 +16,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import stadimeter
 from stadimeter.app.control.messages import RecordArgs, Reply
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
 from stadimeter.app.service_folders import state_directory
+from stadimeter.config.loader import is_demonstration
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.errors import JournalError, StadimeterError
@@ -62,8 +62,7 @@ def recordings_folder(configuration: Path) -> Path:
     if of_service is not None:
         return of_service / FOLDER
     beside = configuration.resolve().parent
-    is_ours = beside.is_relative_to(Path(stadimeter.__file__).parent)  # the demonstration's
-    return (Path.cwd() if is_ours else beside) / FOLDER
+    return (Path.cwd() if is_demonstration(configuration) else beside) / FOLDER
 
 
 @dataclass(slots=True, kw_only=True)

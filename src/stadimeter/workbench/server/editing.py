@@ -26,7 +26,7 @@ from stadimeter.config.units import path_from
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, Problem, UnreadableError
 from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
-from stadimeter.workbench.saving import difference_in_words, files_of, save_files, versions
+from stadimeter.workbench.saving import check_is_not_ours, difference_in_words, files_of, save_files, versions
 from stadimeter.workbench.server.arguments import text, truth
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 
@@ -192,6 +192,7 @@ def _told(result: RuleTestResult) -> dict[str, Any]:
 
 def _saved(desk: Desk, files: Mapping[str, str], args: Mapping[str, Any]) -> Reply:
     place = desk.configuration
+    check_is_not_ours(place)
     needs = _needed(desk, files)
     base = text(args, "base_version", "")
     _, kept = save_files(place.parent, files, lambda: _refuse_if_changed(desk, base, files[place.name]))

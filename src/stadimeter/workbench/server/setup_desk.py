@@ -16,6 +16,7 @@ from stadimeter.core.measurement import Measurement
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S
 from stadimeter.workbench.run_camera import source_beside_run
+from stadimeter.workbench.saving import check_is_not_ours
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers
 from stadimeter.workbench.setup.camera_step import CameraStep, table_of
 from stadimeter.workbench.setup.colour_trial import ColourTrial
@@ -89,6 +90,7 @@ class SetupDesk:
         Args:
             anew: Whether to ask everything again, with the answers of the last time ready.
         """
+        check_is_not_ours(self._configuration)
         self.leave()
         saved = self._saved()
         known = Known(folder=self.folder, opening=self.camera.opened, looks_ahead=False)
