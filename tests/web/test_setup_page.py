@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import cv2
 import pytest
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers
 from support.browser import DESKTOP, PHONE, TABLET, served, tab
+from support.cameras import StreamServer
 
 BALLS = Path("/work/shared/data/tennis_ball/images")
 
@@ -156,6 +158,33 @@ def test_the_same_distance_twice_proves_nothing_and_is_refused(page, here):
     go_on(page)
     assert page.locator(".setup-error:not([hidden])").first.inner_text()
     assert "proof" not in kept(here)
+
+
+def test_a_real_chessboard_before_the_camera_gives_the_lens_and_says_what_is_still_wanted(page, here, real_pictures):
+    pictures = [cv2.imread(str(path)) for path in sorted((real_pictures / "chessboard").glob("left[0-9]*.jpg"))][::2]
+    device = StreamServer(shown=pictures[0])
+    try:
+        begin_at(page, here, {**COLOUR, "camera": device.address})
+        page.get_by_text("With a printed board").click()
+        section = page.locator(".setup-by-board")
+        section.get_by_label("Columns").fill("0")
+        page.keyboard.press("Enter")
+        section.get_by_text("A board has 3 to 60 columns and rows").wait_for()
+        section.get_by_label("Columns").fill("9")
+        page.keyboard.press("Enter")
+        section.get_by_text("1 view, in").wait_for()
+        assert "the board in the" in section.locator("li").first.inner_text()
+        for views, picture in enumerate(pictures[1:5], start=2):
+            device.shown = picture
+            section.get_by_text(f"{views} views, in").wait_for()
+        page.get_by_text(re.compile(r"Focal length 5[234]\d px ± \d")).wait_for()
+        assert page.locator(".setup-marks .is-covered").count() >= 3
+        section.get_by_role("button", name="Take this lens").click()
+        page.get_by_role("heading", name="What shall happen?").wait_for()
+        assert kept(here)["calibration"] == "init/board.toml"
+    finally:
+        page.request.post(f"{here.url}/api/v1/setup/leave", data={}, headers={"Origin": here.url})
+        device.stop()
 
 
 def test_a_set_up_that_was_left_is_taken_up_at_its_question_and_goes_back_to_any(page, here):
