@@ -73,7 +73,7 @@ class CameraStep(Step):
         known.camera_model = None
         write_picture(known.path(SHOWN), known.frame.image)
         size = f"{known.frame.width_px} × {known.frame.height_px} pixels"
-        seen = f"It sees {size}; the picture is {SHOWN}."
+        seen = f"It sees {size}.{known.shown_in(SHOWN)}"
         remarks = tuple(f"{each[0].upper()}{each[1:]}." for each in picture_remarks(known.frame.image))
         return Accepted(answer=text, notes=(seen, *remarks), doubt=bool(remarks))
 
