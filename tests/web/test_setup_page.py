@@ -133,6 +133,8 @@ def test_a_wider_range_of_colours_is_another_range_and_can_be_taken_back(page, h
 @pytest.mark.parametrize(
     ("answers", "wrong", "words"),
     [
+        pytest.param({}, "", "othing is chosen yet", id="no camera"),
+        pytest.param(LENS, "", "othing is chosen yet", id="no wish"),
         pytest.param({}, "/dev/video97", "video97", id="a camera that is not there"),
         pytest.param(CAMERA | {"target": "ball"}, "0 cm", "above zero", id="a size of nothing"),
         pytest.param(BLANKS, "buzzer 99", "99", id="a pin that the header has not"),
@@ -253,7 +255,7 @@ def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, h
     page.get_by_role("button", name="Save only").click()
     page.get_by_text("Below is what yours changes in theirs").wait_for()
     assert here.configuration.read_text() == "# of another\n"
-    assert "- # of another" in page.locator(".setup-file").first.inner_text()
+    assert "- # of another" in page.locator(".difference").inner_text()
     page.get_by_role("button", name="Save only").click()
     page.get_by_text("It is saved.").wait_for()
     page.reload()
