@@ -106,6 +106,21 @@ def test_a_click_on_the_ball_finds_its_colour_and_one_on_the_wall_says_what_is_w
     assert page.locator(".setup-text input").input_value() == colour
 
 
+def test_clicks_are_listed_and_taken_back_one_by_one(page, here):
+    begin_at(page, here, TARGET)
+    picture = page.locator(".setup-stage-picture")
+    page.locator(".setup-stage-picture img[src]").wait_for()
+    box = picture.bounding_box()
+    for share in (0.5, 0.505):
+        picture.click(position={"x": box["width"] * share, "y": box["height"] / 2})
+        page.get_by_role("button", name=re.compile("^Forget click")).nth(int(share > 0.5)).wait_for()
+    page.get_by_role("button", name="Forget click 2").click()
+    page.get_by_role("button", name="Forget click 2").wait_for(state="detached")
+    page.get_by_role("button", name="Forget click 1").click()
+    page.locator(".setup-found").get_by_text("Click on the ball.").wait_for()
+    assert page.locator(".setup-text input").input_value() == ""
+
+
 def test_the_cross_on_the_picture_moves_by_arrow_keys_and_enter_takes_its_place(page, here):
     begin_at(page, here, TARGET)
     picture = page.get_by_role("application")
