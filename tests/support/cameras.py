@@ -81,9 +81,14 @@ class NodeHandle:
 
 
 class StreamServer:
-    """Sends JPEG pictures over HTTP, as network cameras do, until it is stopped."""
+    """Sends JPEG pictures over HTTP, as network cameras do, until it is stopped.
 
-    def __init__(self, port: int = 0) -> None:
+    Attributes:
+        shown: What it sends, with noise in a corner, as no camera sends the same picture twice; None for noise alone.
+    """
+
+    def __init__(self, port: int = 0, shown: Image | None = None) -> None:
+        self.shown = shown
         self._is_stopped = threading.Event()
         owner = self
 
@@ -117,10 +122,18 @@ class StreamServer:
         request.end_headers()
         number = 0
         while not self._is_stopped.wait(0.01):
-            _, data = cv2.imencode(".jpg", picture(number))
+            _, data = cv2.imencode(".jpg", self._picture(number))
             head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n"
             request.wfile.write(head.encode() + data.tobytes() + b"\r\n")
             number += 1
+
+    def _picture(self, number: int) -> Image:
+        noise = picture(number)
+        if self.shown is None:
+            return noise
+        sent = self.shown.copy()
+        sent[-noise.shape[0] :, -noise.shape[1] :] = noise
+        return sent
 
     def stop(self) -> None:
         """Hang up, and answer no more. May be called again."""

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import cv2
 import pytest
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers
 from support.browser import DESKTOP, PHONE, TABLET, served, tab
+from support.cameras import StreamServer
 
 BALLS = Path(__file__).resolve().parents[3] / "shared" / "data" / "tennis_ball" / "images"
 
@@ -104,6 +106,21 @@ def test_a_click_on_the_ball_finds_its_colour_and_one_on_the_wall_says_what_is_w
     assert page.locator(".setup-text input").input_value() == colour
 
 
+def test_clicks_are_listed_and_taken_back_one_by_one(page, here):
+    begin_at(page, here, TARGET)
+    picture = page.locator(".setup-stage-picture")
+    page.locator(".setup-stage-picture img[src]").wait_for()
+    box = picture.bounding_box()
+    for share in (0.5, 0.505):
+        picture.click(position={"x": box["width"] * share, "y": box["height"] / 2})
+        page.get_by_role("button", name=re.compile("^Forget click")).nth(int(share > 0.5)).wait_for()
+    page.get_by_role("button", name="Forget click 2").click()
+    page.get_by_role("button", name="Forget click 2").wait_for(state="detached")
+    page.get_by_role("button", name="Forget click 1").click()
+    page.locator(".setup-found").get_by_text("Click on the ball.").wait_for()
+    assert page.locator(".setup-text input").input_value() == ""
+
+
 def test_the_cross_on_the_picture_moves_by_arrow_keys_and_enter_takes_its_place(page, here):
     begin_at(page, here, TARGET)
     picture = page.get_by_role("application")
@@ -131,6 +148,8 @@ def test_a_wider_range_of_colours_is_another_range_and_can_be_taken_back(page, h
 @pytest.mark.parametrize(
     ("answers", "wrong", "words"),
     [
+        pytest.param({}, "", "othing is chosen yet", id="no camera"),
+        pytest.param(LENS, "", "othing is chosen yet", id="no wish"),
         pytest.param({}, "/dev/video97", "video97", id="a camera that is not there"),
         pytest.param(CAMERA | {"target": "ball"}, "0 cm", "above zero", id="a size of nothing"),
         pytest.param(BLANKS, "buzzer 99", "99", id="a pin that the header has not"),
@@ -156,6 +175,33 @@ def test_the_same_distance_twice_proves_nothing_and_is_refused(page, here):
     go_on(page)
     assert page.locator(".setup-error:not([hidden])").first.inner_text()
     assert "proof" not in kept(here)
+
+
+def test_a_real_chessboard_before_the_camera_gives_the_lens_and_says_what_is_still_wanted(page, here, real_pictures):
+    pictures = [cv2.imread(str(path)) for path in sorted((real_pictures / "chessboard").glob("left[0-9]*.jpg"))][::2]
+    device = StreamServer(shown=pictures[0])
+    try:
+        begin_at(page, here, {**COLOUR, "camera": device.address})
+        page.get_by_text("With a printed board").click()
+        section = page.locator(".setup-by-board")
+        section.get_by_label("Columns").fill("0")
+        page.keyboard.press("Enter")
+        section.get_by_text("A board has 3 to 60 columns and rows").wait_for()
+        section.get_by_label("Columns").fill("9")
+        page.keyboard.press("Enter")
+        section.get_by_text("1 view, in").wait_for()
+        assert "the board in the" in section.locator("li").first.inner_text()
+        for views, picture in enumerate(pictures[1:5], start=2):
+            device.shown = picture
+            section.get_by_text(f"{views} views, in").wait_for()
+        page.get_by_text(re.compile(r"Focal length 5[234]\d px ± \d")).wait_for()
+        assert page.locator(".setup-marks .is-covered").count() >= 3
+        section.get_by_role("button", name="Take this lens").click()
+        page.get_by_role("heading", name="What shall happen?").wait_for()
+        assert kept(here)["calibration"] == "init/board.toml"
+    finally:
+        page.request.post(f"{here.url}/api/v1/setup/leave", data={}, headers={"Origin": here.url})
+        device.stop()
 
 
 def test_a_set_up_that_was_left_is_taken_up_at_its_question_and_goes_back_to_any(page, here):
@@ -247,7 +293,7 @@ def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, h
     page.get_by_role("button", name="Save only").click()
     page.get_by_text("Below is what yours changes in theirs").wait_for()
     assert here.configuration.read_text() == "# of another\n"
-    assert "- # of another" in page.locator(".setup-file").first.inner_text()
+    assert "- # of another" in page.locator(".difference").inner_text()
     page.get_by_role("button", name="Save only").click()
     page.get_by_text("It is saved.").wait_for()
     page.reload()

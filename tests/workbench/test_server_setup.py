@@ -22,7 +22,7 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import CalibrationError, ConfigError, ControlError, DeviceOpenError, StadimeterError
 from stadimeter.workbench.server.operations import MODULES, Desk, Reply, operation
 from stadimeter.workbench.server.setup_operations import setup_of
-from stadimeter.workbench.setup.camera_step import with_exposure
+from stadimeter.workbench.setup.camera_step import with_exposure, with_resolution
 from stadimeter.workbench.setup.lens import parse_distance
 from support.browser import ROOM
 from support.scenes.backdrop import PlainBackdrop
@@ -164,6 +164,21 @@ def test_a_click_beside_the_ball_does_not_spoil_the_one_on_it(in_room: Setup) ->
     again = in_room("colour", clicks=[SKY])
     assert not again["found"]
     assert again["range"] == on_it["range"]
+
+
+def test_a_click_is_taken_back_by_itself_and_the_others_still_count(in_room: Setup) -> None:
+    in_room("picture", draw="plain")
+    first = in_room("colour", clicks=[BALL_AT])
+    both = in_room("colour", clicks=[[BALL_AT[0] - 4, BALL_AT[1] - 6]])
+    assert both["clicks"] == [BALL_AT, [BALL_AT[0] - 4, BALL_AT[1] - 6]]
+    with pytest.raises(ConfigError, match="not there any more"):
+        in_room("colour", forget=2)
+    left = in_room("colour", forget=1)
+    assert left["clicks"] == [BALL_AT]
+    assert left["range"] == first["range"]
+    none = in_room("colour", forget=0)
+    assert none["clicks"] == []
+    assert none["range"] == ""
 
 
 def test_what_stands_out_is_tried_without_a_click(in_room: Setup) -> None:
@@ -316,6 +331,14 @@ def test_a_camera_that_another_program_has_is_told_and_can_be_tried_again(
             setup("camera", camera="opencv,device=/dev/null")
     device.is_busy = False
     assert setup("camera", camera=f"opencv,device={device.node}")["width_px"] == 640
+
+
+def test_a_resolution_takes_the_place_of_another_and_words_are_refused() -> None:
+    assert with_resolution("/dev/video0,width_px=64,rate=30 Hz,height_px=48", "1280 × 720") == (
+        "/dev/video0,rate=30 Hz,width_px=1280,height_px=720"
+    )
+    with pytest.raises(ConfigError, match="write it such as"):
+        with_resolution("/dev/video0", "large")
 
 
 def test_an_exposure_takes_the_place_of_another() -> None:

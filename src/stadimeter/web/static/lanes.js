@@ -1,19 +1,19 @@
 // A distance over time with its thresholds, and below it lanes: when each rule or output was on, in one run or in two.
 
 import { h, replace, svg, write } from "./dom.js";
-import { distance, UNKNOWN } from "./format.js";
+import { distance, level, UNKNOWN } from "./format.js";
 
 const LEFT = 64; // px, for figures and names
 const CURVE = 150;
 const LANE = 20;
 const SERIES = 4;
 
-/** `data` is `{from_s, to_s, samples: {target: [[at_s, distance_m|null, sigma_m]]}, thresholds_m, lanes: [{name, runs: [{name, spans: [{from_s, to_s}]}]}]}`.
- *  Returns an element; its slider and the pointer say what was at a moment, `onmoment(at_s)` hears of it. */
-export function lanes(data, unit, { onmoment = () => {} } = {}) {
-  const drawing = svg("svg", { class: "lanes", role: "img", "aria-label": summary(data, unit) });
+/** `data` is `{from_s, to_s, samples: {target: [[at_s, distance_m|null, sigma_m]]}, thresholds_m, lanes: [{name, runs: [{name, spans: [{from_s, to_s, level}]}]}]}`, where
+ *  a span without a level is all on. Returns an element; its slider and the pointer say what was at a moment, `onmoment(at_s)` hears of it. */
+export function lanes(data, unit, { title = "", onmoment = () => {} } = {}) {
+  const drawing = svg("svg", { class: "lanes", role: "img", "aria-label": [title, summary(data, unit)].filter(Boolean).join(". ") });
   const words = h("output", { class: "moment" });
-  const slider = h("input", { type: "range", min: data.from_s, max: data.to_s, step: Math.max(0.05, (data.to_s - data.from_s) / 2000), "aria-label": "Moment", oninput: () => move(Number(slider.value)) });
+  const slider = h("input", { type: "range", min: data.from_s, max: data.to_s, step: Math.max(0.05, (data.to_s - data.from_s) / 2000), "aria-label": ["Moment", title].filter(Boolean).join(": "), oninput: () => move(Number(slider.value)) });
   const element = h("div", { class: "stack" }, drawing, slider, words);
   let at_s = data.from_s;
   const move = (wanted) => {
@@ -101,7 +101,7 @@ function lanesOf(all, x, width) {
       return [
         svg("text", { x: LEFT - 8, y: top + 13, "text-anchor": "end" }, run.name),
         svg("rect", { class: "lane", x: LEFT, y: top + 2, width: Math.max(0, width - LEFT - 8), height: LANE - 6 }),
-        run.spans.map(({ from_s, to_s }) => svg("rect", { class: `on run-${at + 1}`, x: x(from_s), y: top + 2, width: Math.max(1.5, x(to_s) - x(from_s)), height: LANE - 6 })),
+        run.spans.map(({ from_s, to_s, level: share = 1 }) => svg("rect", { class: `on run-${runs.length === 1 ? 2 : at + 1}`, x: x(from_s), y: top + 2 + (LANE - 6) * (1 - share), width: Math.max(1.5, x(to_s) - x(from_s)), height: (LANE - 6) * share })),
       ];
     });
     return svg("g", null, title, drawn);
@@ -119,8 +119,14 @@ function steps(most, count) {
 
 function atMoment(data, at_s, unit) {
   const measured = Object.entries(data.samples).map(([name, samples]) => `${name} ${measuredAt(samples, at_s, unit)}`);
-  const states = data.lanes.map(({ name, runs }) => `${name}: ${runs.map((run) => [run.name, run.spans.some((each) => each.from_s <= at_s && at_s <= each.to_s) ? "on" : "off"].filter(Boolean).join(" ")).join(", ")}`);
+  const states = data.lanes.map(({ name, runs }) => `${name}: ${runs.map((run) => [run.name, state(run, at_s)].filter(Boolean).join(" ")).join(", ")}`);
   return [`${(at_s - data.from_s).toFixed(1)} s`, ...measured, ...states].join(" · ");
+}
+
+function state({ spans }, at_s) {
+  const now = spans.find((each) => each.from_s <= at_s && at_s <= each.to_s);
+  if (now?.level === undefined) return now ? "on" : "off";
+  return level(now.level);
 }
 
 function measuredAt(samples, at_s, unit) {
@@ -133,6 +139,6 @@ function summary({ lanes: all, samples, thresholds_m }, unit) {
   const known = Object.values(samples).flat().map((each) => each[1]).filter((each) => each !== null);
   const from = known.length ? `Distances from ${distance(Math.min(...known), 0, unit).text} to ${distance(Math.max(...known), 0, unit).text}.` : "No distances.";
   const limits = thresholds_m.length ? `Thresholds: ${thresholds_m.map((each) => distance(each, 0, unit).text).join(", ")}.` : "";
-  const on = all.flatMap(({ name, runs }) => runs.map((run) => `${name}, ${run.name}: on ${run.spans.length} times.`));
+  const on = all.flatMap(({ name, runs }) => runs.map((run) => `${[name, run.name].filter(Boolean).join(", ")}: on ${run.spans.length} times.`));
   return [from, limits, ...on].filter(Boolean).join(" ");
 }

@@ -21,7 +21,7 @@ from stadimeter.workbench.server.arguments import number, places, text, truth
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 from stadimeter.workbench.server.setup_desk import SetupDesk
 from stadimeter.workbench.setup import colour_trial
-from stadimeter.workbench.setup.camera_step import with_exposure
+from stadimeter.workbench.setup.camera_step import with_exposure, with_resolution
 from stadimeter.workbench.setup.preview import DRAWINGS, drawn, jpeg_of, looked_at, target_so_far, values_of
 
 
@@ -92,10 +92,13 @@ def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
 def camera(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Look through a camera that is offered; with ``exposure``, lock that at a time such as ``10 ms``.
 
-    The answer to give, with the exposure in it, is in the reply; ``setup-picture`` shows what it sees.
+    ``resolution`` is one to ask it for, such as ``1280x720``. The answer to give, with both in it, is in the reply;
+    ``setup-picture`` shows what it sees.
     """
     setup, wanted = setup_of(desk), text(args, "camera")
-    exposure = text(args, "exposure", "")
+    exposure, resolution = text(args, "exposure", ""), text(args, "resolution", "")
+    if resolution:
+        wanted = with_resolution(wanted, resolution)
     if exposure:
         wanted = with_exposure(wanted, exposure)
     choice = setup.offer(wanted)
@@ -105,6 +108,7 @@ def camera(desk: Desk, args: Mapping[str, Any]) -> Reply:
     told = {
         "answer": wanted,
         "settings": [f"{each[0].upper()}{each[1:]}." for each in settings],
+        "has_resolution": hasattr(choice.options, "width_px"),
         "has_exposure": hasattr(choice.options, "exposure"),
         "is_locked": getattr(choice.options, "exposure", None) is not None,
         "proposed_exposure_s": better_exposure_s(frame.image, frame.exposure_s),
@@ -115,12 +119,15 @@ def camera(desk: Desk, args: Mapping[str, Any]) -> Reply:
 def colour(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Try a range of colours: from clicks on the picture that was shown last, or a given one, widened or narrowed.
 
-    With ``look``, that of what stands out by itself, which takes seconds.
+    With ``look``, that of what stands out by itself, which takes seconds. ``forget`` takes back all clicks if it is
+    true, or the one of that number, from 0, as the answer lists them.
     """
     setup = setup_of(desk)
     clicks, frame, trial = places(args, "clicks"), setup.shown or setup.newest(), setup.trial
-    if truth(args, "forget"):
+    if args.get("forget") is True:
         trial.forget()
+    elif "forget" in args:
+        trial.forget_click(int(number(args, "forget")))
     if "range" in args:
         trial.take(text(args, "range"), frame)
     if truth(args, "look") and not trial.look(frame):
@@ -131,7 +138,9 @@ def colour(desk: Desk, args: Mapping[str, Any]) -> Reply:
     if "widen" in args:
         trial.widen(int(number(args, "widen")))
     if not trial.colour:
-        return Reply(data={"range": "", "found": False, "words": colour_trial.CLICK, "others": [], "pictures": 0})
+        return Reply(
+            data={"range": "", "found": False, "words": colour_trial.CLICK, "others": [], "pictures": 0, "clicks": []}
+        )
     seen = colour_trial.view((trial.seen_in if clicks else None) or frame, trial.colour)
     is_found = is_pointed_at and seen.detection.status is not DetectionStatus.NOT_FOUND
     return Reply(
@@ -145,6 +154,7 @@ def colour(desk: Desk, args: Mapping[str, Any]) -> Reply:
             "width_px": seen.detection.width_px if is_found else None,
             "others": [{"centre_px": list(each.centre_px), "size_px": each.size_px} for each in seen.others],
             "pictures": len(trial.samples),
+            "clicks": [list(place) for place in trial.places],
         }
     )
 

@@ -12,7 +12,7 @@ from stadimeter.config.driver_tables import CAMERA
 from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
 from stadimeter.config.toml_source import camera_table
 from stadimeter.core.frame import Frame
-from stadimeter.errors import PictureError, StadimeterError
+from stadimeter.errors import ConfigError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, settled_frame
@@ -73,7 +73,7 @@ class CameraStep(Step):
         known.camera_model = None
         write_picture(known.path(SHOWN), known.frame.image)
         size = f"{known.frame.width_px} × {known.frame.height_px} pixels"
-        seen = f"It sees {size}; the picture is {SHOWN}."
+        seen = f"It sees {size}.{known.shown_in(SHOWN)}"
         remarks = tuple(f"{each[0].upper()}{each[1:]}." for each in picture_remarks(known.frame.image))
         return Accepted(answer=text, notes=(seen, *remarks), doubt=bool(remarks))
 
@@ -104,8 +104,24 @@ def table_of(text: str) -> dict[str, Any]:
 
 def with_exposure(text: str, exposure: str) -> str:
     """Return the answer for a camera with its exposure locked at a time such as ``10 ms``, in place of another one."""
-    kept = [part for part in text.split(",") if not part.startswith("exposure=")]
-    return ",".join([*kept, f"exposure={exposure.strip()}"])
+    return _with_options(text, exposure=exposure.strip())
+
+
+def with_resolution(text: str, resolution: str) -> str:
+    """Return the answer for a camera with a resolution such as ``1280x720``, in place of another one.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    figures = re.fullmatch(r"\s*(\d+)\s*[x×]\s*(\d+)\s*", resolution)
+    if figures is None:
+        raise ConfigError(f"{resolution!r} is no resolution; write it such as 1280x720")
+    return _with_options(text, width_px=figures[1], height_px=figures[2])
+
+
+def _with_options(text: str, **options: str) -> str:
+    kept = [part for part in text.split(",") if part.partition("=")[0] not in options]
+    return ",".join([*kept, *(f"{key}={value}" for key, value in options.items())])
 
 
 def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool]:

@@ -113,7 +113,7 @@ def _told(known: Known, samples: Sequence[ColourSample], proposal: ColourProposa
     if not is_where_pointed(samples[0], view):
         notes = ["With this range, no ball is found where you point."]
     else:
-        notes = [f"A ball at {x_px:.0f},{y_px:.0f}, {view.detection.width_px:.0f} px across; {COLOURED} shows it."]
+        notes = [f"A ball at {x_px:.0f},{y_px:.0f}, {view.detection.width_px:.0f} px across.{known.shown_in(COLOURED)}"]
     for other in view.others:
         notes.append(f"Something else has that colour, at {other.centre_px[0]:.0f},{other.centre_px[1]:.0f}.")
     if view.others:

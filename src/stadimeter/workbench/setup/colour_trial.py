@@ -96,6 +96,32 @@ class ColourTrial:
         """Widen the range by so many steps, or narrow it by negative ones, counted from how it was fitted."""
         self.steps = max(-MOST_STEPS, min(MOST_STEPS, steps))
 
+    @property
+    def places(self) -> list[Place]:
+        """The clicks that count, oldest first."""
+        return [place for sample in self.samples for place in sample.places_px]
+
+    def forget_click(self, number: int) -> None:
+        """Take a click back, by its number in `places`, and fit the range to the others.
+
+        Raises:
+            ConfigError: There is no such click, or the others give no range; nothing has changed.
+        """
+        if not 0 <= number < len(self.places):
+            raise ConfigError("that click is not there any more")
+        left = []
+        for sample in self.samples:
+            places = tuple(place for at, place in enumerate(sample.places_px) if at != number)
+            number -= len(sample.places_px)
+            left += [sample._replace(places_px=places)] if places else []
+        if not left:
+            self.forget()
+            return
+        fit = _fit(tuple(left))
+        if fit is None:
+            raise ConfigError(ONLY_BACKGROUND)
+        self.samples, self.fitted, self.steps = left, fit.colour, 0
+
     def forget(self) -> None:
         """Begin again."""
         self.samples, self.fitted, self.steps, self.seen_in, self._missed = [], "", 0, None, []

@@ -88,6 +88,8 @@ class Interview:
         if step is None:
             raise ConfigError("there is no question left")
         given = text.strip()
+        if not given:
+            raise ConfigError("nothing is chosen yet: choose an answer, or write one")
         accepted = step.accept(self.known, seen_from(self.known.folder, given) if step.names_files else given)
         if confirm and accepted.doubt and self._doubted.get(step.key) != accepted.answer:
             self._doubted[step.key] = accepted.answer

@@ -54,6 +54,10 @@ class Known:
         """The picture that is shown to people."""
         return self.frames[0]
 
+    def shown_in(self, name: str) -> str:
+        """Return the sentence that names a picture of what was found; empty for a face that shows it anyway."""
+        return f" {name} shows it." if self.looks_ahead else ""
+
     @property
     def file(self) -> Path:
         """The configuration that will be written."""

@@ -85,7 +85,7 @@ def look(known: Known, choice: DriverChoice) -> tuple[Detection, str]:
     words = found_in_words(choice.name, found)
     mark = Mark(detection=found, headline=choice.name, lines=(words,))
     write_picture(known.path(FOUND), annotate(frame.image, [mark]))
-    return found, f"{words} {FOUND} shows it." if found.status is DetectionStatus.FOUND else words
+    return found, f"{words}{known.shown_in(FOUND)}" if found.status is DetectionStatus.FOUND else words
 
 
 def found_in_words(name: str, found: Detection) -> str:

@@ -50,7 +50,7 @@ class WishStep(Step):
         possible = [wish.key for wish in _possible(known)]
         wrong = [name for name in names if name not in possible]
         if wrong or not names:
-            raise ConfigError(f"{' '.join(wrong) or 'an empty answer'!r} is none of {', '.join(possible)}")
+            raise ConfigError(f"{' '.join(wrong) or text!r} is none of {', '.join(possible)}")
         return Accepted(answer=" ".join(names))
 
 
@@ -134,8 +134,8 @@ class OutputStep(Step):
 
     def question(self, known: Known) -> Question:
         """Propose the usual output on a Raspberry Pi, and the screen elsewhere."""
-        usual = Option(self.wish.output, "as wired in docs/parts.md, with the BCM number of the pin")
-        screen = Option(SCREEN, "nothing is wired yet; `stadimeter run --watch` shows it")
+        usual = Option(self.wish.output, "wired to a pin of the header, by its BCM number")
+        screen = Option(SCREEN, "nothing is wired yet; the live view shows it")
         report = [Option(NOTHING, "it only reports")] if self.wish.key != "far" else []
         both = [usual, screen] if is_raspberry_pi() else [screen, usual]
         taken = self._free(known, usual.answer)
@@ -206,7 +206,7 @@ class BaseStep(Step):
         """List serial ports, and the screen."""
         ports = sorted(map(str, Path("/dev/serial/by-id").glob("*")))
         options = [Option(port, "an Arduino with the ros_arduino_bridge sketch") for port in ports]
-        options.append(Option(SCREEN, "no robot yet; `stadimeter run --watch` shows what it would do"))
+        options.append(Option(SCREEN, "no robot yet; the live view shows what it would do"))
         return Question(
             key=self.key,
             text="Where is the robot's base?",

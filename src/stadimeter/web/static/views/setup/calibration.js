@@ -2,6 +2,7 @@
 
 import { h, replace, svg } from "../../dom.js";
 import { distance } from "../../format.js";
+import { boardWay } from "./board.js";
 import { choices } from "./question.js";
 import { room } from "./room.js";
 
@@ -36,6 +37,7 @@ export function widget(step) {
     h("div", { class: "field" }, h("span", null, "It is this far from the lens now"), h("div", { class: "setup-size" }, figure, unit)),
     h("label", { class: "field" }, h("span", null, "How well do you know that?"), sigma),
     seen,
+    !isProof && boardWay(step),
     others && h("details", null, h("summary", null, isProof ? "Without a proof" : "Another way"), others));
 
   function measured() {

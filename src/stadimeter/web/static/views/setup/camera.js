@@ -49,21 +49,21 @@ export function widget(step) {
   }
 
   /** Say what is to be said of the camera that is chosen: blur, clipping, and its exposure, which may be locked. */
-  function chosen(answer, locked = "") {
+  function chosen(answer, changes = null) {
     const mine = ++asked;
     turn = turn.then(async () => {
       if (mine !== asked || !answer) return;
       try {
-        const told = await api.post("setup/camera", { camera: answer, ...(locked ? { exposure: locked } : {}) });
-        if (mine === asked) tell(answer, told, Boolean(locked));
+        const told = await api.post("setup/camera", { camera: answer, ...changes });
+        if (mine === asked) tell(answer, told, Boolean(changes));
       } catch (error) {
-        if (mine === asked && !views.has(answer)) step.say(error.message);
-        if (mine === asked) replace(exposure);
+        if (mine === asked && (changes || !views.has(answer))) step.say(error.message);
+        if (mine === asked && !changes) replace(exposure);
       }
     });
   }
 
-  function tell(answer, { remarks, settings, has_exposure, is_locked, proposed_exposure_s, exposure_s, answer: wanted }, isTaken) {
+  function tell(answer, { remarks, settings, width_px, height_px, has_resolution, has_exposure, is_locked, proposed_exposure_s, exposure_s, answer: wanted }, isTaken) {
     if (isTaken && wanted !== step.answer) {
       clearTimeout(timer);
       step.set(wanted);
@@ -71,9 +71,12 @@ export function widget(step) {
     }
     const now_s = proposed_exposure_s ?? exposure_s ?? 0.01;
     const time = h("input", { type: "text", value: `${Number((1000 * now_s).toPrecision(2))} ms`, "aria-label": "Exposure" });
-    const lock = h("button", { type: "button", class: "button", onclick: () => chosen(answer, time.value) }, is_locked ? "Change it" : "Lock it");
+    const lock = h("button", { type: "button", class: "button", onclick: () => chosen(step.answer, { exposure: time.value }) }, is_locked ? "Change it" : "Lock it");
+    const size = h("input", { type: "text", value: `${width_px}x${height_px}`, autocomplete: "off", "aria-label": "Resolution" });
+    const ask = h("button", { type: "button", class: "button", onclick: () => chosen(step.answer, { resolution: size.value }) }, "Ask for it");
     replace(exposure,
       [...remarks, ...settings].map((each) => h("p", { class: "small" }, each)),
+      has_resolution && h("div", { class: "field" }, h("span", null, "Resolution in pixels: it is measured at this one"), h("div", { class: "setup-size" }, size, ask)),
       has_exposure && h("div", { class: "field" }, h("span", null, is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are"), h("div", { class: "setup-size" }, time, lock)));
   }
 }

@@ -4,12 +4,12 @@ import { h, replace } from "../../dom.js";
 
 export function widget(step) {
   const { picture, question } = step;
-  const state = { clicks: [], others: [], pictures: 0, view: "mask" };
+  const state = { clicks: [], counted: [], others: [], pictures: 0, view: "mask" };
   const words = h("p", { role: "status", class: "setup-found" }, question.ready ? "" : "Click on the ball.");
   const slider = h("input", { type: "range", min: -12, max: 12, step: 1, value: 0, disabled: !question.ready, "aria-label": "Range of colours: narrower to wider", oninput: widened });
   const again = h("button", { type: "button", class: "button", onclick: forget }, "Forget the clicks");
   const look = h("button", { type: "button", class: "button", onclick: () => ask({ look: true }) }, "Look for it");
-  const kept = h("p", { class: "quiet small" });
+  const kept = h("div", { class: "row small" });
   const views = h("div", { class: "setup-views row", role: "group", "aria-label": "What the picture shows" },
     [["mask", "What has this colour"], ["candidates", "Ball, and what is refused"], ["plain", "Plain"]].map(([view, name]) =>
       h("button", { type: "button", class: "button", "aria-pressed": String(view === state.view), onclick: (event) => shown(view, event.currentTarget) }, name)));
@@ -70,8 +70,8 @@ export function widget(step) {
   }
 
   function taken(answer, args) {
-    Object.assign(state, { others: answer.others, pictures: answer.pictures });
-    if (answer.range) step.set(answer.range);
+    Object.assign(state, { others: answer.others, pictures: answer.pictures, counted: answer.clicks });
+    if (answer.range || args.forget !== undefined) step.set(answer.range);
     step.say("");
     slider.disabled = !answer.range;
     if (answer.widen !== undefined) Object.assign(slider, { value: answer.widen, min: -answer.widen_max, max: answer.widen_max });
@@ -84,7 +84,10 @@ export function widget(step) {
 
   function tell() {
     again.hidden = !state.pictures;
-    replace(kept, state.pictures ? `${state.pictures} ${state.pictures === 1 ? "picture counts" : "pictures count"}.` : "");
+    replace(kept,
+      state.pictures > 0 && h("span", { class: "quiet" }, `${state.pictures} ${state.pictures === 1 ? "picture counts" : "pictures count"}.`),
+      state.counted.map(([x_px, y_px], number) =>
+        h("button", { type: "button", class: "button small", "aria-label": `Forget click ${number + 1}, at ${x_px}, ${y_px}`, onclick: () => ask({ forget: number }) }, `${x_px}, ${y_px} ✕`)));
   }
 
   function draw() {

@@ -1,5 +1,6 @@
 // Save: what would be written and what changes, what `check` and the tests say; then save it, and run it.
 
+import { differenceView } from "../../difference.js";
 import { h, replace } from "../../dom.js";
 import { moment } from "../../format.js";
 
@@ -47,8 +48,8 @@ function draw(setup, root, made, there, words) {
       h("button", { type: "button", class: "button", disabled: errors.length > 0, onclick: save(false) }, "Save only"),
       h("button", { type: "button", class: "button primary", "data-first": "", disabled: errors.length > 0, onclick: save(true) }, "Save, and run it")),
     h("details", { open: there.exists && !isSame }, h("summary", null, !there.exists ? `The configuration: ${configuration.name}` : isSame ? "The configuration is as it was" : "What changes in the configuration"),
-      h("pre", { class: "setup-file", tabindex: 0, "aria-label": configuration.name }, there.exists ? changes(there.text, configuration.text) : configuration.text)),
-    others.map(({ name, text }) => h("details", null, h("summary", null, name), h("pre", { class: "setup-file", tabindex: 0, "aria-label": name }, text))),
+      (there.exists && differenceView(there.text, configuration.text, "What changes in the configuration")) || text(configuration)),
+    others.map((each) => h("details", null, h("summary", null, each.name), text(each))),
     versions(setup, root, there));
   root.querySelector("[data-first]")?.focus({ preventScroll: true });
 }
@@ -71,6 +72,8 @@ async function saved(setup, made, version, runs) {
   context.live.retry();
   location.hash = "live";
 }
+
+const text = (file) => h("pre", { class: "setup-file", tabindex: 0, "aria-label": file.name }, file.text);
 
 const back = (setup) => h("button", { type: "button", class: "button", onclick: () => setup.back() }, "Back");
 
@@ -97,18 +100,4 @@ function versions(setup, root, { versions: kept, version }) {
   };
   return h("details", null, h("summary", null, "Former versions"), h("ul", { class: "list" }, kept.slice(0, 10).map(({ id, unix_s, words }) =>
     h("li", { class: "row" }, h("span", null, h("b", null, moment(unix_s)), " ", h("span", { class: "quiet" }, words)), h("button", { type: "button", class: "button", onclick: bringBack(id) }, "Bring it back")))));
-}
-
-/** The new text, with the lines that come and go marked; lines are matched by their longest common subsequence. */
-function changes(before, after) {
-  const [a, b] = [before.split("\n"), after.split("\n")];
-  const common = Array.from({ length: a.length + 1 }, () => new Uint16Array(b.length + 1));
-  for (let i = a.length - 1; i >= 0; i -= 1) for (let j = b.length - 1; j >= 0; j -= 1) common[i][j] = a[i] === b[j] ? common[i + 1][j + 1] + 1 : Math.max(common[i + 1][j], common[i][j + 1]);
-  const lines = [];
-  for (let i = 0, j = 0; i < a.length || j < b.length; ) {
-    if (i < a.length && j < b.length && a[i] === b[j]) lines.push((j += 1, `  ${a[i++]}\n`));
-    else if (j >= b.length || (i < a.length && common[i + 1][j] >= common[i][j + 1])) lines.push(h("del", null, `- ${a[i++]}\n`));
-    else lines.push(h("ins", null, `+ ${b[j++]}\n`));
-  }
-  return lines;
 }

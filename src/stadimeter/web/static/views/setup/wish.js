@@ -1,8 +1,8 @@
 // What shall happen: wishes to choose from, their blanks in a sentence, and what they would do.
 
 import { h, replace } from "../../dom.js";
+import { lanes } from "../../lanes.js";
 import { outlook } from "./calibration.js";
-import { lanesPicture } from "./lanes.js";
 import { choices } from "./question.js";
 import { room } from "./room.js";
 
@@ -70,8 +70,8 @@ function tryIt(step, root) {
       const { unit } = setup.context;
       replace(root,
         words.map((each) => h("p", { class: "small" }, each)),
-        seen && lanesPicture("On the last minute", seen, unit),
-        lanesPicture("If it came, went, and was gone", made_up, unit));
+        seen && drawn("On the last minute", seen, unit),
+        drawn("If it came, went, and was gone", made_up, unit));
     } catch (error) {
       if (mine === asked) replace(root, h("p", { class: "quiet small" }, error.message));
     }
@@ -80,3 +80,15 @@ function tryIt(step, root) {
   step.onAnswer(() => step.changed());
   setup.onLeave(() => ((asked += 1), clearTimeout(timer)));
 }
+
+/** What rules and outputs would do, in one run. */
+function drawn(title, { seconds, rules, outputs, samples }, unit) {
+  const alone = (name, spans) => ({ name, runs: [{ name: "", spans }] });
+  const all = [...rules.map(({ rule, active }) => alone(rule, active)), ...outputs.map(({ output, steps }) => alone(output, levels(steps, seconds)))];
+  return h("section", null, h("b", null, title), lanes({ from_s: 0, to_s: seconds, samples, thresholds_m: [], lanes: all }, unit, { title }));
+}
+
+/** Steps as spans; of a base, the larger of both speeds. */
+const levels = (steps, seconds) => steps
+  .map(([at_s, first, second = 0], index) => ({ from_s: at_s, to_s: steps[index + 1]?.[0] ?? seconds, level: Math.min(1, Math.max(Math.abs(first), Math.abs(second))) }))
+  .filter((each) => each.level > 0);
