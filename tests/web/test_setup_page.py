@@ -12,6 +12,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers
 from support.browser import DESKTOP, PHONE, TABLET, served, tab
 from support.cameras import StreamServer
+from support.page_checks import faults_of
 
 BALLS = Path(__file__).resolve().parents[3] / "shared" / "data" / "tennis_ball" / "images"
 
@@ -304,11 +305,11 @@ def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, h
 @pytest.mark.parametrize("size", [PHONE, TABLET, DESKTOP])
 @pytest.mark.parametrize("answers", [{}, CAMERA, TARGET, COLOUR, LENS, WISH, BLANKS, ALL])
 @pytest.mark.long
-def test_no_step_is_wider_than_its_screen(browser, here, size, answers):
-    with tab(browser, size=size) as page:
+def test_nothing_is_cut_off_or_hard_to_read_in_any_step(browser, here, size, answers):
+    with tab(browser, size=size, scheme="dark" if size == TABLET else "light") as page:
         begin_at(page, here, answers)
         page.locator(".setup-stage-picture img[src]" if answers else ".setup-look img").first.wait_for()
-        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+        assert not faults_of(page)
 
 
 @pytest.mark.skipif(not BALLS.exists(), reason="the shared pictures of a tennis ball are not on this machine")
