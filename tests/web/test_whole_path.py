@@ -46,12 +46,12 @@ class Person:
         self.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
     def drag_the_ball_towards_the_camera(self) -> None:
-        """Draw the ball through the room, seen from above, to just before the camera."""
+        """Draw the ball through the room, seen from above, from 1.5 m before the camera to about 1 m."""
         self._did("drag the ball")
-        ball, camera = (middle(self.page.locator(each)) for each in ("svg.plan .ball", "svg.plan .robot"))
-        self.page.mouse.move(*ball)
+        self.page.locator("svg.plan .ball").hover()  # waits until it stands still: the page is still being laid out
         self.page.mouse.down()
-        self.page.mouse.move(ball[0] + 0.83 * (camera[0] - ball[0]), ball[1] + 0.83 * (camera[1] - ball[1]), steps=4)
+        ball, camera = (middle(self.page.locator(each)) for each in ("svg.plan .ball", "svg.plan .robot"))
+        self.page.mouse.move(ball[0] + 0.35 * (camera[0] - ball[0]), ball[1] + 0.35 * (camera[1] - ball[1]), steps=4)
         self.page.mouse.up()
 
     def is_asked(self, words: str) -> None:
@@ -114,7 +114,7 @@ def set_up(person: Person) -> None:
     person.is_asked("What shall happen?")
     person.click("Go on")
     person.is_asked("Nearer than what?")
-    person.enter("Nearer than what?", "1 m")
+    person.enter("Nearer than what?", "1.2 m")
     person.click("Go on")
     person.is_asked("drive?")
     person.choose("nothing is wired yet")
