@@ -64,7 +64,7 @@ class Room:
             self.waiting.append(Asked(request, self.answers.append))
         begins = count - 1 in self.plans and self.plans[count - 1] == {"op": "record", "args": {"do": "start"}}
         if begins:  # the file is opened in a thread: simulated time waits for it
-            assert eventually(lambda: self.answers or self.loop.services.recording._ready)
+            assert eventually(lambda: not self.loop.services.recording._is_beginning)
 
     def run(self, frames=150):
         with operated(self.loop, self):
@@ -132,7 +132,7 @@ class TestRecording:
         assert list((room.path.parent / "recordings").iterdir()) == []
 
     @pytest.mark.parametrize(
-        ("bounds", "words"), [(Bounds(file_bytes=1), "it has 0 MB"), (Bounds(seconds=1.5), "it is 0 min long")]
+        ("bounds", "words"), [(Bounds(file_bytes=-1), "0 MB"), (Bounds(seconds=1.5), "it is 0 min long")]
     )
     def test_one_that_reaches_a_bound_ends_whole_and_a_person_is_told(self, room, bounds, words, monkeypatch):
         monkeypatch.setattr(recording, "Bounds", lambda: bounds)
