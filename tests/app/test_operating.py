@@ -119,6 +119,8 @@ class TestRecording:
         room.run()
         assert seen[0] is None
         assert {"file", "seconds", "bytes", "started_unix_s"} <= set(seen[-1])
+        whole = replayed(room.path.parent / "recordings" / seen[-1]["file"])
+        assert seen[-1]["seconds"] == pytest.approx((whole - 1) / 30, abs=0.1), "those that are in the file"
 
     @pytest.mark.parametrize(
         ("bounds", "words"),

@@ -17,6 +17,9 @@ from typing import Any
 
 import pytest
 
+from stadimeter.app.control.client import ask
+from stadimeter.errors import ControlError
+from stadimeter.testing.eventually import eventually
 from support.simulated_run import LENS
 
 CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
@@ -24,6 +27,9 @@ PHONE, TABLET, DESKTOP = (360, 640), (768, 1024), (1440, 900)
 """The sizes that the page is made for, in CSS pixels."""
 
 END_WAIT_S = 10.0
+START_WAIT_S = 60.0
+PAGE_WAIT_S = 60.0
+"""How long an element is waited for: many times what it takes on a machine that others use too."""
 
 ROOM = f"""
 [camera]
@@ -79,13 +85,14 @@ class Served:
     run: subprocess.Popen[str] | None
     environment: dict[str, str]
 
-    def start_run(self) -> subprocess.Popen[str]:
-        """Start the run as a user does in another terminal; the page finds it by its configuration."""
+    def start_run(self) -> None:
+        """Start the run as a user does in another terminal, and wait until it answers; the page finds it itself."""
         log = self.configuration.with_suffix(".run-log").open("w")
         command = [sys.executable, "-m", "stadimeter", "run", str(self.configuration)]
         with log:
             self.run = subprocess.Popen(command, env=self.environment, stdout=log, stderr=log, text=True)
-        return self.run
+        runtime = Path(self.environment["XDG_RUNTIME_DIR"])
+        eventually(lambda: any(_answers(socket) for socket in runtime.rglob("*.sock")), START_WAIT_S)
 
 
 @contextmanager
@@ -115,6 +122,13 @@ def served(folder: Path, text: str | None = ROOM, *options: str, runs: bool = Tr
         for process in (page, here.run):
             _end(process)
         shutil.rmtree(runtime, ignore_errors=True)
+
+
+def _answers(socket: Path) -> bool:
+    try:
+        return bool(ask(socket, "hello"))
+    except ControlError:
+        return False
 
 
 def _address(page: subprocess.Popen[str]) -> str:
@@ -159,6 +173,7 @@ def tab(browser: Any, *, size: tuple[int, int] = DESKTOP, scheme: str = "light",
     context = browser.new_context(
         viewport={"width": size[0], "height": size[1]}, color_scheme=scheme, has_touch=size == PHONE, **options
     )
+    context.set_default_timeout(PAGE_WAIT_S * 1000)
     page = context.new_page()
     faults: list[str] = []
     page.on("pageerror", lambda error: faults.append(str(error)))
@@ -173,7 +188,7 @@ def tab(browser: Any, *, size: tuple[int, int] = DESKTOP, scheme: str = "light",
     assert not faults, faults
 
 
-def until(page: Any, condition: str, what: str = "", wait_s: float = 15.0) -> Any:
+def until(page: Any, condition: str, what: str = "", wait_s: float = PAGE_WAIT_S) -> Any:
     """Wait until an expression of the page is true, and return it.
 
     Playwright's own way evaluates a text within the page, which the page's security policy forbids.

@@ -49,6 +49,12 @@ def save(page: Any) -> None:
     page.get_by_role("button", name="Save", exact=True).click()
 
 
+def saved(page: Any) -> None:
+    """Save, and wait until the page says so: its list of versions is the new one then."""
+    save(page)
+    page.get_by_role("region", name="Saved").wait_for()
+
+
 def until_saved(page: Any, here: Served, words: str) -> None:
     while words not in here.configuration.read_text():
         page.wait_for_timeout(50)
@@ -103,8 +109,7 @@ def test_the_second_of_two_who_save_is_shown_what_the_first_changed_and_loses_no
     with tab(browser) as first, tab(browser) as second:
         one, other = opened(first, here), opened(second, here)
         edit(one, NEAR, 'when = { below = "80 cm" }')
-        save(first)
-        first.get_by_text("Saved.").first.wait_for()
+        saved(first)
         edit(other, 'to = "3.5 m"', 'to = "4.5 m"')
         save(second)
         second.get_by_text("Someone else saved this configuration").wait_for()
@@ -124,7 +129,8 @@ def test_the_second_may_save_in_place_of_the_first_whose_text_is_kept_as_a_versi
         edit(field, NEAR, 'when = { below = "60 cm" }')
         save(page)
         page.get_by_role("button", name="Save mine in place of theirs").click()
-        until_saved(page, here, "60 cm")
+        page.get_by_role("region", name="Saved").wait_for()
+        assert "60 cm" in here.configuration.read_text()
         page.get_by_role("button", name="Compare").first.click()
         page.get_by_text('- when = { below = "70 cm" }').wait_for()
 
@@ -168,7 +174,7 @@ def test_a_former_version_is_brought_back(browser, here):
     with tab(browser) as page:
         field = opened(page, here)
         edit(field, NEAR, 'when = { below = "90 cm" }')
-        save(page)
+        saved(page)
         page.get_by_role("button", name="Bring back").first.click()
         page.get_by_role("dialog").get_by_role("button", name="Bring back").click()
         until_saved(page, here, NEAR)

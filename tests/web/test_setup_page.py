@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers
-from support.browser import DESKTOP, PHONE, TABLET, served, tab
+from support.browser import DESKTOP, PHONE, TABLET, served, tab, until
 from support.cameras import StreamServer
 from support.page_checks import faults_of
 
@@ -55,10 +56,10 @@ def go_on(page):
     """Press the button that goes on, and wait until the next question is asked, or something is said about this one."""
     before = asked(page)
     page.locator(".setup-way .primary").click()
-    page.wait_for_function(
-        "before => document.querySelector('h1').innerText !== before"
-        " || document.querySelector('.setup-doubt, .setup-error:not([hidden])')",
-        arg=before,
+    until(
+        page,
+        f"document.querySelector('h1')?.innerText !== {json.dumps(before)}"
+        " || document.querySelector('.setup-doubt, .setup-error:not([hidden])') !== null",
     )
 
 
@@ -141,9 +142,9 @@ def test_a_wider_range_of_colours_is_another_range_and_can_be_taken_back(page, h
     fitted = text.input_value()
     slider.focus()
     page.keyboard.press("ArrowRight")
-    page.wait_for_function("was => document.querySelector('.setup-text input').value !== was", arg=fitted)
+    until(page, f"document.querySelector('.setup-text input').value !== '{fitted}'")
     page.keyboard.press("ArrowLeft")
-    page.wait_for_function("was => document.querySelector('.setup-text input').value === was", arg=fitted)
+    until(page, f"document.querySelector('.setup-text input').value === '{fitted}'")
 
 
 @pytest.mark.parametrize(

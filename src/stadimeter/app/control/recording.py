@@ -67,24 +67,24 @@ def recordings_folder(configuration: Path) -> Path:
 
 @dataclass(slots=True, kw_only=True)
 class _Begun:
-    """A recording, from when its file is open."""
+    """A recording, from when its file is open. It begins with the first cycle after that."""
 
     path: Path
     writer: RecordingWriter
     recorder: Recorder
     answer: Answer
-    began_unix_s: float
+    began_unix_s: float = 0.0
     began_s: float = 0.0
+    newest_s: float = 0.0
     looked_s: float = 0.0
     is_ended: threading.Event = field(default_factory=threading.Event)
     reason: str = ""
 
     def about(self) -> dict[str, object]:
-        seconds = round(time.time() - self.began_unix_s, 1)
         return {
             "file": self.path.name,
             "started_unix_s": round(self.began_unix_s, 3),
-            "seconds": seconds,
+            "seconds": round(self.newest_s - self.began_s, 1),
             "bytes": self.writer.size_bytes,
         }
 
@@ -136,6 +136,7 @@ class RecordingOnRequest:
     def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
         """Take in a cycle; begin with the next one, if the file is open."""
         if self._begun is not None:
+            self._begun.newest_s = record.observation.now_s
             self._begun.recorder(record, frame)
             self._look(self._begun, record.observation.now_s)
         elif self._ready is not None:
@@ -189,9 +190,7 @@ class RecordingOnRequest:
         )
         writer = RecordingWriter(self._folder / name, recorded)
         recorder = Recorder(writer, is_live=True, deadline=self._deadline)
-        return _Begun(
-            path=self._folder / name, writer=writer, recorder=recorder, answer=answer, began_unix_s=time.time()
-        )
+        return _Begun(path=self._folder / name, writer=writer, recorder=recorder, answer=answer)
 
     def _check_room(self) -> None:
         """Raise `JournalError` if there is no room for a recording."""
@@ -212,7 +211,8 @@ class RecordingOnRequest:
         ready.recorder.continued(lambda: continuation_text(state))
         if self._reloaded is not None:
             ready.recorder.reloaded(now_s, self._reloaded)
-        ready.began_s = ready.looked_s = now_s
+        ready.began_unix_s = time.time()
+        ready.began_s = ready.newest_s = ready.looked_s = now_s
         self._ready, self._begun = None, ready
         threading.Thread(target=self._watch_room, args=(ready,), name="disk of recording", daemon=True).start()
         ready.answer(Reply({**ready.about(), "path": str(ready.path)}))

@@ -11,7 +11,7 @@ export function mount(root, context) {
   replace(root, view.element);
   view.load();
   const leave = context.live.subscribe((snapshot) => view.update(snapshot), { image: false });
-  const lost = context.live.watch((state) => view.connected(state.status !== "lost"));
+  const lost = context.live.watch(({ status }) => view.connected(status));
   return () => {
     leave();
     lost();
@@ -51,9 +51,9 @@ class Recordings {
     if (was !== this.isRecording) this.load();
   }
 
-  connected(isThere) {
-    this.record.disabled = !isThere;
-    if (!isThere) write(this.now, "There is no run to record now.");
+  connected(status) {
+    this.record.disabled = status !== "live";
+    if (status === "lost") write(this.now, "There is no run to record now.");
   }
 
   async #record() {

@@ -23,7 +23,7 @@ export class Saving {
     const text = desk.editor.text;
     try {
       const answer = await desk.api.put("configuration", { text, base_version: desk.base.version, ...options });
-      desk.saved(answer, text);
+      await desk.saved(answer, text);
       this.offer(answer);
     } catch (error) {
       if (error.code === "conflict") await this.#conflict();
