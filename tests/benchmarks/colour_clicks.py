@@ -160,13 +160,18 @@ def interval(count: int, of: int) -> tuple[float, float]:
     return max(0.0, (middle - reach) / (1 + z * z / of)), min(1.0, (middle + reach) / (1 + z * z / of))
 
 
+def _real_first(kind: str) -> tuple[bool, str]:
+    return kind.startswith("rendered"), kind
+
+
 def report(outcomes: Sequence[Outcome]) -> str:
-    """Return the table: shares after one click and after two, for all and for each kind."""
+    """Return the table: shares after one click and after two, for real pictures first, all, and each kind."""
+    kinds = {each.kind for each in outcomes}
     groups = {
-        "all": outcomes,
         "real": [each for each in outcomes if not each.kind.startswith("rendered")],
         "rendered": [each for each in outcomes if each.kind.startswith("rendered")],
-        **{kind: [each for each in outcomes if each.kind == kind] for kind in sorted({each.kind for each in outcomes})},
+        "all": outcomes,
+        **{kind: [each for each in outcomes if each.kind == kind] for kind in sorted(kinds, key=_real_first)},
     }
     head = (
         "pictures",

@@ -24,6 +24,7 @@ from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.camera import Renderer
 from support.debian_root import DebianRoot, layered, make_root, why_no_root
+from support.page import ServedPage
 
 pytestmark = [
     pytest.mark.long,
@@ -251,6 +252,24 @@ class TestInstallation:
             *("--hsv", "29,86,6:64,255,255", "--json"),
         )
         assert json.loads(line)["distance_m"] == pytest.approx(1.2, abs=0.02)
+
+    def test_its_page_finds_the_run_and_checks_the_configuration(
+        self, root: DebianRoot, running: subprocess.Popen[str]
+    ) -> None:
+        command = root.command("stadimeter", "web", CONFIGURATION, "--port", "0")
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as page:
+            try:
+                words = (word for line in page.stdout or () for word in line.split())
+                address = next(word for word in words if word.startswith("http://")).rstrip("/")
+                site = ServedPage(None, int(address.rpartition(":")[2]))
+                assert b"<title>" in site.get("/").body
+                assert site.get("/api/v1/session").data["run"]["is_running"]
+                assert site.get("/snapshot.jpg").body.startswith(b"\xff\xd8")
+                answer = site.ask("POST", "/api/v1/configuration/check", {"text": "[camera]\n"})
+                assert answer.data["problems"]
+            finally:
+                page.terminate()
+                page.communicate()
 
     def test_a_driver_of_ones_own_is_found_and_survives_an_upgrade(self, root: DebianRoot, second: Path) -> None:
         (root / HOME / "drivers").mkdir()

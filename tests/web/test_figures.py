@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,6 +27,13 @@ def test_all_that_the_page_loads_has_at_most_250_kb(browser, here):
         assert 100_000 < loaded_bytes(page, here.url) <= STATIC_BYTES <= 250_000
 
 
+@pytest.fixture
+def idle_enough() -> None:
+    """Skip a test of delays where other programs have taken the processors: it would measure them."""
+    if os.getloadavg()[0] > 4 * (os.cpu_count() or 1):
+        pytest.skip("this computer is too busy to measure delays: four programs wait for each processor")
+
+
 def cut(values: list[float], parts: int) -> list[list[float]]:
     """Cut into equal parts, one after the other: what else the machine does spoils one of them, not each."""
     size = len(values) // parts
@@ -33,6 +41,7 @@ def cut(values: list[float], parts: int) -> list[list[float]]:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("idle_enough")
 def test_a_frame_is_on_the_screen_within_150_ms(browser, here):
     with tab(browser) as page:
         page.goto(f"{here.url}/#live")
@@ -42,12 +51,14 @@ def test_a_frame_is_on_the_screen_within_150_ms(browser, here):
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("idle_enough")
 def test_the_first_picture_comes_within_a_second(browser, here):
     with tab(browser) as page:
         assert min(first_picture_ms(page, here.url) for _ in range(3)) <= 1000
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("idle_enough")
 def test_a_frozen_picture_is_marked_as_old_within_a_second(browser, here):
     with tab(browser) as page:
         page.goto(f"{here.url}/#live")
