@@ -22,11 +22,11 @@ class Port:
     path: str
 
     def received(self) -> bytes:
-        os.set_blocking(self.master, False)
-        try:
-            return os.read(self.master, 4096)
-        except BlockingIOError:
-            return b""
+        """Return all that was written: the kernel takes a moment to move it on between its own buffers."""
+        found = b""
+        while select.select([self.master], [], [], 0.1)[0]:
+            found += os.read(self.master, 4096)
+        return found
 
     def fill(self) -> None:
         """Write until nothing more fits, as when a base has stopped reading."""

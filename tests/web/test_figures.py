@@ -40,7 +40,6 @@ def cut(values: list[float], parts: int) -> list[list[float]]:
     return [values[part * size : (part + 1) * size] for part in range(parts)]
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("idle_enough")
 def test_a_frame_is_on_the_screen_within_150_ms(browser, here):
     with tab(browser) as page:
@@ -50,14 +49,12 @@ def test_a_frame_is_on_the_screen_within_150_ms(browser, here):
         assert min(p95(quarter) for quarter in cut(delays, 4)) <= 150
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("idle_enough")
 def test_the_first_picture_comes_within_a_second(browser, here):
     with tab(browser) as page:
         assert min(first_picture_ms(page, here.url) for _ in range(3)) <= 1000
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("idle_enough")
 def test_a_frozen_picture_is_marked_as_old_within_a_second(browser, here):
     with tab(browser) as page:
@@ -66,7 +63,6 @@ def test_a_frozen_picture_is_marked_as_old_within_a_second(browser, here):
         page.get_by_label("freeze camera").uncheck()
 
 
-@pytest.mark.long
 def test_a_tab_that_watches_does_not_grow(browser, here):
     with tab(browser) as page:
         page.goto(f"{here.url}/#live")

@@ -67,7 +67,6 @@ def kept(here):
     return load_answers(here.configuration.parent / ANSWERS)
 
 
-@pytest.mark.long
 def test_enter_goes_through_the_simulated_room_from_nothing_to_what_shall_happen(page, here):
     begin_at(page, here, {})
     page.get_by_label("simulated").check()
@@ -305,7 +304,6 @@ def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, h
 
 @pytest.mark.parametrize("size", [PHONE, TABLET, DESKTOP])
 @pytest.mark.parametrize("answers", [{}, CAMERA, TARGET, COLOUR, LENS, WISH, BLANKS, ALL])
-@pytest.mark.long
 def test_nothing_is_cut_off_or_hard_to_read_in_any_step(browser, here, size, answers):
     with tab(browser, size=size, scheme="dark" if size == TABLET else "light") as page:
         begin_at(page, here, answers)

@@ -77,7 +77,6 @@ def empty(tmp_path) -> Iterator[Served]:
         yield serving
 
 
-@pytest.mark.long
 @pytest.mark.timeout(240)
 def test_from_an_empty_folder_to_a_rule_that_acts_by_the_page_alone(browser, empty):
     with tab(browser) as page:
