@@ -200,6 +200,20 @@ def test_it_starts_the_run_and_ends_it_with_itself(tmp_path):
             os.kill(told["pid"], 0)
 
 
+@pytest.mark.parametrize(
+    ("number", "ended"),
+    [(signal.SIGHUP, True), (signal.SIGKILL, False)],
+    ids=["its terminal was closed", "it was killed"],
+)
+def test_the_run_ends_with_the_page_that_started_it_however_that_ends(tmp_path, number, ended):
+    with served(tmp_path, runs=False) as here:
+        assert asked(here, "POST", "/api/v1/run/start")[0] == 200
+        run = asked(here, "GET", "/api/v1/session")[1]["run"]["pid"]
+        here.page.send_signal(number)
+        assert (here.page.wait(20) == 0) == ended
+        assert eventually(lambda: not is_running(run))
+
+
 def test_a_run_that_does_not_start_says_why(tmp_path):
     with served(tmp_path, "[camera\n", runs=False) as here:
         status, told = asked(here, "POST", "/api/v1/run/start")

@@ -1,4 +1,7 @@
-"""The run that the page starts when there is none: a process of its own, which the page ends when it ends itself."""
+"""The run that the page starts when there is none: a process of its own, which the page ends when it ends itself.
+
+If the page is killed, the run notices that and ends by itself: no outputs go on that nobody could end.
+"""
 
 from __future__ import annotations
 
@@ -104,7 +107,7 @@ async def _begun(configuration: Path, said: Any) -> Process:
             stdout=DEVNULL,
             stderr=said,
             start_new_session=True,
-            env={**os.environ, HAS_PAGE: "1"},
+            env={**os.environ, HAS_PAGE: str(os.getpid())},
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise PageError(503, "not-started", f"the run cannot be started: {error}") from error

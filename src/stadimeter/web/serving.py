@@ -16,6 +16,7 @@ from pathlib import Path
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from stadimeter.app.parent import watched_parent
 from stadimeter.app.restarts import OF_RUN
 from stadimeter.errors import PageError
 from stadimeter.web.access import is_loopback
@@ -86,7 +87,7 @@ def serve(
     tls: tuple[Path | None, Path | None] = (None, None),
     ready: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve the page until SIGTERM or SIGINT, or the end of the run that started it.
+    """Serve the page until SIGTERM, SIGINT or SIGHUP, or the end of the run that started it.
 
     Each ends it at once: streams end, and who waits for an answer is told that there will be none.
     """
@@ -106,7 +107,10 @@ async def _serve(
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # a download that is cut short is no fault
 
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
+    numbers = [signal.SIGTERM, signal.SIGINT]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # by `nohup`, for a page that outlives its terminal
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
         loop.add_signal_handler(number, end)
     async with asyncio.TaskGroup() as work:
         with at_end_of_run(end):
@@ -116,34 +120,23 @@ async def _serve(
 
 @contextmanager
 def at_end_of_run(end: Callable[[], None], environ: Mapping[str, str] = os.environ) -> Generator[None]:
-    """Call ``end`` when the run that started this process is gone, however it went; nothing if no run did.
-
-    A request of the kernel to be killed with the parent would be about the thread that started us, which ends sooner.
-    """
-    run = environ.get(OF_RUN, "")
-    if not run.isdecimal():
+    """Call ``end`` when the run that started this process is gone, however it went; nothing if no run did."""
+    run = watched_parent(environ.get(OF_RUN, ""))
+    if run is None:
         yield
         return
     loop = asyncio.get_running_loop()
-    try:
-        process = os.pidfd_open(int(run))
-    except ProcessLookupError:
-        end()
-        yield
-        return
 
     def ended() -> None:
-        loop.remove_reader(process)
+        loop.remove_reader(run)
         end()
 
-    loop.add_reader(process, ended)
-    if os.getppid() != int(run):  # it went before we looked, and the number is another's now
-        ended()
+    loop.add_reader(run, ended)
     try:
         yield
     finally:
-        loop.remove_reader(process)
-        os.close(process)
+        loop.remove_reader(run)
+        os.close(run)
 
 
 def server_of(page: Page, tls: tuple[Path | None, Path | None] = (None, None)) -> uvicorn.Server:
