@@ -153,6 +153,13 @@ def test_a_cookie_that_was_changed_opens_nothing(reader):
         assert reader.get("/api/v1/session").status == 401
 
 
+@pytest.mark.parametrize("other", ['a={"x": 1}', "theme=a b", 'a="', "consent", "path=/", "k@y=1"])
+def test_a_cookie_of_another_program_on_this_computer_is_in_nobodys_way(operator, other):
+    ((name, value),) = operator.cookies.items()
+    for cookies in (f"{other}; {name}={value}", f"{name}={value}; {other}"):
+        assert operator.get("/api/v1/session", Cookie=cookies).status == 200
+
+
 def test_a_session_ends_by_itself(operator, monkeypatch):
     now_s = operator.page.access._unix_s()
     monkeypatch.setattr(operator.page.access, "_unix_s", lambda: now_s + SESSION_S + 1)

@@ -9,11 +9,11 @@ import secrets
 import socket
 import time
 from collections.abc import Callable, Iterable
-from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import cookie_parser
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -141,11 +141,9 @@ class Access:
         )
 
     def _right_of_session(self, passwords: Passwords, headers: Headers) -> Right:
-        try:
-            found = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
-        except CookieError:
-            found = None
-        told, _, signature = (found.value if found else "").rpartition(".")
+        # Not that of `http.cookies`, which reads none where one of another program on this computer is odd to it.
+        cookie = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
+        told, _, signature = cookie.rpartition(".")
         if not hmac.compare_digest(signature.encode(), _signature(passwords, told).encode()):
             return Right.OPEN
         right, until_s, _ = told.split(".")
