@@ -76,6 +76,7 @@ CHANGING = [place for place in CLOSED if place.changes]
         {"Origin": "http://evil.example"},
         {"Origin": "null"},
         {"Origin": "http://127.0.0.1:1"},
+        {"Origin": "http://["},
         {"Origin": ""},
         {"Origin": "", "Sec-Fetch-Site": "same-site"},
         {"Origin": "http://evil.example", "Sec-Fetch-Site": "same-origin"},

@@ -228,7 +228,7 @@ def _is_address_of_ours(name: str, scope: Scope) -> bool:
 def _is_from_us(headers: Headers) -> bool:
     origin = headers.get("origin")
     if origin is not None:
-        return urlsplit(origin).netloc.lower() == headers.get("host", "").lower() != ""
+        return origin.partition("://")[2].lower() == headers.get("host", "").lower() != ""
     return headers.get("sec-fetch-site") == "same-origin"
 
 
