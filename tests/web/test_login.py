@@ -1,5 +1,6 @@
 """Who is let in, and to what: each path of the table, asked by each of those who may ask."""
 
+import http.client
 import re
 
 import pytest
@@ -177,6 +178,22 @@ def test_a_session_outlives_the_process_and_a_new_password_ends_it(tmp_path, mon
         assert again.get("/api/v1/session").status == 200
         PasswordFile(again.page.access.file.path).set("read", READ)
         assert again.get("/api/v1/session").status == 401
+
+
+def test_a_new_password_ends_what_is_being_watched(tmp_path, monkeypatch):
+    quicken(monkeypatch)
+    with served_page(tmp_path, OPERATE) as site:
+        site.log_in(OPERATE)
+        (cookie,) = (f"{name}={value}" for name, value in site.cookies.items())
+        connection = http.client.HTTPConnection("127.0.0.1", site.port, timeout=20)
+        connection.request("GET", "/api/v1/live?image=none", headers={"Cookie": cookie})
+        stream = connection.getresponse()
+        length = int.from_bytes(stream.read(8)[:4])
+        message = stream.read(length)
+        assert b"gone" in message
+        PasswordFile(site.page.access.file.path).set("operate", "another horse")
+        assert len(stream.read(10 * len(message))) < 10 * len(message)  # it has ended
+        connection.close()
 
 
 def test_logging_out_takes_the_cookie_away(operator):

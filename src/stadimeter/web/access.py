@@ -91,6 +91,13 @@ class Access:
             return Right.OPERATE if self._is_local else Right.OPEN
         return self._right_of_session(passwords, Headers(scope=scope))
 
+    def may_read(self, scope: Scope) -> bool:
+        """Return whether whoever asks may read, now: a stream may have begun before that ended."""
+        try:
+            return self.right_of(scope) >= Right.READ
+        except PageError:
+            return False
+
     def check_place(self, place: Place, scope: Scope) -> None:
         """See that whoever asks may do what a place does, and that a page of ours asks."""
         if scope["right"] < place.right:
