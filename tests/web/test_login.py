@@ -132,6 +132,13 @@ def test_too_many_wrong_passwords_must_wait_and_so_must_the_right_one(stranger):
     assert (answer.status, answer.headers["retry-after"]) == (429, "10")
 
 
+def test_who_may_watch_guesses_the_other_password_no_faster_with_theirs_in_between(stranger):
+    for _ in range(FREE):
+        assert stranger.log_in("wrong").status == 401
+        answer = stranger.log_in(READ)
+    assert (answer.status, answer.headers["retry-after"]) == (429, "10")
+
+
 def test_the_cookie_is_for_us_alone(stranger):
     cookie = stranger.log_in(OPERATE).headers["set-cookie"].lower()
     assert all(word in cookie for word in ("httponly", "samesite=strict", "path=/", f"max-age={SESSION_S}"))

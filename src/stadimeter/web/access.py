@@ -128,7 +128,7 @@ class Access:
             self._logins -= 1
         if right is Right.OPEN:
             raise PageError(401, "wrong-password", "the password is wrong")
-        self.attempts.succeeded(address)
+        self.attempts.succeeded(address, forgets=right is Right.OPERATE)
         return passwords, right
 
     def begin_session(self, response: Response, passwords: Passwords, right: Right, scope: Scope) -> None:
