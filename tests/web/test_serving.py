@@ -214,6 +214,20 @@ def test_the_run_ends_with_the_page_that_started_it_however_that_ends(tmp_path, 
         assert eventually(lambda: not is_running(run))
 
 
+def test_no_second_run_is_started_beside_one_that_answers_nothing_for_a_while(tmp_path):
+    """As one that begins anew, which takes a small Pi seconds."""
+    with served(tmp_path) as here:
+        run = asked(here, "GET", "/api/v1/session")[1]["run"]["pid"]
+        os.kill(run, signal.SIGSTOP)
+        status, told = asked(here, "POST", "/api/v1/run/start")
+        os.kill(run, signal.SIGCONT)
+        assert (status, f"process {run}" in told["error"]["message"]) == (409, True)
+        assert children(here.page.pid) == []
+        here.run.kill()
+        here.run.wait()
+        assert asked(here, "POST", "/api/v1/run/start")[0] == 200  # now there is none
+
+
 def test_a_run_that_does_not_start_says_why(tmp_path):
     with served(tmp_path, "[camera\n", runs=False) as here:
         status, told = asked(here, "POST", "/api/v1/run/start")

@@ -205,7 +205,7 @@ class Page:
 
     async def _about_run(self) -> dict[str, Any]:
         try:
-            told = (await self.run.ask("hello")).data
+            told = await self.run_process.about()
         except PageError as error:
             return {"is_running": False, "words": str(error), "may_start": self.run_process.may_start}
         return {"is_running": True, "words": "", "may_start": False, **told}

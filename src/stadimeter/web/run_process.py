@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import select
 import subprocess
 import tempfile
 from asyncio.subprocess import DEVNULL, Process
@@ -40,6 +41,7 @@ class RunProcess:
         self._link = link
         self._is_of_service = "INVOCATION_ID" in environ
         self._process: Process | None = None
+        self._seen = _Seen()
         self._turn = asyncio.Lock()
 
     @property
@@ -52,6 +54,9 @@ class RunProcess:
         async with self._turn:
             if await self._is_running():
                 raise PageError(409, "is-running", "the run is there already")
+            if self._seen.is_there() and not self._is_ours(self._seen.pid):
+                words = "is there, but does not answer: wait until it has begun anew; if it hangs, end it first"
+                raise PageError(409, "is-running", f"the run (process {self._seen.pid}) {words}")
             if self._is_of_service:
                 words = "the service starts the run: `sudo systemctl start stadimeter`"
                 raise PageError(409, "is-service", words)
@@ -72,12 +77,21 @@ class RunProcess:
                 process.kill()
             await process.wait()
 
+    async def about(self) -> dict[str, Any]:
+        """Return what the run says of itself, whoever started it; `PageError` if none answers."""
+        told: dict[str, Any] = (await self._link.ask("hello")).data
+        self._seen.see(told.get("pid", 0))
+        return told
+
     async def _is_running(self) -> bool:
         try:
-            await self._link.ask("hello")
+            await self.about()
         except PageError:
             return False
         return True
+
+    def _is_ours(self, pid: int) -> bool:
+        return self._process is not None and self._process.pid == pid
 
     async def _started(self) -> Any:
         await self.end()
@@ -90,12 +104,40 @@ class RunProcess:
                 async with asyncio.timeout(START_MAX_S):
                     while self._process.returncode is None:
                         with suppress(PageError):
-                            return (await self._link.ask("hello")).data
+                            return await self.about()
                         await asyncio.sleep(ASK_EVERY_S)
             except TimeoutError as error:
                 words = f"the run was started, but cannot be asked after {START_MAX_S:g} s: {_tail(said)}"
                 raise PageError(503, "no-answer", words) from error
             raise PageError(409, "not-started", f"the run did not start: {_tail(said)}")
+
+
+class _Seen:
+    """The process that answered last as the run. One that restarts keeps its number, and answers nothing meanwhile."""
+
+    def __init__(self) -> None:
+        self.pid = 0
+        self._process = -1
+
+    def see(self, pid: int) -> None:
+        """Remember a process."""
+        self._forget()
+        with suppress(OSError):
+            self.pid, self._process = pid, os.pidfd_open(pid)
+
+    def is_there(self) -> bool:
+        """Return whether it still is."""
+        if self._process >= 0 and select.select([self._process], [], [], 0)[0]:
+            self._forget()
+        return self._process >= 0
+
+    def _forget(self) -> None:
+        if self._process >= 0:
+            os.close(self._process)
+        self.pid, self._process = 0, -1
+
+    def __del__(self) -> None:
+        self._forget()
 
 
 async def _begun(configuration: Path, said: Any) -> Process:
