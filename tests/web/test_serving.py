@@ -60,6 +60,19 @@ def test_an_address_that_is_not_ours_is_a_sentence(tmp_path, monkeypatch):
     assert (done.returncode, "cannot listen there" in done.stderr) == (2, True)
 
 
+def test_an_address_that_is_none_is_a_sentence(tmp_path, monkeypatch):
+    quicken(monkeypatch)
+    PasswordFile(tmp_path / "room.passwords").set("operate", OPERATE)
+    done = invoked(tmp_path / "room.toml", "--address", "999.1.1.1", "--port", 0)
+    assert (done.returncode, "not known" in done.stderr) == (2, True)
+
+
+@pytest.mark.parametrize("folder", [".", "/", "tests"])
+def test_a_folder_is_no_configuration(folder):
+    done = invoked(folder)
+    assert (done.returncode, f"{folder} is a folder" in done.stderr) == (2, True)
+
+
 def test_a_configuration_is_named(tmp_path):
     done = invoked("--password-file", tmp_path / "words")
     assert (done.returncode, "name the CONFIG" in done.stderr) == (2, True)

@@ -89,6 +89,9 @@ def web(
         _check_extra()
         from stadimeter.web.passwords import place_of_passwords  # noqa: PLC0415 - only with the extra
 
+        if config is not None and config.is_dir():
+            words = f"{config} is a folder; name the configuration in it, such as {config / 'stadimeter.toml'}"
+            raise PageError(400, "no-configuration", words)
         passwords = password_file or place_of_passwords(config)
         if set_password:
             _set_password(passwords, "read" if read else "operate")

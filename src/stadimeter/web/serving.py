@@ -220,4 +220,4 @@ def _why_not(address: str, port: int, error: OSError) -> str:
         return f"port {port} is in use by another program; give another one with `--port`"
     if error.errno == errno.EACCES:
         return f"port {port} is for root only; give one from 1024 on with `--port`"
-    return f"{address}: cannot listen there: {os.strerror(error.errno or 0)}"
+    return f"{address}: cannot listen there: {error.strerror}"  # that of a name is no number of the system's
