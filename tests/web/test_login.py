@@ -218,7 +218,8 @@ def test_without_a_password_this_computer_may_do_all(tmp_path):
 def test_a_password_file_that_cannot_be_read_lets_nobody_in(tmp_path):
     with served_page(tmp_path) as site:
         site.page.access.file.path.write_text("{}")
-        assert site.get("/api/v1/session").error == "no-passwords"
+        answer = site.get("/api/v1/session")
+        assert (answer.error, "delete it" in answer.data["error"]["message"]) == ("no-passwords", True)
 
 
 @pytest.mark.parametrize("path", ["/login", "/login.css", "/", "/nothing", "/api/v1/session"])
