@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from stadimeter.app.restarts import OF_RUN
 from stadimeter.errors import PageError
 from stadimeter.testing.eventually import eventually
 from stadimeter.web import serving
@@ -251,6 +252,21 @@ def test_a_service_starts_the_run_itself(tmp_path):
     link = RunLink(tmp_path / "room.toml", tmp_path / "none.sock")
     with pytest.raises(PageError, match="systemctl start stadimeter"):
         asyncio.run(RunProcess(link, {"INVOCATION_ID": "7"}).start())
+
+
+@pytest.mark.parametrize(
+    ("environment", "may_start"),
+    [
+        ({}, True),
+        ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": str(os.getpid())}, False),
+        ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": "1", OF_RUN: "1"}, False),
+        ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": "1"}, True),
+    ],
+    ids=["a shell", "a service", "the page of a service", "a terminal that is a service"],
+)
+def test_only_what_systemd_itself_has_started_leaves_the_run_to_it(tmp_path, environment, may_start):
+    link = RunLink(tmp_path / "room.toml", tmp_path / "none.sock")
+    assert RunProcess(link, environment).may_start == may_start
 
 
 @pytest.fixture

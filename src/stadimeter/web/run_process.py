@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from stadimeter.app.restarts import HAS_PAGE
+from stadimeter.app.restarts import HAS_PAGE, OF_RUN
 from stadimeter.errors import PageError
 from stadimeter.web import python
 from stadimeter.web.run_link import RunLink
@@ -39,7 +39,7 @@ class RunProcess:
 
     def __init__(self, link: RunLink, environ: Mapping[str, str] = os.environ) -> None:
         self._link = link
-        self._is_of_service = "INVOCATION_ID" in environ
+        self._is_of_service = _is_of_service(environ)
         self._process: Process | None = None
         self._seen = _Seen()
         self._turn = asyncio.Lock()
@@ -110,6 +110,14 @@ class RunProcess:
                 words = f"the run was started, but cannot be asked after {START_MAX_S:g} s: {_tail(said)}"
                 raise PageError(503, "no-answer", words) from error
             raise PageError(409, "not-started", f"the run did not start: {_tail(said)}")
+
+
+def _is_of_service(environ: Mapping[str, str]) -> bool:
+    """Return whether systemd has started us, or our run; not a desktop's terminal, which is often a service itself."""
+    if "INVOCATION_ID" not in environ:
+        return False
+    started = environ.get("SYSTEMD_EXEC_PID")  # as of version 248
+    return started in {None, str(os.getpid()), environ.get(OF_RUN)}
 
 
 class _Seen:
