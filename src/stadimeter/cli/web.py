@@ -118,9 +118,13 @@ def _set_password(path: Path, right: str) -> None:
     from stadimeter.web.passwords import PasswordFile  # noqa: PLC0415 - only with the extra
 
     words = {"operate": "Password for operating", "read": "Password for watching"}[right]
+    file = PasswordFile(path)
+    is_first = file.passwords() is None
     password = typer.prompt(words, hide_input=True, confirmation_prompt="Once more")
-    PasswordFile(path).set(right, password)
+    file.set(right, password)
     typer.echo(f"The password is set; all sessions have ended. Its hash is in {path}.")
+    if is_first:
+        typer.echo("A page that is served already is reached by others when it has been started again.")
 
 
 def _become(paths: Mapping[str, Path | None], more: Mapping[str, object]) -> None:
