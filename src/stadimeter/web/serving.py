@@ -12,6 +12,7 @@ import ssl
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -176,8 +177,6 @@ class _Connection(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        if len(self.connections) > CONNECTIONS_MAX:
-            transport.abort()
         self._since_s = self.loop.time()
         self._watch()
 
@@ -198,8 +197,30 @@ class _Connection(H11Protocol):
             self._timer = self.loop.call_later(IDLE_MAX_S / 4, self._watch)
 
 
+class _Listener(socket.socket):
+    """Lets in no more than there is room for, also of those who come for TLS and say nothing.
+
+    The server knows a connection from the end of its handshake on. Before that, strangers could take every file
+    descriptor of the process, which then fills the log.
+    """
+
+    def __init__(self, family: socket.AddressFamily) -> None:
+        super().__init__(family, socket.SOCK_STREAM)
+        self._let_in: list[socket.socket] = []
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Return a connection; one that there is no room for is closed, and `BlockingIOError` asks to come again."""
+        connection, address = super().accept()
+        self._let_in = [each for each in self._let_in if each.fileno() >= 0]
+        if len(self._let_in) >= CONNECTIONS_MAX:
+            connection.close()
+            raise BlockingIOError
+        self._let_in.append(connection)
+        return connection, address
+
+
 def _listening(address: str, port: int) -> socket.socket:
-    listener = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, socket.SOCK_STREAM)
+    listener = _Listener(socket.AF_INET6 if ":" in address else socket.AF_INET)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         # Connections inherit these.
