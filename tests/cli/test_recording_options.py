@@ -62,6 +62,14 @@ def test_a_disk_that_fills_up_ends_the_file_intact_and_the_run_goes_on(
         assert path.read_bytes().endswith(b"}\n")
 
 
+def test_the_run_goes_on_also_where_its_warnings_go_to_the_disk_that_is_full(config: Path) -> None:
+    """As with those of a run that a page has started: it keeps them in a file."""
+    words = command(config, "--seconds", 5, "--speed", 0, "--journal", "/dev/full")
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(words, stdout=subprocess.PIPE, stderr=full, text=True, check=False)
+    assert "Ended: 5 s, as asked for." in done.stdout
+
+
 @pytest.mark.parametrize(("option", "name"), OPTIONS)
 def test_a_restart_replaces_no_record_of_an_earlier_run_and_says_where_that_is(
     config: Path, tmp_path: Path, option: str, name: str

@@ -3,7 +3,7 @@
 import pytest
 
 from stadimeter.errors import PageError
-from stadimeter.web.attempts import ADDRESSES_MAX, FREE, IN_ALL, IN_ALL_S, LONGEST_WAIT_S, Attempts
+from stadimeter.web.attempts import ADDRESSES_MAX, FORGOTTEN_S, FREE, IN_ALL, IN_ALL_S, LONGEST_WAIT_S, Attempts
 
 
 class Clock:
@@ -47,6 +47,12 @@ def test_who_knows_the_password_starts_afresh(attempts):
     for _ in range(FREE):
         attempts.begin("192.168.1.7")
         attempts.succeeded("192.168.1.7")
+    assert [wait_s(attempts) for _ in range(FREE + 1)] == [0] * FREE + [10]
+
+
+def test_what_went_wrong_a_day_ago_counts_no_more(attempts, clock):
+    assert [wait_s(attempts) for _ in range(FREE + 1)][-1] == 10
+    clock.now_s += 10 + FORGOTTEN_S + 1
     assert [wait_s(attempts) for _ in range(FREE + 1)] == [0] * FREE + [10]
 
 

@@ -1,5 +1,6 @@
 """Who is let in, and to what: each path of the table, asked by each of those who may ask."""
 
+import http.client
 import re
 
 import pytest
@@ -76,6 +77,7 @@ CHANGING = [place for place in CLOSED if place.changes]
         {"Origin": "http://evil.example"},
         {"Origin": "null"},
         {"Origin": "http://127.0.0.1:1"},
+        {"Origin": "http://["},
         {"Origin": ""},
         {"Origin": "", "Sec-Fetch-Site": "same-site"},
         {"Origin": "http://evil.example", "Sec-Fetch-Site": "same-origin"},
@@ -130,6 +132,13 @@ def test_too_many_wrong_passwords_must_wait_and_so_must_the_right_one(stranger):
     assert (answer.status, answer.headers["retry-after"]) == (429, "10")
 
 
+def test_who_may_watch_guesses_the_other_password_no_faster_with_theirs_in_between(stranger):
+    for _ in range(FREE):
+        assert stranger.log_in("wrong").status == 401
+        answer = stranger.log_in(READ)
+    assert (answer.status, answer.headers["retry-after"]) == (429, "10")
+
+
 def test_the_cookie_is_for_us_alone(stranger):
     cookie = stranger.log_in(OPERATE).headers["set-cookie"].lower()
     assert all(word in cookie for word in ("httponly", "samesite=strict", "path=/", f"max-age={SESSION_S}"))
@@ -153,6 +162,13 @@ def test_a_cookie_that_was_changed_opens_nothing(reader):
         assert reader.get("/api/v1/session").status == 401
 
 
+@pytest.mark.parametrize("other", ['a={"x": 1}', "theme=a b", 'a="', "consent", "path=/", "k@y=1"])
+def test_a_cookie_of_another_program_on_this_computer_is_in_nobodys_way(operator, other):
+    ((name, value),) = operator.cookies.items()
+    for cookies in (f"{other}; {name}={value}", f"{name}={value}; {other}"):
+        assert operator.get("/api/v1/session", Cookie=cookies).status == 200
+
+
 def test_a_session_ends_by_itself(operator, monkeypatch):
     now_s = operator.page.access._unix_s()
     monkeypatch.setattr(operator.page.access, "_unix_s", lambda: now_s + SESSION_S + 1)
@@ -171,6 +187,22 @@ def test_a_session_outlives_the_process_and_a_new_password_ends_it(tmp_path, mon
         assert again.get("/api/v1/session").status == 401
 
 
+def test_a_new_password_ends_what_is_being_watched(tmp_path, monkeypatch):
+    quicken(monkeypatch)
+    with served_page(tmp_path, OPERATE) as site:
+        site.log_in(OPERATE)
+        (cookie,) = (f"{name}={value}" for name, value in site.cookies.items())
+        connection = http.client.HTTPConnection("127.0.0.1", site.port, timeout=20)
+        connection.request("GET", "/api/v1/live?image=none", headers={"Cookie": cookie})
+        stream = connection.getresponse()
+        length = int.from_bytes(stream.read(8)[:4])
+        message = stream.read(length)
+        assert b"gone" in message
+        PasswordFile(site.page.access.file.path).set("operate", "another horse")
+        assert len(stream.read(10 * len(message))) < 10 * len(message)  # it has ended
+        connection.close()
+
+
 def test_logging_out_takes_the_cookie_away(operator):
     assert "max-age=0" in operator.ask("POST", "/logout").headers["set-cookie"].lower()
 
@@ -186,7 +218,8 @@ def test_without_a_password_this_computer_may_do_all(tmp_path):
 def test_a_password_file_that_cannot_be_read_lets_nobody_in(tmp_path):
     with served_page(tmp_path) as site:
         site.page.access.file.path.write_text("{}")
-        assert site.get("/api/v1/session").error == "no-passwords"
+        answer = site.get("/api/v1/session")
+        assert (answer.error, "delete it" in answer.data["error"]["message"]) == ("no-passwords", True)
 
 
 @pytest.mark.parametrize("path", ["/login", "/login.css", "/", "/nothing", "/api/v1/session"])

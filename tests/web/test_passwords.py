@@ -108,4 +108,5 @@ def test_the_command_asks_twice_and_shows_nothing(tmp_path):
     assert process.returncode == 0
     assert OPERATE.encode() not in shown
     assert b"sessions have ended" in shown
+    assert b"started again" in shown  # what listens on the loopback goes on to
     assert set(json.loads((tmp_path / "room.passwords").read_text())) == {"scrypt", "salt", "key", "operate"}

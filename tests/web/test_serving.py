@@ -1,6 +1,7 @@
 """How the page is served: its address, its certificate, its connections, and its end."""
 
 import asyncio
+import contextlib
 import http.client
 import json
 import os
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from stadimeter.app.restarts import OF_RUN
 from stadimeter.errors import PageError
 from stadimeter.testing.eventually import eventually
 from stadimeter.web import serving
@@ -58,6 +60,19 @@ def test_an_address_that_is_not_ours_is_a_sentence(tmp_path, monkeypatch):
     PasswordFile(tmp_path / "room.passwords").set("operate", OPERATE)
     done = invoked(tmp_path / "room.toml", "--address", "192.0.2.1", "--port", 0)
     assert (done.returncode, "cannot listen there" in done.stderr) == (2, True)
+
+
+def test_an_address_that_is_none_is_a_sentence(tmp_path, monkeypatch):
+    quicken(monkeypatch)
+    PasswordFile(tmp_path / "room.passwords").set("operate", OPERATE)
+    done = invoked(tmp_path / "room.toml", "--address", "999.1.1.1", "--port", 0)
+    assert (done.returncode, "not known" in done.stderr) == (2, True)
+
+
+@pytest.mark.parametrize("folder", [".", "/", "tests"])
+def test_a_folder_is_no_configuration(folder):
+    done = invoked(folder)
+    assert (done.returncode, f"{folder} is a folder" in done.stderr) == (2, True)
 
 
 def test_a_configuration_is_named(tmp_path):
@@ -200,6 +215,34 @@ def test_it_starts_the_run_and_ends_it_with_itself(tmp_path):
             os.kill(told["pid"], 0)
 
 
+@pytest.mark.parametrize(
+    ("number", "ended"),
+    [(signal.SIGHUP, True), (signal.SIGKILL, False)],
+    ids=["its terminal was closed", "it was killed"],
+)
+def test_the_run_ends_with_the_page_that_started_it_however_that_ends(tmp_path, number, ended):
+    with served(tmp_path, runs=False) as here:
+        assert asked(here, "POST", "/api/v1/run/start")[0] == 200
+        run = asked(here, "GET", "/api/v1/session")[1]["run"]["pid"]
+        here.page.send_signal(number)
+        assert (here.page.wait(20) == 0) == ended
+        assert eventually(lambda: not is_running(run))
+
+
+def test_no_second_run_is_started_beside_one_that_answers_nothing_for_a_while(tmp_path):
+    """As one that begins anew, which takes a small Pi seconds."""
+    with served(tmp_path) as here:
+        run = asked(here, "GET", "/api/v1/session")[1]["run"]["pid"]
+        os.kill(run, signal.SIGSTOP)
+        status, told = asked(here, "POST", "/api/v1/run/start")
+        os.kill(run, signal.SIGCONT)
+        assert (status, f"process {run}" in told["error"]["message"]) == (409, True)
+        assert children(here.page.pid) == []
+        here.run.kill()
+        here.run.wait()
+        assert asked(here, "POST", "/api/v1/run/start")[0] == 200  # now there is none
+
+
 def test_a_run_that_does_not_start_says_why(tmp_path):
     with served(tmp_path, "[camera\n", runs=False) as here:
         status, told = asked(here, "POST", "/api/v1/run/start")
@@ -210,6 +253,21 @@ def test_a_service_starts_the_run_itself(tmp_path):
     link = RunLink(tmp_path / "room.toml", tmp_path / "none.sock")
     with pytest.raises(PageError, match="systemctl start stadimeter"):
         asyncio.run(RunProcess(link, {"INVOCATION_ID": "7"}).start())
+
+
+@pytest.mark.parametrize(
+    ("environment", "may_start"),
+    [
+        ({}, True),
+        ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": str(os.getpid())}, False),
+        ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": "1", OF_RUN: "1"}, False),
+        ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": "1"}, True),
+    ],
+    ids=["a shell", "a service", "the page of a service", "a terminal that is a service"],
+)
+def test_only_what_systemd_itself_has_started_leaves_the_run_to_it(tmp_path, environment, may_start):
+    link = RunLink(tmp_path / "room.toml", tmp_path / "none.sock")
+    assert RunProcess(link, environment).may_start == may_start
 
 
 @pytest.fixture
@@ -250,9 +308,18 @@ def test_no_more_are_connected_than_there_is_room_for(tmp_path, monkeypatch):
         with socket.create_connection(("127.0.0.1", site.port), timeout=20) as fourth:
             assert ended(fourth)
         held.pop().close()
-        eventually(lambda: site.get("/login").status == 200 if is_let_in(site.port) else False)
+        assert eventually(lambda: is_let_in(site.port))
         for each in held:
             each.close()
+
+
+def test_who_comes_for_tls_and_says_nothing_takes_no_more_room(pairs, tmp_path):
+    options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
+    with served(tmp_path, None, *options, runs=False) as here, contextlib.ExitStack() as held:
+        port = int(here.url.rpartition(":")[2])
+        for _ in range(serving.CONNECTIONS_MAX):
+            held.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20))
+        assert ended(held.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20)))
 
 
 def ended(connection):

@@ -14,6 +14,7 @@ from __future__ import annotations
 import errno
 import math
 import os
+import select
 import signal
 import sys
 import threading
@@ -23,6 +24,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
 
+from stadimeter.app.parent import watched_parent
 from stadimeter.errors import DriverError
 
 END_WITHIN_S = 1.3
@@ -154,6 +156,24 @@ def stopping_on_signals(
         os.close(tell)
         watch.join()
         os.close(heard)
+
+
+def end_with(parent: str) -> None:
+    """Have this process end, as SIGTERM ends it, when the one that started it is gone.
+
+    Args:
+        parent: Its process id; anything else stands for none.
+    """
+    process = watched_parent(parent)
+    if process is not None:
+        threading.Thread(target=_end_after, args=(process,), name="parent", daemon=True).start()
+
+
+def _end_after(process: int) -> None:
+    poll = select.poll()
+    poll.register(process, select.POLLIN)
+    poll.poll()
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def has_terminal() -> bool:

@@ -14,7 +14,7 @@ HANDED_ON = "STADIMETER_PAGE"
 """This one says which page the program before has left: what it says (a file descriptor), its process id, and more."""
 
 HAS_PAGE = "STADIMETER_HAS_PAGE"
-"""A run that was started by a page finds this in its environment, and starts none of its own."""
+"""A run that was started by a page finds here the process id of that page. It ends with it, and starts none."""
 
 OF_RUN = "STADIMETER_OF_RUN"
 """A page that was started by a run finds here the process id of that run, with which it ends. A restart keeps it."""

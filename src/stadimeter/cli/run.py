@@ -12,9 +12,9 @@ from typing import Annotated
 import typer
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.ending import stopping_on_signals
+from stadimeter.app.ending import end_with, stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.restarts import begin_anew
+from stadimeter.app.restarts import HAS_PAGE, begin_anew
 from stadimeter.cli.exits import DONE, plain_errors
 from stadimeter.cli.keyboard import RunKeys
 from stadimeter.cli.run_options import (
@@ -128,6 +128,7 @@ def run_loop(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, sho
             showing.keys.keyboard.restore()
 
     with stopping_on_signals(stop, loop.services.reload, loop.give_up):
+        end_with(os.environ.get(HAS_PAGE, ""))
         try:
             with plain_errors():
                 _run_to_the_end(loop, limits, keeping, serving, showing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -352,8 +353,12 @@ class _ErrorLines:
     def __call__(self, words: str) -> None:
         if self._is_quiet:
             self._waiting.append(words)
-        else:
+            return
+        try:
             typer.echo(words, err=True)
+        except OSError as error:
+            if error.errno != errno.ENOSPC:  # a warning that the disk is full must not end the run, if it goes there
+                raise
 
     def tell_all(self) -> None:
         """Tell what has waited."""

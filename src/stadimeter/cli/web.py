@@ -16,6 +16,43 @@ from stadimeter.cli.exits import plain_errors
 from stadimeter.errors import PageError
 from stadimeter.web import python
 
+ConfigFile = Annotated[
+    Path | None,
+    typer.Argument(metavar="CONFIG", help="The configuration that the page is for; it need not be there yet."),
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        "--address",
+        metavar="ADDRESS",
+        help="Where to listen; by default on this computer only, and everywhere once a password is set.",
+    ),
+]
+Port = Annotated[int, typer.Option("--port", min=0, max=65535, help="The port; 0 for any that is free.")]
+SetPassword = Annotated[
+    bool, typer.Option("--set-password", help="Ask for a new password, and end. It ends all sessions.")
+]
+ForReading = Annotated[
+    bool, typer.Option("--read", help="With --set-password: for watching only; else it is for operating.")
+]
+PasswordPath = Annotated[
+    Path | None,
+    typer.Option("--password-file", metavar="FILE", help="Where the passwords' hashes are; else beside CONFIG."),
+]
+Certificate = Annotated[
+    Path | None, typer.Option("--certificate", metavar="FILE", help="Serve https, with this certificate (PEM).")
+]
+Key = Annotated[
+    Path | None, typer.Option("--key", metavar="FILE", help="The certificate's key (PEM, without a passphrase).")
+]
+AllowedHosts = Annotated[
+    list[str] | None,
+    typer.Option("--allow-host", metavar="NAME", help="Another name of this computer in browsers. Repeatable."),
+]
+SocketFile = Annotated[
+    Path | None, typer.Option("--socket", metavar="PATH", help="The socket of the run; by default it is found.")
+]
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -23,42 +60,16 @@ def register(app: typer.Typer) -> None:
 
 
 def web(
-    config: Annotated[
-        Path | None,
-        typer.Argument(metavar="CONFIG", help="The configuration that the page is for; it need not be there yet."),
-    ] = None,
-    address: Annotated[
-        str | None,
-        typer.Option(
-            "--address",
-            metavar="ADDRESS",
-            help="Where to listen; by default on this computer only, and everywhere once a password is set.",
-        ),
-    ] = None,
-    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="The port; 0 for any that is free.")] = 8080,
-    set_password: Annotated[
-        bool, typer.Option("--set-password", help="Ask for a new password, and end. It ends all sessions.")
-    ] = False,
-    read: Annotated[
-        bool, typer.Option("--read", help="With --set-password: for watching only; else it is for operating.")
-    ] = False,
-    password_file: Annotated[
-        Path | None,
-        typer.Option("--password-file", metavar="FILE", help="Where the passwords' hashes are; else beside CONFIG."),
-    ] = None,
-    certificate: Annotated[
-        Path | None, typer.Option("--certificate", metavar="FILE", help="Serve https, with this certificate (PEM).")
-    ] = None,
-    key: Annotated[
-        Path | None, typer.Option("--key", metavar="FILE", help="The certificate's key (PEM, without a passphrase).")
-    ] = None,
-    allow_host: Annotated[
-        list[str] | None,
-        typer.Option("--allow-host", metavar="NAME", help="Another name of this computer in browsers. Repeatable."),
-    ] = None,
-    socket: Annotated[
-        Path | None, typer.Option("--socket", metavar="PATH", help="The socket of the run; by default it is found.")
-    ] = None,
+    config: ConfigFile = None,
+    address: Address = None,
+    port: Port = 8080,
+    set_password: SetPassword = False,
+    read: ForReading = False,
+    password_file: PasswordPath = None,
+    certificate: Certificate = None,
+    key: Key = None,
+    allow_host: AllowedHosts = None,
+    socket: SocketFile = None,
 ) -> None:
     """Serve a page on which a browser sees, sets up and operates a run.
 
@@ -78,6 +89,9 @@ def web(
         _check_extra()
         from stadimeter.web.passwords import place_of_passwords  # noqa: PLC0415 - only with the extra
 
+        if config is not None and config.is_dir():
+            words = f"{config} is a folder; name the configuration in it, such as {config / 'stadimeter.toml'}"
+            raise PageError(400, "no-configuration", words)
         passwords = password_file or place_of_passwords(config)
         if set_password:
             _set_password(passwords, "read" if read else "operate")
@@ -104,9 +118,13 @@ def _set_password(path: Path, right: str) -> None:
     from stadimeter.web.passwords import PasswordFile  # noqa: PLC0415 - only with the extra
 
     words = {"operate": "Password for operating", "read": "Password for watching"}[right]
+    file = PasswordFile(path)
+    is_first = file.passwords() is None
     password = typer.prompt(words, hide_input=True, confirmation_prompt="Once more")
-    PasswordFile(path).set(right, password)
+    file.set(right, password)
     typer.echo(f"The password is set; all sessions have ended. Its hash is in {path}.")
+    if is_first:
+        typer.echo("A page that is served already is reached by others when it has been started again.")
 
 
 def _become(paths: Mapping[str, Path | None], more: Mapping[str, object]) -> None:

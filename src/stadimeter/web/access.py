@@ -9,11 +9,11 @@ import secrets
 import socket
 import time
 from collections.abc import Callable, Iterable
-from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import cookie_parser
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -91,6 +91,13 @@ class Access:
             return Right.OPERATE if self._is_local else Right.OPEN
         return self._right_of_session(passwords, Headers(scope=scope))
 
+    def may_read(self, scope: Scope) -> bool:
+        """Return whether whoever asks may read, now: a stream may have begun before that ended."""
+        try:
+            return self.right_of(scope) >= Right.READ
+        except PageError:
+            return False
+
     def check_place(self, place: Place, scope: Scope) -> None:
         """See that whoever asks may do what a place does, and that a page of ours asks."""
         if scope["right"] < place.right:
@@ -121,7 +128,7 @@ class Access:
             self._logins -= 1
         if right is Right.OPEN:
             raise PageError(401, "wrong-password", "the password is wrong")
-        self.attempts.succeeded(address)
+        self.attempts.succeeded(address, forgets=right is Right.OPERATE)
         return passwords, right
 
     def begin_session(self, response: Response, passwords: Passwords, right: Right, scope: Scope) -> None:
@@ -141,11 +148,9 @@ class Access:
         )
 
     def _right_of_session(self, passwords: Passwords, headers: Headers) -> Right:
-        try:
-            found = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
-        except CookieError:
-            found = None
-        told, _, signature = (found.value if found else "").rpartition(".")
+        # Not that of `http.cookies`, which reads none where one of another program on this computer is odd to it.
+        cookie = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
+        told, _, signature = cookie.rpartition(".")
         if not hmac.compare_digest(signature.encode(), _signature(passwords, told).encode()):
             return Right.OPEN
         right, until_s, _ = told.split(".")
@@ -230,7 +235,7 @@ def _is_address_of_ours(name: str, scope: Scope) -> bool:
 def _is_from_us(headers: Headers) -> bool:
     origin = headers.get("origin")
     if origin is not None:
-        return urlsplit(origin).netloc.lower() == headers.get("host", "").lower() != ""
+        return origin.partition("://")[2].lower() == headers.get("host", "").lower() != ""
     return headers.get("sec-fetch-site") == "same-origin"
 
 

@@ -14,6 +14,9 @@ FREE = 5
 """So many failures in a row cost no time. Each further one doubles the wait."""
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 10.0, 900.0
+FORGOTTEN_S = 24 * 3600.0
+"""After this long without a failure, those before count no more."""
+
 IN_ALL, IN_ALL_S = 30, 60.0
 """So many failures in so much time, from everywhere: a network of computers guesses no faster than one."""
 
@@ -37,6 +40,8 @@ class Attempts:
         """Count an attempt as failed until it has succeeded; `PageError` says how long to wait, if it is too early."""
         now_s, of = self._clock(), _network(address)
         count, until_s = self._failures.get(of, (0, now_s))
+        if now_s > until_s + FORGOTTEN_S:
+            count = 0
         if len(self._recent) == IN_ALL:
             until_s = max(until_s, self._recent[0] + IN_ALL_S)
         if until_s > now_s:
@@ -52,9 +57,16 @@ class Attempts:
         while len(self._failures) > ADDRESSES_MAX:
             self._failures.popitem(last=False)
 
-    def succeeded(self, address: str) -> None:
-        """Forget the failures of an address, and the attempt that was none."""
-        self._failures.pop(_network(address), None)
+    def succeeded(self, address: str, *, forgets: bool = True) -> None:
+        """Take back the attempt that was none, and forget the failures of its address.
+
+        Args:
+            forgets: Whether those are forgotten at once. Not for a password that there is more to gain than: whoever
+                has it could guess that other one without a wait, with theirs in between.
+        """
+        count, _ = self._failures.pop(_network(address), (1, 0.0))
+        if count > 1 and not forgets:
+            self._failures[_network(address)] = (count - 1, self._clock())
         if self._recent:
             self._recent.pop()
 

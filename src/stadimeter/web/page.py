@@ -155,12 +155,12 @@ class Page:
 
     async def live(self, request: Request) -> Response:
         """Snapshots, for as long as the browser takes them."""
-        feed = self.feeds[request.query_params.get("image", "plain")]
-        return Streamed(_framed(feed.watch()), "application/octet-stream")
+        messages = self._watched(request.query_params.get("image", "plain"), request)
+        return Streamed(_framed(messages), "application/octet-stream")
 
     async def stream(self, request: Request) -> Response:
         """Pictures, each in the place of the one before, for anything that shows MJPEG."""
-        return Streamed(_parts(self.feeds[_image(request)].watch()), "multipart/x-mixed-replace; boundary=frame")
+        return Streamed(_parts(self._watched(_image(request), request)), "multipart/x-mixed-replace; boundary=frame")
 
     async def snapshot(self, request: Request) -> Response:
         """Give the newest picture."""
@@ -185,6 +185,19 @@ class Page:
             raise PageError(404, "not-found", f"there is no recording {name!r}")
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
+    def _watched(self, image: str, request: Request) -> AsyncGenerator[Message, None]:
+        """Return the messages of a feed, for as long as whoever asks may read: a new password ends that."""
+        feed = self.feeds[image]
+
+        async def watched() -> AsyncGenerator[Message, None]:
+            async with aclosing(feed.watch()) as messages:
+                async for message in messages:
+                    if not self.access.may_read(request.scope):
+                        return
+                    yield message
+
+        return watched()
+
     async def _file(self, name: str, request: Request) -> Response:
         response = await self._static.get_response(name, request.scope)
         response.headers.update(REVALIDATED)
@@ -192,7 +205,7 @@ class Page:
 
     async def _about_run(self) -> dict[str, Any]:
         try:
-            told = (await self.run.ask("hello")).data
+            told = await self.run_process.about()
         except PageError as error:
             return {"is_running": False, "words": str(error), "may_start": self.run_process.may_start}
         return {"is_running": True, "words": "", "may_start": False, **told}

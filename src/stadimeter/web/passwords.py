@@ -73,7 +73,11 @@ class PasswordFile:
         except FileNotFoundError:
             self._passwords, self._read_as = None, None
         except (OSError, ValueError, KeyError, TypeError) as error:
-            why = error.strerror if isinstance(error, OSError) else "it is no password file; set the password anew"
+            why = (
+                error.strerror
+                if isinstance(error, OSError)
+                else "it is no password file; delete it, and set the password anew"
+            )
             raise PageError(503, "no-passwords", f"{self.path}: cannot be read: {why}") from error
         return self._passwords
 

@@ -1,9 +1,13 @@
-"""The run that the page starts when there is none: a process of its own, which the page ends when it ends itself."""
+"""The run that the page starts when there is none: a process of its own, which the page ends when it ends itself.
+
+If the page is killed, the run notices that and ends by itself: no outputs go on that nobody could end.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import os
+import select
 import subprocess
 import tempfile
 from asyncio.subprocess import DEVNULL, Process
@@ -12,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from stadimeter.app.restarts import HAS_PAGE
+from stadimeter.app.restarts import HAS_PAGE, OF_RUN
 from stadimeter.errors import PageError
 from stadimeter.web import python
 from stadimeter.web.run_link import RunLink
@@ -35,8 +39,9 @@ class RunProcess:
 
     def __init__(self, link: RunLink, environ: Mapping[str, str] = os.environ) -> None:
         self._link = link
-        self._is_of_service = "INVOCATION_ID" in environ
+        self._is_of_service = _is_of_service(environ)
         self._process: Process | None = None
+        self._seen = _Seen()
         self._turn = asyncio.Lock()
 
     @property
@@ -49,6 +54,9 @@ class RunProcess:
         async with self._turn:
             if await self._is_running():
                 raise PageError(409, "is-running", "the run is there already")
+            if self._seen.is_there() and not self._is_ours(self._seen.pid):
+                words = "is there, but does not answer: wait until it has begun anew; if it hangs, end it first"
+                raise PageError(409, "is-running", f"the run (process {self._seen.pid}) {words}")
             if self._is_of_service:
                 words = "the service starts the run: `sudo systemctl start stadimeter`"
                 raise PageError(409, "is-service", words)
@@ -69,12 +77,21 @@ class RunProcess:
                 process.kill()
             await process.wait()
 
+    async def about(self) -> dict[str, Any]:
+        """Return what the run says of itself, whoever started it; `PageError` if none answers."""
+        told: dict[str, Any] = (await self._link.ask("hello")).data
+        self._seen.see(told.get("pid", 0))
+        return told
+
     async def _is_running(self) -> bool:
         try:
-            await self._link.ask("hello")
+            await self.about()
         except PageError:
             return False
         return True
+
+    def _is_ours(self, pid: int) -> bool:
+        return self._process is not None and self._process.pid == pid
 
     async def _started(self) -> Any:
         await self.end()
@@ -87,12 +104,48 @@ class RunProcess:
                 async with asyncio.timeout(START_MAX_S):
                     while self._process.returncode is None:
                         with suppress(PageError):
-                            return (await self._link.ask("hello")).data
+                            return await self.about()
                         await asyncio.sleep(ASK_EVERY_S)
             except TimeoutError as error:
                 words = f"the run was started, but cannot be asked after {START_MAX_S:g} s: {_tail(said)}"
                 raise PageError(503, "no-answer", words) from error
             raise PageError(409, "not-started", f"the run did not start: {_tail(said)}")
+
+
+def _is_of_service(environ: Mapping[str, str]) -> bool:
+    """Return whether systemd has started us, or our run; not a desktop's terminal, which is often a service itself."""
+    if "INVOCATION_ID" not in environ:
+        return False
+    started = environ.get("SYSTEMD_EXEC_PID")  # as of version 248
+    return started in {None, str(os.getpid()), environ.get(OF_RUN)}
+
+
+class _Seen:
+    """The process that answered last as the run. One that restarts keeps its number, and answers nothing meanwhile."""
+
+    def __init__(self) -> None:
+        self.pid = 0
+        self._process = -1
+
+    def see(self, pid: int) -> None:
+        """Remember a process."""
+        self._forget()
+        with suppress(OSError):
+            self.pid, self._process = pid, os.pidfd_open(pid)
+
+    def is_there(self) -> bool:
+        """Return whether it still is."""
+        if self._process >= 0 and select.select([self._process], [], [], 0)[0]:
+            self._forget()
+        return self._process >= 0
+
+    def _forget(self) -> None:
+        if self._process >= 0:
+            os.close(self._process)
+        self.pid, self._process = 0, -1
+
+    def __del__(self) -> None:
+        self._forget()
 
 
 async def _begun(configuration: Path, said: Any) -> Process:
@@ -104,7 +157,7 @@ async def _begun(configuration: Path, said: Any) -> Process:
             stdout=DEVNULL,
             stderr=said,
             start_new_session=True,
-            env={**os.environ, HAS_PAGE: "1"},
+            env={**os.environ, HAS_PAGE: str(os.getpid())},
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise PageError(503, "not-started", f"the run cannot be started: {error}") from error

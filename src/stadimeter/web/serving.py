@@ -12,10 +12,12 @@ import ssl
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from stadimeter.app.parent import watched_parent
 from stadimeter.app.restarts import OF_RUN
 from stadimeter.errors import PageError
 from stadimeter.web.access import is_loopback
@@ -86,7 +88,7 @@ def serve(
     tls: tuple[Path | None, Path | None] = (None, None),
     ready: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve the page until SIGTERM or SIGINT, or the end of the run that started it.
+    """Serve the page until SIGTERM, SIGINT or SIGHUP, or the end of the run that started it.
 
     Each ends it at once: streams end, and who waits for an answer is told that there will be none.
     """
@@ -106,7 +108,10 @@ async def _serve(
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # a download that is cut short is no fault
 
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
+    numbers = [signal.SIGTERM, signal.SIGINT]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # by `nohup`, for a page that outlives its terminal
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
         loop.add_signal_handler(number, end)
     async with asyncio.TaskGroup() as work:
         with at_end_of_run(end):
@@ -116,34 +121,23 @@ async def _serve(
 
 @contextmanager
 def at_end_of_run(end: Callable[[], None], environ: Mapping[str, str] = os.environ) -> Generator[None]:
-    """Call ``end`` when the run that started this process is gone, however it went; nothing if no run did.
-
-    A request of the kernel to be killed with the parent would be about the thread that started us, which ends sooner.
-    """
-    run = environ.get(OF_RUN, "")
-    if not run.isdecimal():
+    """Call ``end`` when the run that started this process is gone, however it went; nothing if no run did."""
+    run = watched_parent(environ.get(OF_RUN, ""))
+    if run is None:
         yield
         return
     loop = asyncio.get_running_loop()
-    try:
-        process = os.pidfd_open(int(run))
-    except ProcessLookupError:
-        end()
-        yield
-        return
 
     def ended() -> None:
-        loop.remove_reader(process)
+        loop.remove_reader(run)
         end()
 
-    loop.add_reader(process, ended)
-    if os.getppid() != int(run):  # it went before we looked, and the number is another's now
-        ended()
+    loop.add_reader(run, ended)
     try:
         yield
     finally:
-        loop.remove_reader(process)
-        os.close(process)
+        loop.remove_reader(run)
+        os.close(run)
 
 
 def server_of(page: Page, tls: tuple[Path | None, Path | None] = (None, None)) -> uvicorn.Server:
@@ -183,8 +177,6 @@ class _Connection(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        if len(self.connections) > CONNECTIONS_MAX:
-            transport.abort()
         self._since_s = self.loop.time()
         self._watch()
 
@@ -205,8 +197,30 @@ class _Connection(H11Protocol):
             self._timer = self.loop.call_later(IDLE_MAX_S / 4, self._watch)
 
 
+class _Listener(socket.socket):
+    """Lets in no more than there is room for, also of those who come for TLS and say nothing.
+
+    The server knows a connection from the end of its handshake on. Before that, strangers could take every file
+    descriptor of the process, which then fills the log.
+    """
+
+    def __init__(self, family: socket.AddressFamily) -> None:
+        super().__init__(family, socket.SOCK_STREAM)
+        self._let_in: list[socket.socket] = []
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Return a connection; one that there is no room for is closed, and `BlockingIOError` asks to come again."""
+        connection, address = super().accept()
+        self._let_in = [each for each in self._let_in if each.fileno() >= 0]
+        if len(self._let_in) >= CONNECTIONS_MAX:
+            connection.close()
+            raise BlockingIOError
+        self._let_in.append(connection)
+        return connection, address
+
+
 def _listening(address: str, port: int) -> socket.socket:
-    listener = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, socket.SOCK_STREAM)
+    listener = _Listener(socket.AF_INET6 if ":" in address else socket.AF_INET)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         # Connections inherit these.
@@ -227,4 +241,4 @@ def _why_not(address: str, port: int, error: OSError) -> str:
         return f"port {port} is in use by another program; give another one with `--port`"
     if error.errno == errno.EACCES:
         return f"port {port} is for root only; give one from 1024 on with `--port`"
-    return f"{address}: cannot listen there: {os.strerror(error.errno or 0)}"
+    return f"{address}: cannot listen there: {error.strerror}"  # that of a name is no number of the system's
