@@ -29,8 +29,12 @@ class Answer:
 
 
 async def put(writer: StreamWriter, op: str, args: Mapping[str, Any]) -> None:
-    """Send a question."""
-    writer.write(json.dumps({"transaction": op, "op": op, "args": args}).encode("ascii") + b"\n")
+    """Send a question; `PageError` if its arguments are nested too deeply to be written."""
+    try:
+        line = json.dumps({"transaction": op, "op": op, "args": args})
+    except RecursionError as error:
+        raise PageError(400, "wrong-body", "the body of the request is nested too deeply") from error
+    writer.write(line.encode("ascii") + b"\n")
     await writer.drain()
 
 
