@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,6 +16,7 @@ from stadimeter.app.control.client import ask
 from stadimeter.app.control.messages import NoArgs
 from stadimeter.app.control.restarting import Restarter, built
 from stadimeter.app.page_process import PageProcess
+from stadimeter.app.services import Services
 from stadimeter.errors import ControlError
 from stadimeter.testing.eventually import eventually
 from support.processes import children, is_running
@@ -162,6 +164,19 @@ def test_a_page_ends_with_a_run_that_is_killed_also_after_a_restart_and_frees_it
     run.process.wait()
     assert eventually(lambda: not is_running(page))
     socket.create_server(("127.0.0.1", port)).close()
+
+
+def test_a_run_whose_end_is_asked_for_while_a_restart_is_checked_begins_anew_no_more():
+    goes_on, answers = threading.Event(), []
+    services = Services(restarter=Restarter(goes_on.wait))
+    services.restarter.act(NoArgs(), answers.append)
+    services.cancel_restart()
+    goes_on.set()
+    assert eventually(lambda: answers)
+    for thread in threading.enumerate():
+        if thread.name == "restart":
+            thread.join()
+    assert not services.is_restart_due
 
 
 def test_the_problems_of_a_file_go_with_the_answer(tmp_path):
