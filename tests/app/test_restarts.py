@@ -166,6 +166,18 @@ def test_a_page_ends_with_a_run_that_is_killed_also_after_a_restart_and_frees_it
     socket.create_server(("127.0.0.1", port)).close()
 
 
+@pytest.mark.skipif(not (find_spec("uvicorn") and find_spec("starlette")), reason="the extra web is not installed")
+def test_a_page_ends_with_a_restart_after_which_the_configuration_has_none(program):
+    run = program(f'{ROOM}\n[web]\nport = {free_port()}\nhost = "127.0.0.1"\n')
+    assert eventually(lambda: "The page: " in run.said())
+    (page,) = children(run.process.pid)
+    run.configuration.write_text(ROOM)
+    run.heard.clear()
+    ask(run.socket, "restart", wait_s=20)
+    assert eventually(lambda: "READY=1" in run.heard), run.said()
+    assert not Path(f"/proc/{page}").exists()
+
+
 def test_a_run_whose_end_is_asked_for_while_a_restart_is_checked_begins_anew_no_more():
     goes_on, answers = threading.Event(), []
     services = Services(restarter=Restarter(goes_on.wait))
