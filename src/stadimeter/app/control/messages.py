@@ -314,8 +314,6 @@ def _what_is_wrong(error: ValidationError) -> str:
 
 def as_data(explanation: Explanation) -> dict[str, Any]:
     """Return an explanation as JSON has it: objects, lists, texts, finite numbers and null only."""
-    from pydantic import TypeAdapter  # noqa: PLC0415 - only needed here
-
     adapter = TypeAdapter(Explanation)
     data: dict[str, Any] = adapter.dump_python(explanation, mode="json")
     return {key: _without_infinities(value) for key, value in data.items()}
