@@ -14,6 +14,7 @@ from stadimeter.core.observation import FrameStamp, Observation, OutputFault
 from stadimeter.core.operator import HoldCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
 from stadimeter.core.rule import AlarmRule, FollowRule, SequenceStep
+from stadimeter.core.rules.explaining import explain
 from support.observing import Rehearsal, measured
 
 NEAR = AlarmRule(name="near", target="ball", output="motor", condition=DistanceCondition(below_m=1.0))
@@ -87,6 +88,12 @@ def test_a_held_output_stands_before_a_rule_and_the_rule_acts_again_afterwards(r
     assert (command.level, trace.losers) == (0.2, ("near",))
     run.see(*[0.5] * 6)
     assert run.output()[1].winner == "near"
+
+
+def test_a_rule_whose_output_is_held_explains_by_whom(run):
+    run.see(0.5, 0.5)
+    run.hold(level=0.2, distance_m=0.5)
+    assert explain(run.decisions[-1][1], "near").sentence.endswith("; but 'motor' is held by Ada, to try it")
 
 
 def test_no_hold_stands_before_a_rule_of_safety():
