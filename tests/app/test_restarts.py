@@ -229,6 +229,18 @@ class TestPageProcess:
         page.end()
         assert told == ["warning: the page has ended and is started again: the port is taken"]
 
+    def test_one_that_cannot_be_started_is_tried_again(self, monkeypatch):
+        monkeypatch.setattr("stadimeter.app.page_process.FIRST_WAIT_S", 0.01)
+        told = []
+        page = self.page("print('The page: http://x/'); input()", told)
+        page._command[0], python = "/no/such/python", page._command[0]
+        page.start()
+        assert eventually(lambda: told)
+        assert told[0].endswith("started again: it cannot be started: No such file or directory")
+        page._command[0] = python
+        assert eventually(lambda: "The page: http://x/" in told)
+        page.end()
+
     def test_one_that_does_not_heed_the_end_is_killed(self):
         told = []
         code = "import signal, time; signal.signal(15, signal.SIG_IGN); print('The page: x'); time.sleep(60)"

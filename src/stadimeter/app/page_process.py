@@ -137,7 +137,10 @@ class PageProcess:
             if self._is_over.is_set():
                 return ""
             if not self._pid:
-                self._words, self._pid = _begun(self._command)
+                try:
+                    self._words, self._pid = _begun(self._command)
+                except OSError as error:  # no memory, or no process, is left for it just now
+                    return f"it cannot be started: {error.strerror or error}"
         return self._hear()
 
     def _hear(self) -> str:
@@ -162,17 +165,21 @@ class PageProcess:
 
 def _begun(command: list[str]) -> tuple[int, int]:
     """Start a page; return what it says, as a file descriptor, and its process id."""
+    environment = {name: value for name, value in os.environ.items() if name not in _OF_RUN}
+    environment |= {**UNBUFFERED, OF_RUN: str(os.getpid())}
     words, end = os.pipe()
+    actions = [
+        (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
+        (os.POSIX_SPAWN_DUP2, end, 1),
+        (os.POSIX_SPAWN_DUP2, end, 2),
+    ]
     try:
-        nothing = os.open(os.devnull, os.O_RDONLY)
-        actions = [(os.POSIX_SPAWN_DUP2, nothing, 0), (os.POSIX_SPAWN_DUP2, end, 1), (os.POSIX_SPAWN_DUP2, end, 2)]
-        environment = {name: value for name, value in os.environ.items() if name not in _OF_RUN}
-        environment |= {**UNBUFFERED, OF_RUN: str(os.getpid())}
-        pid = os.posix_spawn(command[0], command, environment, file_actions=actions, setpgroup=0)
-        os.close(nothing)
+        return words, os.posix_spawn(command[0], command, environment, file_actions=actions, setpgroup=0)
+    except OSError:
+        os.close(words)
+        raise
     finally:
         os.close(end)
-    return words, pid
 
 
 def _digest(command: Sequence[str]) -> str:
