@@ -112,6 +112,13 @@ class TestRecording:
         assert begun.error == ""
         assert second.error == "a recording is under way already; end it first"
 
+    def test_one_that_is_only_just_beginning_is_not_ended_and_the_answer_says_so(self, room):
+        room.at(40, "record", do="start")
+        room.at(41, "record", do="stop")
+        early, begun = room.run()
+        assert early.error == "the recording is only just beginning; end it when it has begun"
+        assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 90
+
     def test_the_snapshot_tells_of_it_while_it_goes_on(self, room):
         room.at(40, "record", do="start")
         seen = []

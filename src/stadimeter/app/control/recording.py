@@ -153,7 +153,8 @@ class RecordingOnRequest:
 
     def trouble(self) -> str:
         """Return why the last recording ended too early, or what is wrong with this one; empty if nothing is."""
-        return self._begun.recorder.trouble() if self._begun is not None else self._trouble
+        begun = self._begun
+        return begun.recorder.trouble() if begun is not None else self._trouble
 
     def close(self) -> None:
         """End the recording under way with the run, and wait for the disk as long as there is time."""
@@ -245,6 +246,8 @@ class RecordingOnRequest:
     def _stop(self, answer: Answer) -> None:
         if self._begun is not None:
             self._end(self._begun, answer)
+        elif self._is_beginning or self._ready:
+            answer(Reply(error="the recording is only just beginning; end it when it has begun"))
         else:
             answer(Reply(error=self._trouble or "nothing is recorded"))
 
