@@ -1,6 +1,7 @@
 """What people do to a run beside its rules: record it, move its ball, list its alarms. Through whole simulated runs."""
 
 import json
+from datetime import datetime
 
 import pytest
 
@@ -118,6 +119,20 @@ class TestRecording:
         early, begun = room.run()
         assert early.error == "the recording is only just beginning; end it when it has begun"
         assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 90
+
+    def test_two_that_begin_in_the_same_second_keep_the_names_that_were_told(self, room, monkeypatch):
+        class Noon(datetime):
+            @classmethod
+            def now(cls, zone):
+                return cls(2026, 6, 1, 12, tzinfo=zone)
+
+        monkeypatch.setattr(recording, "datetime", Noon)
+        for frame, do in ((20, "start"), (40, "stop"), (60, "start")):
+            room.at(frame, "record", do=do)
+        second, first = sorted({answer.data["file"] for answer in room.run()})
+        assert (first, second) == ("room-20260601T120000Z.mcap", "room-20260601T120000Z-2.mcap")
+        folder = room.path.parent / "recordings"
+        assert replayed(folder / first) < 30 < replayed(folder / second)
 
     def test_the_snapshot_tells_of_it_while_it_goes_on(self, room):
         room.at(40, "record", do="start")

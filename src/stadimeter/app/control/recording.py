@@ -182,16 +182,21 @@ class RecordingOnRequest:
         require_mcap("recording to an MCAP file")
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._check_room()
-        parts = self._parts
-        name = f"{parts.configuration.path.stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}{ENDING}"
+        parts, path = self._parts, self._new_path()
         recorded = Recorded(
             configuration=to_be_recorded(parts.configuration),
             camera=parts.configuration.camera_model,
             sizes={name: detector.target_shape for name, detector in parts.cycle.detectors.items()},
         )
-        writer = RecordingWriter(self._folder / name, recorded)
+        writer = RecordingWriter(path, recorded)
         recorder = Recorder(writer, is_live=True, deadline=self._deadline)
-        return _Begun(path=self._folder / name, writer=writer, recorder=recorder, answer=answer)
+        return _Begun(path=path, writer=writer, recorder=recorder, answer=answer)
+
+    def _new_path(self) -> Path:
+        """Return a name that no recording has: of two in one second, the second would take that of the first."""
+        name = f"{self._parts.configuration.path.stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+        names = (name, *(f"{name}-{number}" for number in range(2, 100)))
+        return next(path for each in names if not (path := self._folder / f"{each}{ENDING}").exists())
 
     def _check_room(self) -> None:
         """Raise `JournalError` if there is no room for a recording."""
