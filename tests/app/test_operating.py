@@ -1,6 +1,7 @@
 """What people do to a run beside its rules: record it, move its ball, list its alarms. Through whole simulated runs."""
 
 import json
+import shutil
 from datetime import datetime
 
 import pytest
@@ -133,6 +134,20 @@ class TestRecording:
         assert (first, second) == ("room-20260601T120000Z.mcap", "room-20260601T120000Z-2.mcap")
         folder = room.path.parent / "recordings"
         assert replayed(folder / first) < 30 < replayed(folder / second)
+
+    def test_one_whose_folder_vanishes_ends_and_a_person_is_told(self, room, monkeypatch):
+        monkeypatch.setattr(recording, "LOOK_EVERY_S", 0.01)
+
+        def vanish(record, _frame):
+            if len(room.records) == 60:
+                begun = room.loop.services.recording._begun
+                shutil.rmtree(begun.path.parent)
+                assert eventually(lambda: begun.reason)
+
+        room.at(40, "record", do="start")
+        room.loop.listeners.append(vanish)
+        room.run()
+        assert "cannot be looked at any more: No such file" in room.told[-1]
 
     def test_the_snapshot_tells_of_it_while_it_goes_on(self, room):
         room.at(40, "record", do="start")

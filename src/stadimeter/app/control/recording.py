@@ -244,7 +244,11 @@ class RecordingOnRequest:
     def _watch_room(self, begun: _Begun) -> None:
         """Note that the disk becomes full. In a thread: a disk that hangs does not even tell how full it is."""
         while not begun.is_ended.wait(LOOK_EVERY_S):
-            free = shutil.disk_usage(self._folder).free
+            try:
+                free = shutil.disk_usage(self._folder).free
+            except OSError as error:
+                begun.reason = f"{self._folder} cannot be looked at any more: {error.strerror or error}"
+                return
             if free < self._bounds.free_bytes:
                 begun.reason = f"the disk has only {free / 1e6:.0f} MB left"
 
