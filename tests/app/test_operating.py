@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import threading
 from datetime import datetime
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.control import recording
 from stadimeter.app.control.messages import Reply, parse_request
-from stadimeter.app.control.recording import Bounds, recordings_folder
+from stadimeter.app.control.recording import Bounds, RecordingOnRequest, recordings_folder
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.operating import operated
@@ -134,6 +135,34 @@ class TestRecording:
         assert (first, second) == ("room-20260601T120000Z.mcap", "room-20260601T120000Z-2.mcap")
         folder = room.path.parent / "recordings"
         assert replayed(folder / first) < 30 < replayed(folder / second)
+
+    def test_one_before_which_the_configuration_is_reloaded_replays_to_the_same_decisions(self, room, monkeypatch):
+        opened, goes_on = RecordingOnRequest._opened, threading.Event()
+
+        def open_late(begun, answer):
+            file = opened(begun, answer)
+            assert goes_on.wait(20)
+            return file
+
+        def reload_meanwhile(record, _frame):
+            requests = {20: '{"op": "record", "args": {"do": "start"}}', 22: '{"op": "reload"}'}
+            room.records.append(record)
+            count = len(room.records)
+            if count in requests:
+                room.path.write_text(ROOM.replace("1.6 m", "2.9 m").replace('"0 s"\nack', '"0.6 s"\nack'))
+                room.waiting.append(Asked(parse_request(requests[count].encode()), room.answers.append))
+            if count == 23:
+                assert eventually(lambda: room.loop.services.control._reloader._ready)
+            if count == 34:
+                goes_on.set()
+                assert eventually(lambda: not room.loop.services.recording._is_beginning)
+
+        monkeypatch.setattr(RecordingOnRequest, "_opened", open_late)
+        with operated(room.loop, room):
+            room.loop.listeners.append(reload_meanwhile)
+            room.loop.run(Limits(frames=150))
+        assert [answer.error for answer in room.answers] == ["", ""]
+        assert replayed(room.path.parent / "recordings" / room.answers[1].data["file"]) > 90
 
     def test_one_whose_folder_vanishes_ends_and_a_person_is_told(self, room, monkeypatch):
         monkeypatch.setattr(recording, "LOOK_EVERY_S", 0.01)

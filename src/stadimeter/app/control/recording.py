@@ -216,7 +216,7 @@ class RecordingOnRequest:
             return
         ready.recorder.continued(lambda: continuation_text(state))
         if self._reloaded is not None:
-            ready.recorder.reloaded(now_s, self._reloaded)
+            ready.writer.begin_with(self._reloaded)
         ready.began_unix_s = time.time()
         ready.began_s = ready.newest_s = ready.looked_s = now_s
         self._ready, self._begun = None, ready
