@@ -1,13 +1,16 @@
 """What people do to a run beside its rules: record it, move its ball, list its alarms. Through whole simulated runs."""
 
 import json
+import shutil
+import threading
+from datetime import datetime
 
 import pytest
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.control import recording
 from stadimeter.app.control.messages import Reply, parse_request
-from stadimeter.app.control.recording import Bounds, recordings_folder
+from stadimeter.app.control.recording import Bounds, RecordingOnRequest, recordings_folder
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.operating import operated
@@ -111,6 +114,69 @@ class TestRecording:
         assert none.error == "nothing is recorded"
         assert begun.error == ""
         assert second.error == "a recording is under way already; end it first"
+
+    def test_one_that_is_only_just_beginning_is_not_ended_and_the_answer_says_so(self, room):
+        room.at(40, "record", do="start")
+        room.at(41, "record", do="stop")
+        early, begun = room.run()
+        assert early.error == "the recording is only just beginning; end it when it has begun"
+        assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 90
+
+    def test_two_that_begin_in_the_same_second_keep_the_names_that_were_told(self, room, monkeypatch):
+        class Noon(datetime):
+            @classmethod
+            def now(cls, zone):
+                return cls(2026, 6, 1, 12, tzinfo=zone)
+
+        monkeypatch.setattr(recording, "datetime", Noon)
+        for frame, do in ((20, "start"), (40, "stop"), (60, "start")):
+            room.at(frame, "record", do=do)
+        second, first = sorted({answer.data["file"] for answer in room.run()})
+        assert (first, second) == ("room-20260601T120000Z.mcap", "room-20260601T120000Z-2.mcap")
+        folder = room.path.parent / "recordings"
+        assert replayed(folder / first) < 30 < replayed(folder / second)
+
+    def test_one_before_which_the_configuration_is_reloaded_replays_to_the_same_decisions(self, room, monkeypatch):
+        opened, goes_on = RecordingOnRequest._opened, threading.Event()
+
+        def open_late(begun, answer):
+            file = opened(begun, answer)
+            assert goes_on.wait(20)
+            return file
+
+        def reload_meanwhile(record, _frame):
+            requests = {20: '{"op": "record", "args": {"do": "start"}}', 22: '{"op": "reload"}'}
+            room.records.append(record)
+            count = len(room.records)
+            if count in requests:
+                room.path.write_text(ROOM.replace("1.6 m", "2.9 m").replace('"0 s"\nack', '"0.6 s"\nack'))
+                room.waiting.append(Asked(parse_request(requests[count].encode()), room.answers.append))
+            if count == 23:
+                assert eventually(lambda: room.loop.services.control._reloader._ready)
+            if count == 34:
+                goes_on.set()
+                assert eventually(lambda: not room.loop.services.recording._is_beginning)
+
+        monkeypatch.setattr(RecordingOnRequest, "_opened", open_late)
+        with operated(room.loop, room):
+            room.loop.listeners.append(reload_meanwhile)
+            room.loop.run(Limits(frames=150))
+        assert [answer.error for answer in room.answers] == ["", ""]
+        assert replayed(room.path.parent / "recordings" / room.answers[1].data["file"]) > 90
+
+    def test_one_whose_folder_vanishes_ends_and_a_person_is_told(self, room, monkeypatch):
+        monkeypatch.setattr(recording, "LOOK_EVERY_S", 0.01)
+
+        def vanish(record, _frame):
+            if len(room.records) == 60:
+                begun = room.loop.services.recording._begun
+                shutil.rmtree(begun.path.parent)
+                assert eventually(lambda: begun.reason)
+
+        room.at(40, "record", do="start")
+        room.loop.listeners.append(vanish)
+        room.run()
+        assert "cannot be looked at any more: No such file" in room.told[-1]
 
     def test_the_snapshot_tells_of_it_while_it_goes_on(self, room):
         room.at(40, "record", do="start")

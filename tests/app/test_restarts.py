@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,6 +16,7 @@ from stadimeter.app.control.client import ask
 from stadimeter.app.control.messages import NoArgs
 from stadimeter.app.control.restarting import Restarter, built
 from stadimeter.app.page_process import PageProcess
+from stadimeter.app.services import Services
 from stadimeter.errors import ControlError
 from stadimeter.testing.eventually import eventually
 from support.processes import children, is_running
@@ -164,6 +166,31 @@ def test_a_page_ends_with_a_run_that_is_killed_also_after_a_restart_and_frees_it
     socket.create_server(("127.0.0.1", port)).close()
 
 
+@pytest.mark.skipif(not (find_spec("uvicorn") and find_spec("starlette")), reason="the extra web is not installed")
+def test_a_page_ends_with_a_restart_after_which_the_configuration_has_none(program):
+    run = program(f'{ROOM}\n[web]\nport = {free_port()}\nhost = "127.0.0.1"\n')
+    assert eventually(lambda: "The page: " in run.said())
+    (page,) = children(run.process.pid)
+    run.configuration.write_text(ROOM)
+    run.heard.clear()
+    ask(run.socket, "restart", wait_s=20)
+    assert eventually(lambda: "READY=1" in run.heard), run.said()
+    assert not Path(f"/proc/{page}").exists()
+
+
+def test_a_run_whose_end_is_asked_for_while_a_restart_is_checked_begins_anew_no_more():
+    goes_on, answers = threading.Event(), []
+    services = Services(restarter=Restarter(goes_on.wait))
+    services.restarter.act(NoArgs(), answers.append)
+    services.cancel_restart()
+    goes_on.set()
+    assert eventually(lambda: answers)
+    for thread in threading.enumerate():
+        if thread.name == "restart":
+            thread.join()
+    assert not services.is_restart_due
+
+
 def test_the_problems_of_a_file_go_with_the_answer(tmp_path):
     path = tmp_path / "room.toml"
     path.write_text(ROOM.replace('actuator = "motor"', 'actuator = "rotor"'))
@@ -201,6 +228,18 @@ class TestPageProcess:
         assert eventually(lambda: len(begun) >= 3)
         page.end()
         assert told == ["warning: the page has ended and is started again: the port is taken"]
+
+    def test_one_that_cannot_be_started_is_tried_again(self, monkeypatch):
+        monkeypatch.setattr("stadimeter.app.page_process.FIRST_WAIT_S", 0.01)
+        told = []
+        page = self.page("print('The page: http://x/'); input()", told)
+        page._command[0], python = "/no/such/python", page._command[0]
+        page.start()
+        assert eventually(lambda: told)
+        assert told[0].endswith("started again: it cannot be started: No such file or directory")
+        page._command[0] = python
+        assert eventually(lambda: "The page: http://x/" in told)
+        page.end()
 
     def test_one_that_does_not_heed_the_end_is_killed(self):
         told = []

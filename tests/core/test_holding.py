@@ -13,7 +13,8 @@ from stadimeter.core.holding import HOLD_S
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
 from stadimeter.core.operator import HoldCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
-from stadimeter.core.rule import AlarmRule, FollowRule
+from stadimeter.core.rule import AlarmRule, FollowRule, SequenceStep
+from stadimeter.core.rules.explaining import explain
 from support.observing import Rehearsal, measured
 
 NEAR = AlarmRule(name="near", target="ball", output="motor", condition=DistanceCondition(below_m=1.0))
@@ -89,6 +90,12 @@ def test_a_held_output_stands_before_a_rule_and_the_rule_acts_again_afterwards(r
     assert run.output()[1].winner == "near"
 
 
+def test_a_rule_whose_output_is_held_explains_by_whom(run):
+    run.see(0.5, 0.5)
+    run.hold(level=0.2, distance_m=0.5)
+    assert explain(run.decisions[-1][1], "near").sentence.endswith("; but 'motor' is held by Ada, to try it")
+
+
 def test_no_hold_stands_before_a_rule_of_safety():
     rules = (NEAR, replace(NEAR, name="touching", severity=Severity.SAFETY, condition=DistanceCondition(below_m=0.6)))
     run = Run(replace(PLAN, rules=rules))
@@ -96,6 +103,16 @@ def test_no_hold_stands_before_a_rule_of_safety():
     assert run.hold(level=0.0, distance_m=0.5).accepted
     command, trace = run.output()
     assert (command.level, trace.winner, trace.losers) == (1.0, "touching", ("operator", "near"))
+
+
+def test_no_hold_stands_before_what_the_escalation_of_a_rule_of_safety_wants():
+    stop = (SequenceStep(output="base"),)
+    run = Run(replace(PLAN, rules=(replace(NEAR, severity=Severity.SAFETY, sequence=stop),)))
+    run.see(0.5, 0.5, 0.5)
+    run.hold("base", linear_mps=0.2, distance_m=0.5)
+    run.hold("base", linear_mps=0.2, distance_m=0.5)
+    command, trace = run.output("base")
+    assert (command.linear_mps, trace.winner, trace.losers) == (0.0, "near", ("operator",))
 
 
 def test_a_base_is_held_no_faster_than_a_test_may_be(run):

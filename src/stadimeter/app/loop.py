@@ -1,54 +1,37 @@
-"""The control loop: opens the parts of a run, runs cycle after cycle, and stops everything on every way out."""
+"""The control loop: runs cycle after cycle, and stops everything on every way out."""
 
 from __future__ import annotations
 
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.deliveries import Deliveries
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
-from stadimeter.app.guard import Guard, StallWatch, retire_all
+from stadimeter.app.guard import Guard, retire_all
 from stadimeter.app.health import Health
 from stadimeter.app.notifying import Notifying
+from stadimeter.app.open_parts import EndedWhileOpening, OpenParts
 from stadimeter.app.reporting import Reporter
 from stadimeter.app.restarts import RESTARTING
 from stadimeter.app.services import Recording, Services
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
-from stadimeter.errors import DriverError, DriverUnavailableError, EndOfFramesError
+from stadimeter.errors import EndOfFramesError
 
 if TYPE_CHECKING:  # few runs are reloaded, and what that needs takes long to load
     from stadimeter.app.control.reloading import Change
 
 
-class _EndedWhileOpening(BaseException):
-    """The end was asked for while a device was being opened. No driver catches it: it is no `Exception`."""
-
-
-class _Openable(Protocol):
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-
-@runtime_checkable
-class _OpenedLater(Protocol):
-    def open_later(self, error: DriverError) -> bool: ...
-
-
 Listener = Callable[[CycleRecord, Frame | None], None]
 
-
-SETTLE_S = 0.2
-"""After everything was stopped, the guard goes on for this long: a stop without acknowledgement is repeated."""
 
 PUBLISHED_MAX = 50
 """This many messages are kept for whoever watches the run."""
@@ -86,18 +69,18 @@ class Loop:
     ending: str = ""
     troubles: list[str] = field(default_factory=list)
     reporter: Reporter = field(default_factory=lambda: Reporter(boot_id=uuid.uuid4().hex))
-    _is_opening: bool = False
     published: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=PUBLISHED_MAX))
     services: Services = field(default_factory=Services)
     deadline: Deadline = field(default_factory=Deadline)
     _state: State | None = None
     _recordings: list[Recording] = field(default_factory=list)
-    _lanes: dict[str, Steps] = field(default_factory=dict)
+    _open_parts: OpenParts = field(init=False)
     notifying: Notifying = field(init=False)
     deliveries: Deliveries = field(init=False)
 
     def __post_init__(self) -> None:
         """Send what the rules of the configuration send."""
+        self._open_parts = OpenParts(self.parts, lambda: bool(self.ending))
         self.deliveries = Deliveries(self.parts)
         self.notifying = Notifying(self.parts.configuration.plan.rules)
 
@@ -114,8 +97,8 @@ class Loop:
         with ExitStack() as closing:
             closing.callback(self._close_all)
             try:
-                guard = self._open()
-            except _EndedWhileOpening:
+                guard = self._open_parts.open(in_service=self.services.service is not None)
+            except EndedWhileOpening:
                 return
             try:
                 self._run_cycles(limits or Limits(), guard)
@@ -138,9 +121,7 @@ class Loop:
         self.ending = self.ending or why
         self.deadline.set()
         self.troubles += retire_all(self.parts.driven)
-        if self._is_opening:
-            self._is_opening = False
-            raise _EndedWhileOpening
+        self._open_parts.break_off()
 
     def end(self, why: str) -> None:
         """End the run after this cycle. May be called from any thread."""
@@ -175,57 +156,6 @@ class Loop:
         others = (messenger.trouble() if messenger else "", *notifiers, *recordings, self.services.trouble())
         troubles = (capture.trouble(), *capture.remarks(), *others, *panel)
         return "; ".join(trouble for trouble in troubles if trouble)
-
-    def _open(self) -> Guard:
-        """Open everything; what is open is closed again on the way out, even if a later part cannot be opened."""
-        parts = self.parts
-        failures: list[str] = []
-        for name, part in self._openable():
-            lane = "outputs" if part in parts.driven else name
-            self._lanes.setdefault(lane, []).append((name, part.close))
-            try:
-                self._is_opening = True
-                if self.ending:  # the end was asked for before, or between two parts
-                    raise _EndedWhileOpening
-                part.open()
-            except DriverError as error:
-                if not self._is_opened_later(part, error):
-                    failures.append(f"{name}: {error}")
-            finally:
-                self._is_opening = False
-        if failures:
-            raise DriverError("\n".join(failures))
-        guard = Guard(parts.driven, parts.clock)
-        self._watch(guard.start, guard.stop)
-        if parts.recording_drives:
-            watch = StallWatch(parts.driven, parts.clock)
-            self._watch(watch.start, watch.stop)
-        self._lanes.setdefault("outputs", []).append(("guard", self._settle))
-        return guard
-
-    def _is_opened_later(self, part: _Openable, error: DriverError) -> bool:
-        """In a service, have a device that is not there opened again and again; return whether that makes sense."""
-        if self.services.service is None or isinstance(error, DriverUnavailableError):
-            return False
-        return isinstance(part, _OpenedLater) and part.open_later(error)
-
-    def _watch(self, start: Callable[[], None], stop: Callable[[], None]) -> None:
-        start()
-        self._lanes.setdefault("outputs", []).append(("guard", stop))
-
-    def _settle(self) -> None:
-        self.parts.clock.sleep_until_s(self.parts.clock.now_s() + SETTLE_S)
-
-    def _openable(self) -> Iterator[tuple[str, _Openable]]:
-        """Yield what must be opened, by name: the camera last, so that everything is ready for its first frame."""
-        parts = self.parts
-        if parts.messenger is not None:
-            yield "messenger", parts.messenger
-        yield from parts.notifiers.items()
-        for output in parts.driven:
-            yield output.name, output
-        yield from ((f"button {name}", button) for name, button in parts.buttons.items())
-        yield "camera", parts.capture
 
     def _run_cycles(self, limits: Limits, guard: Guard) -> None:
         parts = self.parts
@@ -301,11 +231,10 @@ class Loop:
         What could not be delivered is known, and kept, when messenger and notifiers are closed. What is recorded and
         shown needs time after that.
         """
-        self.troubles += close_side_by_side(self._lanes, self.deadline, keep_s=0.45)
+        self.troubles += self._open_parts.close(self.deadline)
         state: Steps = [("the state of the alarms", self._remember)]
         self.troubles += close_side_by_side({"state": state}, self.deadline, keep_s=0.3)
-        shared: Steps = [("shared part", close) for close in self.parts.shared.closers]
-        self.troubles += close_side_by_side({"shared": shared}, self.deadline, keep_s=0.2)
+        self.troubles += self._open_parts.close_shared(self.deadline)
 
     def _remember(self) -> None:
         """Keep what is remembered and what could not be delivered, and say what is lost."""

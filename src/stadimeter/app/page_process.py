@@ -74,6 +74,7 @@ class PageProcess:
         self._lock = threading.Lock()
         self._pid = 0  # of the page; 0 for none
         self._words = -1  # what the page says, as a file descriptor
+        self._left = os.environ.pop(HANDED_ON, "").split()
         self._thread = threading.Thread(target=self._keep, name="page", daemon=True)
 
     def start(self) -> None:
@@ -88,6 +89,12 @@ class PageProcess:
                 if self._pid:
                     os.kill(self._pid, number)
             self._thread.join(END_WAIT_S)
+
+    def end_left(self) -> None:
+        """End the page of the program that this one has replaced, and start none."""
+        self._is_over.set()
+        self.start()
+        self.end()
 
     def hand_on(self) -> None:
         """Leave the page to the program that replaces this one."""
@@ -112,12 +119,15 @@ class PageProcess:
 
     def _take_over(self) -> None:
         """Go on with the page of the program that this one has replaced, if it is the same; else end that one."""
-        handed_on = os.environ.pop(HANDED_ON, "").split()
-        if len(handed_on) != 3:
+        if len(self._left) != 3:
             return
-        self._words, self._pid = int(handed_on[0]), int(handed_on[1])
-        os.set_inheritable(self._words, False)
-        if handed_on[2] != _digest(self._command):
+        words, pid, digest = int(self._left[0]), int(self._left[1]), self._left[2]
+        try:
+            os.set_inheritable(words, False)
+        except OSError:  # it ended while it was handed on
+            return
+        self._words, self._pid = words, pid
+        if digest != _digest(self._command):
             os.kill(self._pid, signal.SIGTERM)
             self._hear()
 
@@ -127,7 +137,10 @@ class PageProcess:
             if self._is_over.is_set():
                 return ""
             if not self._pid:
-                self._words, self._pid = _begun(self._command)
+                try:
+                    self._words, self._pid = _begun(self._command)
+                except OSError as error:  # no memory, or no process, is left for it just now
+                    return f"it cannot be started: {error.strerror or error}"
         return self._hear()
 
     def _hear(self) -> str:
@@ -152,17 +165,21 @@ class PageProcess:
 
 def _begun(command: list[str]) -> tuple[int, int]:
     """Start a page; return what it says, as a file descriptor, and its process id."""
+    environment = {name: value for name, value in os.environ.items() if name not in _OF_RUN}
+    environment |= {**UNBUFFERED, OF_RUN: str(os.getpid())}
     words, end = os.pipe()
+    actions = [
+        (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
+        (os.POSIX_SPAWN_DUP2, end, 1),
+        (os.POSIX_SPAWN_DUP2, end, 2),
+    ]
     try:
-        nothing = os.open(os.devnull, os.O_RDONLY)
-        actions = [(os.POSIX_SPAWN_DUP2, nothing, 0), (os.POSIX_SPAWN_DUP2, end, 1), (os.POSIX_SPAWN_DUP2, end, 2)]
-        environment = {name: value for name, value in os.environ.items() if name not in _OF_RUN}
-        environment |= {**UNBUFFERED, OF_RUN: str(os.getpid())}
-        pid = os.posix_spawn(command[0], command, environment, file_actions=actions, setpgroup=0)
-        os.close(nothing)
+        return words, os.posix_spawn(command[0], command, environment, file_actions=actions, setpgroup=0)
+    except OSError:
+        os.close(words)
+        raise
     finally:
         os.close(end)
-    return words, pid
 
 
 def _digest(command: Sequence[str]) -> str:

@@ -135,7 +135,7 @@ class Services:
     def cancel_restart(self) -> None:
         """Let the run end for good: that was asked for, too."""
         if self.restarter is not None:
-            self.restarter.is_due = False
+            self.restarter.cancel()
 
     def stopping(self) -> None:
         """Take in that the run ends, or begins anew, and its outputs were stopped."""

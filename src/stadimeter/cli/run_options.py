@@ -15,7 +15,7 @@ import typer
 
 import stadimeter
 from stadimeter.app.persistence.state_file import state_file
-from stadimeter.app.restarts import HAS_PAGE
+from stadimeter.app.restarts import HANDED_ON, HAS_PAGE
 from stadimeter.app.service_folders import runtime_directory, state_directory
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
 from stadimeter.errors import ControlError, JournalError
@@ -222,6 +222,8 @@ def served(loop: Loop, serving: Serving) -> Iterator[None]:
             closing.enter_context(_as_service(loop, serving.service))
         _remember(loop, serving, is_right)
         _listen(loop, serving, closing)
+        if HANDED_ON in os.environ:
+            _end_page_of_before(services.tell)
         yield
 
 
@@ -341,6 +343,13 @@ def _page(loop: Loop, socket: Path, web: WebTable) -> Iterator[None]:
         yield
     finally:
         page.hand_on() if loop.services.is_restart_due else page.end()
+
+
+def _end_page_of_before(tell: Callable[[str], None]) -> None:
+    """End the page that was handed on to this program, which has none."""
+    from stadimeter.app.page_process import PageProcess  # noqa: PLC0415 - likewise
+
+    PageProcess((), tell).end_left()
 
 
 class _ErrorLines:

@@ -74,20 +74,15 @@ def with_holds(wanted: Wanted, holds: tuple[Hold, ...], rules: Sequence[AnyRule]
     """Return the requests for each output, those of holds before all but those of safety rules."""
     if not holds:
         return wanted
-    of_safety = {rule.output for rule in rules if rule.severity is Severity.SAFETY}
+    of_safety = {rule.name for rule in rules if rule.severity is Severity.SAFETY}
     after = dict(wanted)
     for hold in holds:
         name = hold.request.output
-        by_rules = list(wanted.get(name, ()))
-        first = _of_safety(by_rules, rules) if name in of_safety else []
+        by_rules = wanted.get(name, ())
+        # A request of several rules together has all their names.
+        first = [request for request in by_rules if of_safety.intersection(request.rule.split("+"))]
         after[name] = [*first, hold.request, *(request for request in by_rules if request not in first)]
     return after
-
-
-def _of_safety(requests: list[Request], rules: Sequence[AnyRule]) -> list[Request]:
-    """Return the requests of safety rules. That of several rules together has all their names."""
-    names = {rule.name for rule in rules if rule.severity is Severity.SAFETY}
-    return [request for request in requests if names.intersection(request.rule.split("+"))]
 
 
 def _obeyed(

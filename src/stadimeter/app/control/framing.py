@@ -15,8 +15,20 @@ BYTES_MAX = 64 * 1024 * 1024
 
 def framed(answer: Mapping[str, Any], attached: bytes = b"") -> bytes:
     """Return an answer as it is sent: one line, in ASCII, and the bytes that belong to it."""
-    line = {**answer, "bytes": len(attached)} if attached else answer
-    return json.dumps(line, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n" + attached
+    return framed_line(answer, len(attached)) + attached
+
+
+def framed_line(answer: Mapping[str, Any], attached_bytes: int = 0, data: str = "") -> bytes:
+    """Return the line of an answer alone.
+
+    Args:
+        attached_bytes: How many bytes will follow it.
+        data: Its data, as JSON in ASCII already; empty if they are in the answer.
+    """
+    head = {**answer, "bytes": attached_bytes} if attached_bytes else answer
+    line = json.dumps(head, separators=(",", ":"), allow_nan=False)
+    line = f'{line[:-1]},"data":{data}}}' if data else line
+    return line.encode("ascii") + b"\n"
 
 
 def attached_bytes(answer: Mapping[str, Any]) -> int:

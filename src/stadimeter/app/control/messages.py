@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
+from stadimeter.app.control.framing import framed_line
 from stadimeter.core.operator import AnyCommand, HoldCommand, OperatorAction, OperatorCommand
 from stadimeter.core.rules.explaining import Explanation
 from stadimeter.errors import ControlError, Problem
@@ -249,11 +250,8 @@ class Reply:
         """Return one line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair."""
         answer: dict[str, Any] = {"transaction": transaction, "status": "error" if self.error else "ok"}
         answer |= {"problems": [asdict(problem) for problem in self.problems]} if self.problems else {}
-        answer |= {"bytes": len(self.attached)} if self.attached else {}
         answer |= {"error": self.error} if self.error else {} if self.json else {"data": self.data}
-        line = json.dumps(answer, separators=(",", ":"))
-        line = f'{line[:-1]},"data":{self.json}}}' if self.json else line
-        return line.encode("ascii") + b"\n"
+        return framed_line(answer, len(self.attached), self.json)
 
 
 def parse_request(line: bytes) -> Request:
@@ -316,8 +314,6 @@ def _what_is_wrong(error: ValidationError) -> str:
 
 def as_data(explanation: Explanation) -> dict[str, Any]:
     """Return an explanation as JSON has it: objects, lists, texts, finite numbers and null only."""
-    from pydantic import TypeAdapter  # noqa: PLC0415 - only needed here
-
     adapter = TypeAdapter(Explanation)
     data: dict[str, Any] = adapter.dump_python(explanation, mode="json")
     return {key: _without_infinities(value) for key, value in data.items()}

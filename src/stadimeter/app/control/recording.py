@@ -153,7 +153,8 @@ class RecordingOnRequest:
 
     def trouble(self) -> str:
         """Return why the last recording ended too early, or what is wrong with this one; empty if nothing is."""
-        return self._begun.recorder.trouble() if self._begun is not None else self._trouble
+        begun = self._begun
+        return begun.recorder.trouble() if begun is not None else self._trouble
 
     def close(self) -> None:
         """End the recording under way with the run, and wait for the disk as long as there is time."""
@@ -181,16 +182,21 @@ class RecordingOnRequest:
         require_mcap("recording to an MCAP file")
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._check_room()
-        parts = self._parts
-        name = f"{parts.configuration.path.stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}{ENDING}"
+        parts, path = self._parts, self._new_path()
         recorded = Recorded(
             configuration=to_be_recorded(parts.configuration),
             camera=parts.configuration.camera_model,
             sizes={name: detector.target_shape for name, detector in parts.cycle.detectors.items()},
         )
-        writer = RecordingWriter(self._folder / name, recorded)
+        writer = RecordingWriter(path, recorded)
         recorder = Recorder(writer, is_live=True, deadline=self._deadline)
-        return _Begun(path=self._folder / name, writer=writer, recorder=recorder, answer=answer)
+        return _Begun(path=path, writer=writer, recorder=recorder, answer=answer)
+
+    def _new_path(self) -> Path:
+        """Return a name that no recording has: of two in one second, the second would take that of the first."""
+        name = f"{self._parts.configuration.path.stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+        names = (name, *(f"{name}-{number}" for number in range(2, 100)))
+        return next(path for each in names if not (path := self._folder / f"{each}{ENDING}").exists())
 
     def _check_room(self) -> None:
         """Raise `JournalError` if there is no room for a recording."""
@@ -210,7 +216,7 @@ class RecordingOnRequest:
             return
         ready.recorder.continued(lambda: continuation_text(state))
         if self._reloaded is not None:
-            ready.recorder.reloaded(now_s, self._reloaded)
+            ready.writer.begin_with(self._reloaded)
         ready.began_unix_s = time.time()
         ready.began_s = ready.newest_s = ready.looked_s = now_s
         self._ready, self._begun = None, ready
@@ -238,13 +244,19 @@ class RecordingOnRequest:
     def _watch_room(self, begun: _Begun) -> None:
         """Note that the disk becomes full. In a thread: a disk that hangs does not even tell how full it is."""
         while not begun.is_ended.wait(LOOK_EVERY_S):
-            free = shutil.disk_usage(self._folder).free
+            try:
+                free = shutil.disk_usage(self._folder).free
+            except OSError as error:
+                begun.reason = f"{self._folder} cannot be looked at any more: {error.strerror or error}"
+                return
             if free < self._bounds.free_bytes:
                 begun.reason = f"the disk has only {free / 1e6:.0f} MB left"
 
     def _stop(self, answer: Answer) -> None:
         if self._begun is not None:
             self._end(self._begun, answer)
+        elif self._is_beginning or self._ready:
+            answer(Reply(error="the recording is only just beginning; end it when it has begun"))
         else:
             answer(Reply(error=self._trouble or "nothing is recorded"))
 

@@ -24,9 +24,19 @@ class Restarter:
     """
 
     def __init__(self, check: Callable[[], object]) -> None:
-        self.is_due = False
         self._check = check
+        self._is_checked = False
+        self._is_cancelled = False
         self._lock = threading.Lock()
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the run shall end now, and the program begin anew."""
+        return self._is_checked and not self._is_cancelled
+
+    def cancel(self) -> None:
+        """Let the run end for good, also if the file is still being checked. May be called from a signal handler."""
+        self._is_cancelled = True
 
     def act(self, _args: NoArgs, answer: Answer) -> None:
         """Have the file checked. Returns at once; ``answer`` may be called from another thread."""
@@ -46,7 +56,7 @@ class Restarter:
             answer(Reply(error=f"not restarted: the file could not be checked: {type(error).__name__}: {error}"))
         else:
             answer(Reply({"words": "restarting"}))
-            self.is_due = True
+            self._is_checked = True
             return
         self._lock.release()
 

@@ -13,7 +13,7 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -132,6 +132,10 @@ class RecordingWriter:
     def resumed(self, text: str) -> None:
         """Take in what the run restores from an earlier one. Only before the first cycle."""
         self._resumed = text
+
+    def begin_with(self, configuration: RecordedConfiguration) -> None:
+        """Take in that another configuration was loaded before there was anything to record."""
+        self._recorded = replace(self._recorded, configuration=configuration)
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
         """Add that another configuration was loaded, before the first cycle that it decides."""

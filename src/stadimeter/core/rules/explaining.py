@@ -211,7 +211,9 @@ def _advantage(rule: AnyRule, decision: Decision, output: OutputTrace) -> str:
 
 
 def _commanded(rule: AnyRule, decision: Decision, output: OutputTrace) -> Iterator[str]:
-    if rule.name in output.winner.split("+"):
+    if output.held_by:
+        yield f"but '{output.output}' is held by {output.held_by}, to try it"
+    elif rule.name in output.winner.split("+"):
         others = f", before {' and '.join(output.losers)}" if output.losers else ""
         yield f"it commands '{output.output}'{others}"
     elif output.winner == "safety":
