@@ -107,6 +107,15 @@ def test_another_interview_goes_on_where_one_was_left(interview: Interview, tmp_
     assert again.known.camera_model == interview.known.camera_model
 
 
+def test_answers_that_are_taken_up_again_are_all_kept_when_that_ends_half_way(
+    interview: Interview, tmp_path: Path
+) -> None:
+    saved = load_answers(interview.path)
+    again = Interview(tmp_path)
+    assert next(again.resume(saved))[0] == "camera"
+    assert load_answers(interview.path) == saved
+
+
 def test_a_saved_camera_that_is_in_use_now_is_asked_again(
     interview: Interview, tmp_path: Path, device: V4l2Double
 ) -> None:
