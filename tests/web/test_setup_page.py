@@ -231,6 +231,18 @@ def test_an_answer_is_not_given_to_another_question_when_another_device_went_on(
     assert kept(here) == CAMERA | {"target": "sheet"}
 
 
+def test_a_double_click_on_back_takes_one_answer_back(page, here):
+    begin_at(page, here, BLANKS)
+    back = page.get_by_role("button", name="Back", exact=True)
+    # Both presses before the first answer, as on a slow device: the question is asked for only after them.
+    page.route("**/api/v1/setup", lambda route: (page.wait_for_timeout(300), route.continue_()))
+    back.evaluate("button => (button.click(), button.click())")
+    page.get_by_role("heading", name="And fully from where?").wait_for()
+    page.get_by_role("button", name="Go on").click()
+    page.get_by_role("heading", name="What shall").wait_for()
+    assert kept(here) == BLANKS
+
+
 def test_a_wish_is_a_sentence_with_blanks_that_is_tried_while_it_is_filled_in(page, here):
     begin_at(page, here, WISH)
     assert "Vibrate when it is farther than" in page.locator(".setup-sentence").inner_text()
