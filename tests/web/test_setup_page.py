@@ -300,6 +300,21 @@ def test_a_run_that_dies_while_it_shall_take_over_is_told_and_the_next_press_sta
         load_configuration(here.configuration)
 
 
+def test_a_run_that_does_not_start_is_told_and_the_set_up_stays_where_it_is(page, here):
+    begin_at(page, here, ALL)
+    press = page.get_by_role("button", name="Save, and run it")
+    press.wait_for()
+    words = "the run did not start: the camera is taken"
+    refused = {"error": {"code": "not-started", "message": words}}
+    page.route("**/run/start", lambda route: route.fulfill(status=409, json=refused))
+    press.click()
+    page.get_by_text(words).wait_for()
+    with page.expect_response("**/setup/picture.jpg*") as picture:
+        assert picture.value.status == 200
+    page.get_by_text(words).wait_for()
+    assert asked(page) == "Save, and run it"
+
+
 def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, here):
     begin_at(page, here, ALL)
     page.get_by_role("heading", name="All 2 tests pass").wait_for()
