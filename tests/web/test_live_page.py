@@ -211,3 +211,35 @@ def test_a_recording_is_made_with_a_button_and_listed(browser, still):
         page.get_by_text("Recorded:").wait_for()
         page.get_by_role("link", name="Recordings").click()
         page.get_by_text(".mcap").first.wait_for()
+
+
+SILENT_AFTER_ONE = """() => {
+    const ask = window.fetch;
+    let asked = 0;
+    window.fetch = async (where, options) => {
+        const response = await ask(where, options);
+        if (!String(where).includes("/live?") || asked++) return response;
+        const reader = response.body.getReader();
+        const first = (await reader.read()).value;
+        const body = new ReadableStream({
+            start: (sink) => {
+                sink.enqueue(first);
+                options.signal.addEventListener("abort", () => sink.error(options.signal.reason));
+            },
+        });
+        window.isSilent = true;
+        return { ok: true, status: 200, body };
+    };
+}"""
+"""The first stream ends as one does whose device lost its power: nothing comes any more, and nothing tells so."""
+
+
+def test_a_connection_that_fell_silent_is_made_anew(browser, still):
+    with tab(browser) as page:
+        page.clock.install()
+        page.add_init_script(f"({SILENT_AFTER_ONE})()")
+        page.goto(still.url)
+        until(page, "window.isSilent === true")
+        page.clock.fast_forward("00:30")
+        page.get_by_text("live", exact=True).wait_for()
+        page.locator("canvas[data-drawn]").wait_for()
