@@ -122,6 +122,18 @@ def test_the_second_of_two_who_save_is_shown_what_the_first_changed_and_loses_no
         assert "4.5 m" in other.input_value()
 
 
+def test_a_save_that_cannot_learn_what_another_has_saved_says_so_and_can_be_pressed_again(browser, here):
+    with tab(browser) as page:
+        edit(opened(page, here), NEAR, 'when = { below = "1.45 m" }')
+        here.configuration.write_text(ROOM + "# of another\n")
+        page.route("**/api/v1/configuration", lambda route: route.abort() if route.request.method == "GET" else route.continue_())
+        save(page)
+        page.get_by_text("The page's server does not answer.").wait_for()
+        page.unroute("**/api/v1/configuration")
+        save(page)
+        page.get_by_text("Someone else saved this configuration").wait_for()
+
+
 def test_the_second_may_save_in_place_of_the_first_whose_text_is_kept_as_a_version(browser, here):
     with tab(browser) as page:
         field = opened(page, here)

@@ -26,10 +26,14 @@ export class Saving {
       await desk.saved(answer, text);
       this.offer(answer);
     } catch (error) {
-      if (error.code === "conflict") await this.#conflict();
-      else if (error.problems?.length) await this.#wrong(error, options);
-      else desk.say(error.message, "error");
+      await this.#refused(error, options).catch(({ message }) => desk.say(message, "error"));
     }
+  }
+
+  async #refused(error, options) {
+    if (error.code === "conflict") await this.#conflict();
+    else if (error.problems?.length) await this.#wrong(error, options);
+    else throw error;
   }
 
   /** Say what is needed for the run to use what was saved, and do it on a button. */
