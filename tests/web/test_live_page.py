@@ -147,6 +147,35 @@ def test_an_output_is_on_only_while_the_button_is_held(browser, still):
         assert button.get_attribute("aria-pressed") == "false"
 
 
+def test_a_hold_that_ended_begins_with_a_new_press_only_though_the_key_is_down(browser, still):
+    with tab(browser) as page:
+        opened(page, still)
+        buzzer = page.locator(".output", has_text="buzzer")
+        buzzer.locator("summary").click()
+        asked: list[Any] = []
+        refused = {"error": {"code": "held", "message": "another holds it"}}
+
+        def refuse(route):
+            asked.append(route.request.post_data_json)
+            route.fulfill(status=409, json=refused)
+
+        page.route("**/hold", refuse)
+        buzzer.get_by_role("button", name="Hold to test").focus()
+        page.keyboard.down(" ")
+        buzzer.get_by_text("another holds it").wait_for()
+        for _ in range(3):
+            page.keyboard.down(" ")  # as a key that is held down repeats itself
+        assert buzzer.get_by_role("button", name="Hold to test").get_attribute("aria-pressed") == "false"
+        page.keyboard.up(" ")
+        assert len([each for each in asked if "level" in each]) == 1
+
+
+def test_an_address_that_names_no_view_shows_the_live_one(browser, still):
+    with tab(browser) as page:
+        opened(page, still, "%/x")
+        page.get_by_role("region", name="Camera").wait_for()
+
+
 def test_the_ball_is_moved_and_hidden_in_the_simulated_room(browser, moving):
     with tab(browser) as page:
         opened(page, moving)
