@@ -48,7 +48,7 @@ def test_a_configuration_that_is_not_there_yet_can_be_written(tmp_path: Path) ->
     before = ask(desk, "configuration")
     assert (before["text"], before["version"], before["exists"]) == ("", "", False)
     saved = ask(desk, "save", text=HERE, base_version="", files={"camera.toml": LENS})
-    assert saved == {"version": version(desk), "kept": None, "needs": "nothing"}
+    assert saved == {"version": version(desk), "kept": None, "needs": "start"}
     assert ask(desk, "check", text=HERE)["problems"] == []
 
 

@@ -228,11 +228,11 @@ def _versions(desk: Desk, text: str) -> list[dict[str, Any]]:
 
 
 def _needed(desk: Desk, files: Mapping[str, str]) -> str:
-    """Return what a run needs to go by these files: ``nothing``, ``reload`` or ``restart``."""
+    """Return what it takes that a run goes by these files: ``nothing``, ``reload``, ``restart``, or a ``start``."""
     try:
         digest = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("digest")
     except ControlError:
-        return "nothing"
+        return "start"
     new = _load_or_none(desk.configuration, _texts(desk, files[desk.configuration.name], files))
     running = _running(desk, digest)
     if new is None or running is None or needs_restart(running, new):

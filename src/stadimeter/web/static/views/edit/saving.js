@@ -8,7 +8,7 @@ const button = (words, onclick, kind = "") => h("button", { type: "button", clas
 const APPLY = {
   reload: { path: "run/reload", words: "Reload the run", why: "The run can take the new rules without a stop." },
   restart: { path: "run/restart", words: "Restart the run", why: "The run must restart for this change. Its outputs go to their safe values meanwhile." },
-  nothing: { path: "run/start", words: "Start the run", why: "No run uses this configuration now." },
+  start: { path: "run/start", words: "Start the run", why: "No run uses this configuration now." },
 };
 
 /** Saves what the editor holds. `desk` is the view: its `editor`, `api`, `say`, `base` (what the text began from) and `saved(answer, text)`. */
@@ -37,11 +37,11 @@ export class Saving {
   }
 
   /** Say what is needed for the run to use what was saved, and do it on a button. */
-  offer({ needs = "nothing" }) {
-    const { path, words, why } = APPLY[needs];
+  offer({ needs }) {
+    const { path, words, why } = APPLY[needs] ?? { why: "The run goes by it already." };
     replace(this.element, h("section", { class: "panel stack", "aria-label": "Saved" },
       h("p", {}, h("strong", {}, "Saved. "), why),
-      h("div", { class: "row" }, button(words, () => this.#apply(path), "primary"), button("Not now", () => replace(this.element)))));
+      path && h("div", { class: "row" }, button(words, () => this.#apply(path), "primary"), button("Not now", () => replace(this.element)))));
   }
 
   async #apply(path) {

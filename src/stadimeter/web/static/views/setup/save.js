@@ -63,7 +63,7 @@ async function saved(setup, made, version, runs) {
   setup.picture.stop(); // it would take the camera again
   await api.post("setup/leave", { camera_only: true });
   try {
-    await api.post(needs === "restart" || needs === "reload" ? `run/${needs}` : "run/start");
+    if (needs !== "nothing") await api.post(`run/${needs}`);
     await api.post("setup/leave");
   } catch (error) {
     setup.picture.start();
