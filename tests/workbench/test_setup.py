@@ -91,6 +91,12 @@ def test_a_second_distance_that_contradicts_the_first_is_refused(interview: Inte
     assert interview.next_key == "wish"
 
 
+def test_a_width_of_the_view_that_is_no_number_is_refused_in_a_sentence(interview: Interview) -> None:
+    with pytest.raises(ConfigError, match=r"'6\.0\.5 deg': unknown unit"):
+        interview.answer("6.0.5 deg")
+    assert interview.next_key == "calibration"
+
+
 def test_a_distance_in_the_wrong_unit_shows_by_what_the_camera_would_see(interview: Interview) -> None:
     accepted = interview.answer("10 m")
     assert accepted.doubt
