@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from stadimeter.config import units
 
+SEVERAL = "'{}' has more than one number; write one with its unit, such as '35 cm'"
+
 
 @pytest.mark.parametrize(
     ("parse", "text", "value"),
@@ -48,6 +50,9 @@ def test_a_quantity_is_read_in_si_units(parse: Callable[[object], float], text: 
         (units.parse_length, "1e999 m", "'1e999 m' is too large a number"),
         (units.parse_length, "35", "'35' has no unit; write it with one, such as '35 cm'"),
         (units.parse_length, 35, "35 has no unit; write it with one, such as '35 cm'"),
+        (units.parse_length, "0,5 m", "'0,5 m' has a comma in its number; decimals come after a point: '0.5 m'"),
+        (units.parse_length, "1 ft 2 in", SEVERAL.format("1 ft 2 in")),
+        (units.parse_length, "2 1/2 in", SEVERAL.format("2 1/2 in")),
         (units.parse_length, True, "True is not a quantity; write it as text, such as '35 cm'"),
         (units.parse_length, "", "'' is not a number with a unit; write it such as '35 cm'"),
         (units.parse_duration, "-1 s", "'-1 s' is below zero"),

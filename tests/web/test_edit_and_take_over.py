@@ -130,5 +130,5 @@ def test_saving_works_while_there_is_no_run(page: Page) -> None:
     run.terminate()
     run.wait(timeout=20)
     kept = page.save(TEXT + "# later\n", page("GET", "configuration")["version"])
-    assert kept["needs"] == "nothing"
+    assert kept["needs"] == "start"
     assert page.here.configuration.read_text() == TEXT + "# later\n"

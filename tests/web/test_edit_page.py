@@ -122,6 +122,21 @@ def test_the_second_of_two_who_save_is_shown_what_the_first_changed_and_loses_no
         assert "4.5 m" in other.input_value()
 
 
+def test_a_save_that_cannot_learn_what_another_has_saved_says_so_and_can_be_pressed_again(browser, here):
+    with tab(browser) as page:
+        edit(opened(page, here), NEAR, 'when = { below = "1.45 m" }')
+        here.configuration.write_text(ROOM + "# of another\n")
+        page.route(
+            "**/api/v1/configuration",
+            lambda route: route.abort() if route.request.method == "GET" else route.continue_(),
+        )
+        save(page)
+        page.get_by_text("The page's server does not answer.").wait_for()
+        page.unroute("**/api/v1/configuration")
+        save(page)
+        page.get_by_text("Someone else saved this configuration").wait_for()
+
+
 def test_the_second_may_save_in_place_of_the_first_whose_text_is_kept_as_a_version(browser, here):
     with tab(browser) as page:
         field = opened(page, here)
@@ -151,6 +166,16 @@ def test_what_is_saved_is_applied_by_a_reload_where_that_is_enough(browser, here
         save(page)
         page.get_by_role("button", name="Reload the run").click()
         page.get_by_text("changed: near").wait_for()
+
+
+def test_a_text_that_the_run_goes_by_already_asks_for_nothing(browser, tmp_path):
+    with served(tmp_path) as here, tab(browser) as page:
+        edit(opened(page, here), NEAR, 'when = { below = "1.35 m" }')
+        saved(page)
+        page.get_by_role("button", name="Bring back").first.click()
+        page.get_by_role("dialog").get_by_role("button", name="Bring back").click()
+        page.get_by_text("The run goes by it already.").wait_for()
+        assert page.get_by_role("button", name="Start the run").count() == 0
 
 
 def test_a_changed_camera_restarts_the_run_and_the_page_stays(browser, here):

@@ -147,6 +147,35 @@ def test_an_output_is_on_only_while_the_button_is_held(browser, still):
         assert button.get_attribute("aria-pressed") == "false"
 
 
+def test_a_hold_that_ended_begins_with_a_new_press_only_though_the_key_is_down(browser, still):
+    with tab(browser) as page:
+        opened(page, still)
+        buzzer = page.locator(".output", has_text="buzzer")
+        buzzer.locator("summary").click()
+        asked: list[Any] = []
+        refused = {"error": {"code": "held", "message": "another holds it"}}
+
+        def refuse(route):
+            asked.append(route.request.post_data_json)
+            route.fulfill(status=409, json=refused)
+
+        page.route("**/hold", refuse)
+        buzzer.get_by_role("button", name="Hold to test").focus()
+        page.keyboard.down(" ")
+        buzzer.get_by_text("another holds it").wait_for()
+        for _ in range(3):
+            page.keyboard.down(" ")  # as a key that is held down repeats itself
+        assert buzzer.get_by_role("button", name="Hold to test").get_attribute("aria-pressed") == "false"
+        page.keyboard.up(" ")
+        assert len([each for each in asked if "level" in each]) == 1
+
+
+def test_an_address_that_names_no_view_shows_the_live_one(browser, still):
+    with tab(browser) as page:
+        opened(page, still, "%/x")
+        page.get_by_role("region", name="Camera").wait_for()
+
+
 def test_the_ball_is_moved_and_hidden_in_the_simulated_room(browser, moving):
     with tab(browser) as page:
         opened(page, moving)
@@ -211,3 +240,35 @@ def test_a_recording_is_made_with_a_button_and_listed(browser, still):
         page.get_by_text("Recorded:").wait_for()
         page.get_by_role("link", name="Recordings").click()
         page.get_by_text(".mcap").first.wait_for()
+
+
+SILENT_AFTER_ONE = """() => {
+    const ask = window.fetch;
+    let asked = 0;
+    window.fetch = async (where, options) => {
+        const response = await ask(where, options);
+        if (!String(where).includes("/live?") || asked++) return response;
+        const reader = response.body.getReader();
+        const first = (await reader.read()).value;
+        const body = new ReadableStream({
+            start: (sink) => {
+                sink.enqueue(first);
+                options.signal.addEventListener("abort", () => sink.error(options.signal.reason));
+            },
+        });
+        window.isSilent = true;
+        return { ok: true, status: 200, body };
+    };
+}"""
+"""The first stream ends as one does whose device lost its power: nothing comes any more, and nothing tells so."""
+
+
+def test_a_connection_that_fell_silent_is_made_anew(browser, still):
+    with tab(browser) as page:
+        page.clock.install()
+        page.add_init_script(f"({SILENT_AFTER_ONE})()")
+        page.goto(still.url)
+        until(page, "window.isSilent === true")
+        page.clock.fast_forward("00:30")
+        page.get_by_text("live", exact=True).wait_for()
+        page.locator("canvas[data-drawn]").wait_for()

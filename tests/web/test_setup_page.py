@@ -230,6 +230,18 @@ def test_an_answer_is_not_given_to_another_question_when_another_device_went_on(
     assert kept(here) == CAMERA | {"target": "sheet"}
 
 
+def test_a_double_click_on_back_takes_one_answer_back(page, here):
+    begin_at(page, here, BLANKS)
+    back = page.get_by_role("button", name="Back", exact=True)
+    # Both presses before the first answer, as on a slow device: the question is asked for only after them.
+    page.route("**/api/v1/setup", lambda route: (page.wait_for_timeout(300), route.continue_()))
+    back.evaluate("button => (button.click(), button.click())")
+    page.get_by_role("heading", name="And fully from where?").wait_for()
+    page.get_by_role("button", name="Go on").click()
+    page.get_by_role("heading", name="What shall").wait_for()
+    assert kept(here) == BLANKS
+
+
 def test_a_wish_is_a_sentence_with_blanks_that_is_tried_while_it_is_filled_in(page, here):
     begin_at(page, here, WISH)
     assert "Vibrate when it is farther than" in page.locator(".setup-sentence").inner_text()
@@ -285,6 +297,21 @@ def test_a_run_that_dies_while_it_shall_take_over_is_told_and_the_next_press_sta
         press.click()
         page.locator("canvas[data-drawn]").wait_for()
         load_configuration(here.configuration)
+
+
+def test_a_run_that_does_not_start_is_told_and_the_set_up_stays_where_it_is(page, here):
+    begin_at(page, here, ALL)
+    press = page.get_by_role("button", name="Save, and run it")
+    press.wait_for()
+    words = "the run did not start: the camera is taken"
+    refused = {"error": {"code": "not-started", "message": words}}
+    page.route("**/run/start", lambda route: route.fulfill(status=409, json=refused))
+    press.click()
+    page.get_by_text(words).wait_for()
+    with page.expect_response("**/setup/picture.jpg*") as picture:
+        assert picture.value.status == 200
+    page.get_by_text(words).wait_for()
+    assert asked(page) == "Save, and run it"
 
 
 def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, here):

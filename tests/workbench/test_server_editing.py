@@ -16,6 +16,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, NotThereError, StadimeterError
 from stadimeter.workbench import saving
+from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.editing import OPERATIONS
 from stadimeter.workbench.server.operations import MODULES, Desk, operation
@@ -47,7 +48,7 @@ def test_a_configuration_that_is_not_there_yet_can_be_written(tmp_path: Path) ->
     before = ask(desk, "configuration")
     assert (before["text"], before["version"], before["exists"]) == ("", "", False)
     saved = ask(desk, "save", text=HERE, base_version="", files={"camera.toml": LENS})
-    assert saved == {"version": version(desk), "kept": None, "needs": "nothing"}
+    assert saved == {"version": version(desk), "kept": None, "needs": "start"}
     assert ask(desk, "check", text=HERE)["problems"] == []
 
 
@@ -90,6 +91,14 @@ def test_a_text_is_checked_with_a_camera_file_that_is_not_saved_and_nothing_is_w
     assert [each.name for each in folder.iterdir()] == ["stadimeter.toml"]
 
 
+def test_a_camera_file_that_was_made_meanwhile_is_seen_by_the_next_check_of_the_same_text(desk: Desk) -> None:
+    model = desk.configuration.with_name("camera.toml")
+    model.unlink()
+    assert "there is no such file" in ask(desk, "check", text=HERE)["problems"][0]["message"]
+    model.write_text(LENS)
+    assert ask(desk, "check", text=HERE)["problems"] == []
+
+
 def test_tests_are_run_on_request_and_say_what_they_got(desk: Desk) -> None:
     text = HERE + '\n[[tests]]\nname = "never"\ninput = { hover = { at = "50 cm", for = "2 s" } }\n'
     text += "expect.near = { raised = 0 }\n"
@@ -128,6 +137,22 @@ def test_a_version_brings_back_the_camera_file_that_it_had_though_a_later_save_c
     oldest = ask(desk, "versions")[-1]
     ask(desk, "restore", id=oldest["id"], base_version=version(desk))
     assert (desk.configuration.parent / "camera.toml").read_text() == LENS
+
+
+def test_a_version_that_is_no_text_hides_neither_the_others_nor_the_configuration(desk: Desk) -> None:
+    desk.configuration.write_bytes(b"# f\xfcr den Ball\n")
+    save_files(desk.configuration.parent, {desk.configuration.name: HERE})
+    ask(desk, "save", text=THERE, base_version=version(desk))
+    found = ask(desk, "configuration")
+    assert found["text"] == THERE
+    assert [each["words"].partition(":")[0] for each in found["versions"]][1] == "it cannot be read"
+
+
+@pytest.mark.parametrize("name", ["my copy (1).toml", "fu\u0308r.toml", "o'clock, left.toml"])
+def test_a_configuration_of_any_usual_name_is_saved(desk: Desk, name: str) -> None:
+    other = Desk(configuration=desk.configuration.with_name(name), run_socket=desk.run_socket)
+    ask(other, "save", text=HERE, base_version="")
+    assert other.configuration.read_text() == HERE
 
 
 def test_the_second_of_two_savers_is_told_what_the_first_one_changed(desk: Desk) -> None:
@@ -171,6 +196,13 @@ def test_no_file_beside_it_leaves_the_folder(desk: Desk, name: str) -> None:
     with pytest.raises(ConfigError):
         ask(desk, "save", text=THERE, base_version=version(desk), files={name: "x"}, even_if_wrong=True)
     assert desk.configuration.read_text() == HERE
+
+
+def test_nothing_is_saved_over_a_file_that_is_no_text_and_its_reason_is_said_as_it_is(desk: Desk) -> None:
+    desk.configuration.write_bytes(b"# f\xfcr den Ball\n")
+    with pytest.raises(StadimeterError, match=rf"^{desk.configuration}:1: it is not UTF-8 text$"):
+        ask(desk, "save", text=THERE, base_version="")
+    assert desk.configuration.read_bytes() == b"# f\xfcr den Ball\n"
 
 
 @pytest.mark.parametrize("name", ["../..", "", "0001-20260101T000000Z", "."])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -249,3 +250,16 @@ def test_a_recording_is_deleted_unless_it_is_being_written(desk: Desk, folder: P
     assert not ask(desk, "recordings")["recordings"][0]["is_growing"]
     ask(desk, "recording-delete", name="a.mcap")
     assert ask(desk, "recordings")["recordings"] == []
+
+
+def test_a_recording_that_cannot_be_deleted_says_why(desk: Desk, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record(folder / "a.mcap", 20)
+
+    def refused(_path: Path, **_options: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    with monkeypatch.context() as there:
+        there.setattr(Path, "unlink", refused)
+        with pytest.raises(JournalError, match=r"^a\.mcap cannot be deleted: read-only file system$"):
+            ask(desk, "recording-delete", name="a.mcap")
+    assert (folder / "a.mcap").exists()

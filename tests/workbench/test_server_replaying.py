@@ -123,6 +123,23 @@ def test_a_long_recording_is_answered_in_parts_which_come_to_the_same(
     assert part == at_once
 
 
+def test_two_who_compare_at_once_both_come_to_the_end_also_while_the_recording_grows(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ticks = iter(range(100_000))
+    monkeypatch.setattr(lanes.SideBySide.go_on, "__defaults__", (lambda: next(ticks) / 1000,))
+    recording = desk.configuration.parent / "recordings" / "walk.jsonl"
+    line = recording.read_bytes().splitlines(keepends=True)[-1]
+    shares = {BEFORE: [0.0], AFTER: [0.0]}
+    while min(each[-1] for each in shares.values()) < 1:
+        with recording.open("ab") as file:
+            file.write(line)
+        for text, share in shares.items():
+            share.append(diff(desk, text, for_s=0.1)["progress"])
+            assert share[-1] == 1 or share[-1] > share[-2]
+    assert min(map(len, shares.values())) > 3
+
+
 def test_what_is_left_out_of_a_drawing_is_no_peak_and_no_gap() -> None:
     points = [(float(at), 2.0, 0.1) for at in range(20_000)]
     points[7_777] = (7777.0, 0.1, 0.1)

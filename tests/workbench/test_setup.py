@@ -91,6 +91,12 @@ def test_a_second_distance_that_contradicts_the_first_is_refused(interview: Inte
     assert interview.next_key == "wish"
 
 
+def test_a_width_of_the_view_that_is_no_number_is_refused_in_a_sentence(interview: Interview) -> None:
+    with pytest.raises(ConfigError, match=r"'6\.0\.5 deg': unknown unit"):
+        interview.answer("6.0.5 deg")
+    assert interview.next_key == "calibration"
+
+
 def test_a_distance_in_the_wrong_unit_shows_by_what_the_camera_would_see(interview: Interview) -> None:
     accepted = interview.answer("10 m")
     assert accepted.doubt
@@ -105,6 +111,15 @@ def test_another_interview_goes_on_where_one_was_left(interview: Interview, tmp_
     assert resumed == ["camera", "target", "size", "colour", "calibration"]
     assert again.next_key == "proof"
     assert again.known.camera_model == interview.known.camera_model
+
+
+def test_answers_that_are_taken_up_again_are_all_kept_when_that_ends_half_way(
+    interview: Interview, tmp_path: Path
+) -> None:
+    saved = load_answers(interview.path)
+    again = Interview(tmp_path)
+    assert next(again.resume(saved))[0] == "camera"
+    assert load_answers(interview.path) == saved
 
 
 def test_a_saved_camera_that_is_in_use_now_is_asked_again(

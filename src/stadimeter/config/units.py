@@ -71,6 +71,10 @@ def parse_quantity(text: object, units: dict[str, float], example: str) -> float
 def _unit_trouble(text: str, unit: str, units: dict[str, float], example: str) -> str:
     if not unit:
         return f"{text!r} has no unit; write it with one, such as {example!r}"
+    if re.match(r",\d", unit):
+        return f"{text!r} has a comma in its number; decimals come after a point: {text.replace(',', '.', 1)!r}"
+    if re.search(r"(^|\s)\d", unit):
+        return f"{text!r} has more than one number; write one with its unit, such as {example!r}"
     close = difflib.get_close_matches(unit, units, n=1, cutoff=0.5)
     guess = f"; did you mean {close[0]!r}?" if close else "."
     return f"{text!r}: unknown unit {unit!r}{guess} Known units: {', '.join(units)}"

@@ -21,7 +21,7 @@ from pathlib import Path
 from stadimeter.config.atomic_file import write_all_atomically, write_atomically
 from stadimeter.config.loader import is_demonstration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, size_text
-from stadimeter.errors import ConfigError, NotThereError, Problem
+from stadimeter.errors import ConfigError, NotThereError, Problem, UnreadableError
 
 VERSIONS = "versions"
 """The folder of former versions, beside a configuration."""
@@ -34,7 +34,8 @@ KEPT_MAX_BYTES = 20_000_000
 
 _ID = re.compile(r"(\d{4,9})-(\d{8}T\d{6}Z)")
 _STAMP = "%Y%m%dT%H%M%SZ"
-_NAME = re.compile(r"(?!\.)[\w .+-]+(/(?!\.)[\w .+-]+)*")
+_PART = r"(?!\.)[^/\x00-\x1f\x7f\ud800-\udfff]+"
+_NAME = re.compile(rf"{_PART}(/{_PART})*")
 _WORDS_MAX = 80
 
 
@@ -113,6 +114,8 @@ def save_files(
                 _forget(folder, kept)
                 raise
             _forget_oldest(_all(folder))
+    except UnreadableError:  # what is there, as `check` says it
+        raise
     except OSError as error:
         place = folder.joinpath(*list(files)[-1:])
         raise ConfigError([Problem(f"it cannot be written: {_reason(error)}", str(place))]) from error

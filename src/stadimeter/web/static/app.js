@@ -34,14 +34,12 @@ function chosenUnit() {
 }
 
 function route() {
-  const [name, ...path] = location.hash.slice(1).split("/").map(decodeURIComponent);
-  const view = VIEWS[name] ?? VIEWS.live;
-  return { view, path };
+  return VIEWS[location.hash.slice(1).split("/")[0]] ?? VIEWS.live;
 }
 
 async function open() {
   const mine = ++opened;
-  const { view, path } = route();
+  const view = route();
   takeDown();
   takeDown = () => {};
   for (const tab of part("tabs").children) {
@@ -55,7 +53,7 @@ async function open() {
   try {
     if (view.right === "operate" && session.right !== "operate") throw new Error("You are logged in to look. This page is for those who may operate.");
     const { mount } = await view.load();
-    if (mine === opened) takeDown = mount(root, { session, api, live, path, unit: chosenUnit(), say }) ?? takeDown;
+    if (mine === opened) takeDown = mount(root, { session, api, live, unit: chosenUnit(), say }) ?? takeDown;
   } catch (error) {
     replace(root, h("p", { class: "banner is-error" }, error.message));
   }
@@ -105,7 +103,7 @@ function badge() {
 
 function banners(isLive) {
   const { snapshot, state } = live;
-  if (state.status === "lost" && route().view === VIEWS.setup) return []; // it needs no run, and starts one at its end
+  if (state.status === "lost" && route() === VIEWS.setup) return []; // it needs no run, and starts one at its end
   if (state.status === "lost") return [{ key: "lost", kind: "error", words: state.words, offersStart: session.right === "operate" && state.code !== "offline" }];
   if (live.silentMs() >= SILENT_MS) return [{ key: "silent", kind: "error", words: `Nothing has come from the device for ${Math.round(live.silentMs() / 1000)} s. What is shown is old.` }];
   if (!isLive) return [];

@@ -47,8 +47,9 @@ export function holdButton({ label, held = label, title, send, release, onWords 
   for (const name of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(name, () => end());
   button.addEventListener("contextmenu", (event) => event.preventDefault()); // a long touch
   button.addEventListener("keydown", (event) => {
-    if (event.key === " " || event.key === "Enter") (event.preventDefault(), begin());
-    else end();
+    if (event.key !== " " && event.key !== "Enter") return end();
+    event.preventDefault();
+    if (!event.repeat) begin(); // what has ended begins with a new press only, as under a finger
   });
   button.addEventListener("keyup", () => end());
   const away = new AbortController();

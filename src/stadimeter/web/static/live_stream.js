@@ -5,6 +5,7 @@ import { api } from "./api.js";
 const HISTORY_S = 300;
 const EVENTS_MAX = 500;
 const RETRY_MS = [300, 1000, 2000, 5000];
+const SILENT_MAX_MS = 20000; // a device that lost its power ends no connection; also without a run it says so every few seconds
 
 /** `subscribe(fn(snapshot, bitmap|null), {image})` opens the stream and returns what ends it. A bitmap is good until the next call.
  *  `state` is `{status: "connecting"|"live"|"lost", words}`; `watch(fn)` is called when it changes. `history` has
@@ -75,23 +76,26 @@ export class Live {
 
   async #keepReading(kind, stop) {
     while (!stop.signal.aborted) {
+      const silent = new AbortController();
       try {
-        const response = await api.stream(`live?image=${kind}`, { signal: stop.signal });
-        await this.#read(response.body.getReader());
+        const signal = AbortSignal.any([stop.signal, silent.signal]);
+        const response = await answered(api.stream(`live?image=${kind}`, { signal }), silent);
+        await this.#read(response.body.getReader(), silent);
         this.#tell("lost", "The run has ended.");
       } catch (error) {
         if (stop.signal.aborted) return;
-        this.#tell("lost", error.message, error.code);
+        if (silent.signal.aborted) this.#tell("lost", "Nothing comes from the device any more. Is it on, and this phone in its network?", "offline");
+        else this.#tell("lost", error.message, error.code);
       }
       await later(RETRY_MS[Math.min(this.#failures++, RETRY_MS.length - 1)], stop.signal);
     }
   }
 
   /** Takes what comes as fast as it comes, whatever the drawing costs: else it would pile up in the browser, and grow old. */
-  async #read(reader) {
+  async #read(reader, silent) {
     const messages = new Messages();
     for (;;) {
-      const { done, value } = await reader.read();
+      const { done, value } = await answered(reader.read(), silent);
       if (done) return;
       for (const message of messages.add(value)) {
         const { gone, code } = message.snapshot;
@@ -193,6 +197,12 @@ class Messages {
 }
 
 const emptied = () => ({ samples: {}, events: [] });
+
+/** What is waited for, unless it takes too long: then the connection is given up. */
+const answered = (promise, silent) => {
+  const timer = setTimeout(() => silent.abort(), SILENT_MAX_MS);
+  return promise.finally(() => clearTimeout(timer));
+};
 
 const later = (ms, signal) =>
   new Promise((done) => {

@@ -6,7 +6,6 @@ A text is checked as if it stood at the place of the configuration. Nothing is w
 from __future__ import annotations
 
 import difflib
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -54,10 +53,7 @@ def configuration(desk: Desk, _args: Mapping[str, Any]) -> Reply:
 def check(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer what is wrong with a text and what it does in words; with ``tests``, what its tests come to."""
     typed, files, with_tests = _text(args), files_with(args), truth(args, "tests")
-    asked = json.dumps([typed, files, with_tests])
-    if desk.kept.get("check", ("", {}))[0] != asked:
-        desk.kept["check"] = asked, _checked(desk, typed, files, with_tests=with_tests)
-    return Reply(data=desk.kept["check"][1])
+    return Reply(data=_checked(desk, typed, files, with_tests=with_tests))
 
 
 def save(desk: Desk, args: Mapping[str, Any]) -> Reply:
@@ -221,18 +217,22 @@ def _diff(theirs: str, ours: str) -> list[str]:
 def _versions(desk: Desk, text: str) -> list[dict[str, Any]]:
     told, later = [], text
     for each in versions(desk.configuration):
-        former = read_untrusted_text(each.folder / desk.configuration.name, CONFIGURATION_MAX_BYTES)
-        told.append({"id": each.id, "unix_s": each.unix_s, "words": difference_in_words(former, later)})
-        later = former
+        try:
+            former = read_untrusted_text(each.folder / desk.configuration.name, CONFIGURATION_MAX_BYTES)
+        except UnreadableError as error:
+            words = f"it cannot be read: {error.reason}"
+        else:
+            words, later = difference_in_words(former, later), former
+        told.append({"id": each.id, "unix_s": each.unix_s, "words": words})
     return told
 
 
 def _needed(desk: Desk, files: Mapping[str, str]) -> str:
-    """Return what a run needs to go by these files: ``nothing``, ``reload`` or ``restart``."""
+    """Return what it takes that a run goes by these files: ``nothing``, ``reload``, ``restart``, or a ``start``."""
     try:
         digest = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("digest")
     except ControlError:
-        return "nothing"
+        return "start"
     new = _load_or_none(desk.configuration, _texts(desk, files[desk.configuration.name], files))
     running = _running(desk, digest)
     if new is None or running is None or needs_restart(running, new):

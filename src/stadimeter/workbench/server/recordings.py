@@ -56,7 +56,10 @@ def delete(desk: Desk, args: Mapping[str, Any]) -> Reply:
     with open_untrusted(path) as file:
         if _is_being_written(file):
             raise JournalError(f"{path.name} is being recorded; stop that first")
-        path.unlink()
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise JournalError(f"{path.name} cannot be deleted: {(error.strerror or str(error)).lower()}") from error
     desk.kept.pop("recording", None)
     return Reply(data={"name": path.name})
 

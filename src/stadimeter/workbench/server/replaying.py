@@ -23,6 +23,8 @@ FOR_S = 20.0
 
 FOR_MAX_S = 60.0
 CHANGES_MAX = 40
+KEPT_MAX = 3
+"""Comparisons that go on beside each other: of several tabs, each would begin that of the other anew."""
 
 
 def replay_diff(desk: Desk, args: Mapping[str, Any]) -> Reply:
@@ -32,16 +34,30 @@ def replay_diff(desk: Desk, args: Mapping[str, Any]) -> Reply:
     goes on from there. ``progress`` is 1 when it is at its end.
     """
     path, wanted, files = path_of(desk, args), text(args, "text"), files_with(args)
-    asked = (str(path), path.stat().st_mtime_ns, wanted, tuple(files.items()))
-    if desk.kept.get("replay-diff", (None, None))[0] != asked:
-        desk.kept["replay-diff"] = asked, _begun(desk, path, wanted, files)
-    side_by_side: SideBySide = desk.kept["replay-diff"][1]
+    side_by_side = _kept(desk, path, wanted, files)
     if not side_by_side.is_done:
         side_by_side.go_on(min(FOR_MAX_S, max(0.05, number(args, "for_s", FOR_S))))
     return Reply(data=_told(side_by_side, about(desk, path)))
 
 
 OPERATIONS: dict[str, Operation] = {"replay-diff": replay_diff}
+
+
+def _kept(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:
+    """Return the comparison that was asked for before, as far as it got, or a new one.
+
+    A recording that grows while it is compared is no other one, or there would be no end.
+    """
+    about_file = path.stat()
+    asked, size = (str(path), about_file.st_ino, wanted, tuple(files.items())), about_file.st_size
+    kept: dict[Any, tuple[SideBySide, int]] = desk.kept.setdefault("replay-diff", {})
+    found = kept.pop(asked, None)
+    if found is None or (found[0].is_done and found[1] != size):
+        found = _begun(desk, path, wanted, files), size
+    kept[asked] = found
+    while len(kept) > KEPT_MAX:
+        del kept[next(iter(kept))]
+    return found[0]
 
 
 def _begun(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:

@@ -61,10 +61,13 @@ def back(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     return Reply(data=setup.state())
 
 
-def leave(desk: Desk, _args: Mapping[str, Any]) -> Reply:
-    """Close the camera, and keep the answers."""
+def leave(desk: Desk, args: Mapping[str, Any]) -> Reply:
+    """Close the camera, and keep the answers. With ``camera_only`` the set-up stays at its question."""
     setup = setup_of(desk)
-    setup.leave()
+    if truth(args, "camera_only"):
+        setup.camera.close()
+    else:
+        setup.leave()
     return Reply(data=setup.state())
 
 

@@ -68,7 +68,7 @@ class CalibrationStep(Step):
         if text.endswith(".toml"):
             return _from_file(known, text)
         if re.fullmatch(r"[\d.]+\s*(deg|°)", text):
-            known.camera_model, known.model_file = guessed_lens(known.frame, parse_angle(text)), ""
+            known.camera_model, known.model_file = guessed_lens(known.frame, _angle(text)), ""
             return Accepted(answer=text, notes=("This is rough: distances may be wrong by a tenth of themselves.",))
         pictures, seen = (_pictures(text), ()) if "@" in text else _picture_now(known, text)
         answer = pictures[0] if len(pictures) == 1 else shlex.join(pictures)
@@ -121,6 +121,13 @@ def _check_apart(known: Known, text: str) -> None:
             f"{second_m:.3g} m proves nothing beside {first_m:.3g} m: one must be {APART_MIN:g} times as far as the "
             f"other, such as {_far(known)}"
         )
+
+
+def _angle(text: str) -> float:
+    try:
+        return parse_angle(text)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
 
 
 def _distance(text: str) -> tuple[float, float]:

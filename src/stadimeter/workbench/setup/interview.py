@@ -84,6 +84,12 @@ class Interview:
         Raises:
             StadimeterError: The answer cannot be used; the question stays.
         """
+        accepted = self._accepted(text, confirm=confirm)
+        if not accepted.doubt:
+            save_answers(self.path, self.known.answers)
+        return accepted
+
+    def _accepted(self, text: str, *, confirm: bool) -> Accepted:
         step = self._next()
         if step is None:
             raise ConfigError("there is no question left")
@@ -97,14 +103,16 @@ class Interview:
         if step.key in _CHANGES_ALL and self._earlier.get(step.key) != accepted.answer:
             self._earlier.clear()  # the size of a ball is none of a sheet
         self.known.answers[step.key] = accepted.answer
-        save_answers(self.path, self.known.answers)
         return replace(accepted, doubt=False)
 
     def resume(self, saved: Mapping[str, str]) -> Iterator[tuple[str, Accepted]]:
-        """Give saved answers again, as far as they reach and are of use; yield each with what came of it."""
+        """Give saved answers again, as far as they reach and are of use; yield each with what came of it.
+
+        The file stays as it is: it has the later ones too, if this ends half way.
+        """
         while (step := self._next()) is not None and step.key in saved:
             try:
-                yield step.key, self.answer(saved[step.key], confirm=False)
+                yield step.key, self._accepted(saved[step.key], confirm=False)
             except StadimeterError:
                 self._earlier = {**self._earlier, **saved}
                 return

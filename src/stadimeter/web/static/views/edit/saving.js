@@ -8,7 +8,7 @@ const button = (words, onclick, kind = "") => h("button", { type: "button", clas
 const APPLY = {
   reload: { path: "run/reload", words: "Reload the run", why: "The run can take the new rules without a stop." },
   restart: { path: "run/restart", words: "Restart the run", why: "The run must restart for this change. Its outputs go to their safe values meanwhile." },
-  nothing: { path: "run/start", words: "Start the run", why: "No run uses this configuration now." },
+  start: { path: "run/start", words: "Start the run", why: "No run uses this configuration now." },
 };
 
 /** Saves what the editor holds. `desk` is the view: its `editor`, `api`, `say`, `base` (what the text began from) and `saved(answer, text)`. */
@@ -26,18 +26,22 @@ export class Saving {
       await desk.saved(answer, text);
       this.offer(answer);
     } catch (error) {
-      if (error.code === "conflict") await this.#conflict();
-      else if (error.problems?.length) await this.#wrong(error, options);
-      else desk.say(error.message, "error");
+      await this.#refused(error, options).catch(({ message }) => desk.say(message, "error"));
     }
   }
 
+  async #refused(error, options) {
+    if (error.code === "conflict") await this.#conflict();
+    else if (error.problems?.length) await this.#wrong(error, options);
+    else throw error;
+  }
+
   /** Say what is needed for the run to use what was saved, and do it on a button. */
-  offer({ needs = "nothing" }) {
-    const { path, words, why } = APPLY[needs];
+  offer({ needs }) {
+    const { path, words, why } = APPLY[needs] ?? { why: "The run goes by it already." };
     replace(this.element, h("section", { class: "panel stack", "aria-label": "Saved" },
       h("p", {}, h("strong", {}, "Saved. "), why),
-      h("div", { class: "row" }, button(words, () => this.#apply(path), "primary"), button("Not now", () => replace(this.element)))));
+      path && h("div", { class: "row" }, button(words, () => this.#apply(path), "primary"), button("Not now", () => replace(this.element)))));
   }
 
   async #apply(path) {

@@ -6,41 +6,52 @@ import { choices } from "./question.js";
 const SETTLED_MS = 500;
 
 export function widget(step) {
-  const { setup, api } = step;
-  const urls = [];
+  const { views, cards } = cameraCards(step);
+  const camera = new Camera(step, views);
+  step.setup.onLeave(() => camera.leave());
+  for (const [answer, view] of views) camera.look(answer, view);
+  step.onAnswer((answer) => camera.soon(answer));
+  return h("div", { class: "stack" }, cards, camera.exposure);
+}
+
+/** A card for each camera that is offered; `views` has where its picture goes, by its answer. */
+function cameraCards(step) {
   const views = new Map();
-  const cards = choices(step, {
-    draw: ({ answer }) => {
-      const view = h("span", { class: "setup-look quiet small" }, "Looking …");
-      views.set(answer, view);
-      return view;
-    },
-  });
-  const exposure = h("div", { class: "stack setup-exposure", role: "status" });
-  let turn = Promise.resolve(); // one camera at a time
-  let asked = 0;
-  let timer = 0;
-  setup.onLeave(() => {
-    asked = Infinity;
-    clearTimeout(timer);
-    for (const url of urls) URL.revokeObjectURL(url);
-  });
-  for (const [answer, view] of views) look(answer, view);
-  step.onAnswer((answer) => {
-    clearTimeout(timer);
-    timer = setTimeout(() => chosen(answer), SETTLED_MS);
-  });
-  return h("div", { class: "stack" }, cards, exposure);
+  const draw = ({ answer }) => {
+    const view = h("span", { class: "setup-look quiet small" }, "Looking …");
+    views.set(answer, view);
+    return view;
+  };
+  return { views, cards: choices(step, { draw }) };
+}
+
+/** Looks through cameras, one at a time. */
+class Camera {
+  #turn = Promise.resolve();
+  #asked = 0; // of the camera that is chosen
+  #timer = 0;
+  #urls = [];
+  #isOver = false;
+
+  constructor(step, views) {
+    Object.assign(this, { step, views, api: step.api, exposure: h("div", { class: "stack setup-exposure", role: "status" }) });
+  }
+
+  leave() {
+    this.#isOver = true;
+    clearTimeout(this.#timer);
+    for (const url of this.#urls) URL.revokeObjectURL(url);
+  }
 
   /** Look through a camera once, for its card. */
-  function look(answer, view) {
-    turn = turn.then(async () => {
-      if (asked === Infinity) return;
+  look(answer, view) {
+    this.#inTurn(async () => {
       try {
-        const { width_px, height_px } = await api.post("setup/camera", { camera: answer });
-        const { blob } = await api.picture("setup/picture.jpg?draw=plain&width_px=320");
+        const { width_px, height_px } = await this.api.post("setup/camera", { camera: answer });
+        const { blob } = await this.api.picture("setup/picture.jpg?draw=plain&width_px=320");
+        if (this.#isOver) return;
         const url = URL.createObjectURL(blob);
-        urls.push(url);
+        this.#urls.push(url);
         replace(view, h("img", { src: url, alt: `What ${answer} sees` }), h("span", null, `${width_px} × ${height_px} pixels`));
       } catch (error) {
         replace(view, h("span", { class: "is-wrong" }, error.message));
@@ -48,35 +59,57 @@ export function widget(step) {
     });
   }
 
+  /** Look through the camera that is chosen, unless another one is within a moment. */
+  soon(answer) {
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => this.#chosen(answer), SETTLED_MS);
+  }
+
   /** Say what is to be said of the camera that is chosen: blur, clipping, and its exposure, which may be locked. */
-  function chosen(answer, changes = null) {
-    const mine = ++asked;
-    turn = turn.then(async () => {
-      if (mine !== asked || !answer) return;
+  #chosen(answer, changes = null) {
+    const mine = ++this.#asked;
+    const isOld = () => this.#isOver || mine !== this.#asked;
+    this.#inTurn(async () => {
+      if (isOld() || !answer) return;
       try {
-        const told = await api.post("setup/camera", { camera: answer, ...changes });
-        if (mine === asked) tell(answer, told, Boolean(changes));
+        const told = await this.api.post("setup/camera", { camera: answer, ...changes });
+        if (!isOld()) this.#tell(told, Boolean(changes));
       } catch (error) {
-        if (mine === asked && (changes || !views.has(answer))) step.say(error.message);
-        if (mine === asked && !changes) replace(exposure);
+        if (isOld()) return;
+        if (changes || !this.views.has(answer)) this.step.say(error.message);
+        if (!changes) replace(this.exposure);
       }
     });
   }
 
-  function tell(answer, { remarks, settings, width_px, height_px, has_resolution, has_exposure, is_locked, proposed_exposure_s, exposure_s, answer: wanted }, isTaken) {
-    if (isTaken && wanted !== step.answer) {
-      clearTimeout(timer);
-      step.set(wanted);
-      clearTimeout(timer);
+  #inTurn(work) {
+    this.#turn = this.#turn.then(() => this.#isOver || work());
+  }
+
+  #tell(told, isTaken) {
+    if (isTaken && told.answer !== this.step.answer) {
+      clearTimeout(this.#timer);
+      this.step.set(told.answer);
+      clearTimeout(this.#timer); // it was looked through just now
     }
+    replace(this.exposure,
+      [...told.remarks, ...told.settings].map((each) => h("p", { class: "small" }, each)),
+      told.has_resolution && this.#resolution(told),
+      told.has_exposure && this.#exposure(told));
+  }
+
+  #resolution({ width_px, height_px }) {
+    const size = h("input", { type: "text", value: `${width_px}x${height_px}`, autocomplete: "off", "aria-label": "Resolution" });
+    const ask = h("button", { type: "button", class: "button", onclick: () => this.#chosen(this.step.answer, { resolution: size.value }) }, "Ask for it");
+    return field("Resolution in pixels: it is measured at this one", size, ask);
+  }
+
+  #exposure({ is_locked, proposed_exposure_s, exposure_s }) {
     const now_s = proposed_exposure_s ?? exposure_s ?? 0.01;
     const time = h("input", { type: "text", value: `${Number((1000 * now_s).toPrecision(2))} ms`, "aria-label": "Exposure" });
-    const lock = h("button", { type: "button", class: "button", onclick: () => chosen(step.answer, { exposure: time.value }) }, is_locked ? "Change it" : "Lock it");
-    const size = h("input", { type: "text", value: `${width_px}x${height_px}`, autocomplete: "off", "aria-label": "Resolution" });
-    const ask = h("button", { type: "button", class: "button", onclick: () => chosen(step.answer, { resolution: size.value }) }, "Ask for it");
-    replace(exposure,
-      [...remarks, ...settings].map((each) => h("p", { class: "small" }, each)),
-      has_resolution && h("div", { class: "field" }, h("span", null, "Resolution in pixels: it is measured at this one"), h("div", { class: "setup-size" }, size, ask)),
-      has_exposure && h("div", { class: "field" }, h("span", null, is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are"), h("div", { class: "setup-size" }, time, lock)));
+    const lock = h("button", { type: "button", class: "button", onclick: () => this.#chosen(this.step.answer, { exposure: time.value }) }, is_locked ? "Change it" : "Lock it");
+    return field(is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are", time, lock);
   }
 }
+
+const field = (words, input, button) => h("div", { class: "field" }, h("span", null, words), h("div", { class: "setup-size" }, input, button));

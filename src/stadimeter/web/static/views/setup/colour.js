@@ -2,75 +2,89 @@
 
 import { h, replace } from "../../dom.js";
 
+const VIEWS = [["mask", "What has this colour"], ["candidates", "Ball, and what is refused"], ["plain", "Plain"]];
+const MARKED_MS = 1200; // the ball may move on
+
 export function widget(step) {
-  const { picture, question } = step;
-  const state = { clicks: [], counted: [], others: [], pictures: 0, view: "mask" };
-  const words = h("p", { role: "status", class: "setup-found" }, question.ready ? "" : "Click on the ball.");
-  const slider = h("input", { type: "range", min: -12, max: 12, step: 1, value: 0, disabled: !question.ready, "aria-label": "Range of colours: narrower to wider", oninput: widened });
-  const again = h("button", { type: "button", class: "button", onclick: forget }, "Forget the clicks");
-  const look = h("button", { type: "button", class: "button", onclick: () => ask({ look: true }) }, "Look for it");
-  const kept = h("div", { class: "row small" });
-  const views = h("div", { class: "setup-views row", role: "group", "aria-label": "What the picture shows" },
-    [["mask", "What has this colour"], ["candidates", "Ball, and what is refused"], ["plain", "Plain"]].map(([view, name]) =>
-      h("button", { type: "button", class: "button", "aria-pressed": String(view === state.view), onclick: (event) => shown(view, event.currentTarget) }, name)));
-  const refused = h("ol", { class: "setup-refused small" });
-  let isAsking = false;
-  let waiting = null;
+  const colour = new Colour(step);
+  colour.begin();
+  return colour.element;
+}
 
-  picture.mode({ draw: "mask", isSaid: true, onPlace: clicked, onCross: draw });
-  replace(picture.below, views, refused);
-  picture.onValues((values) => {
-    draw();
-    const list = state.view === "candidates" ? values.rejected ?? [] : [];
-    replace(refused, list.map((each) => h("li", null, each.reason)));
-  });
-  step.text.addEventListener("change", () => ask({ range: step.answer }));
-  ask(question.ready ? { range: question.ready } : {}, true);
-  picture.stage.dataset.first = "";
-  step.setup.onLeave(() => delete picture.stage.dataset.first);
-  tell();
+class Colour {
+  #state = { clicks: [], counted: [], others: [], pictures: 0, view: "mask" };
+  #isAsking = false;
+  #waiting = null;
 
-  return h("div", { class: "stack" },
-    h("p", null, "Click on the ball in the picture. Click again where the light falls otherwise, and in another light: the clicks count together."),
-    words, kept,
-    h("label", { class: "field" }, h("span", null, "Narrower or wider"), slider),
-    h("div", { class: "row" }, look, again));
-
-  function clicked(x_px, y_px) {
-    state.clicks.push({ x_px, y_px });
-    ask({ clicks: [[x_px, y_px]], of: "newest" });
+  constructor(step) {
+    const { question } = step;
+    Object.assign(this, { step, picture: step.picture });
+    this.words = h("p", { role: "status", class: "setup-found" }, question.ready ? "" : "Click on the ball.");
+    this.slider = h("input", { type: "range", min: -12, max: 12, step: 1, value: 0, disabled: !question.ready, "aria-label": "Range of colours: narrower to wider", oninput: () => this.#ask({ widen: Number(this.slider.value) }) });
+    this.again = h("button", { type: "button", class: "button", onclick: () => this.#forget() }, "Forget the clicks");
+    const look = h("button", { type: "button", class: "button", onclick: () => this.#ask({ look: true }) }, "Look for it");
+    this.kept = h("div", { class: "row small" });
+    this.views = h("div", { class: "setup-views row", role: "group", "aria-label": "What the picture shows" },
+      VIEWS.map(([view, name]) => h("button", { type: "button", class: "button", "aria-pressed": String(view === this.#state.view), onclick: (event) => this.#show(view, event.currentTarget) }, name)));
+    this.refused = h("ol", { class: "setup-refused small" });
+    this.element = h("div", { class: "stack" },
+      h("p", null, "Click on the ball in the picture. Click again where the light falls otherwise, and in another light: the clicks count together."),
+      this.words, this.kept,
+      h("label", { class: "field" }, h("span", null, "Narrower or wider"), this.slider),
+      h("div", { class: "row" }, look, this.again));
   }
 
-  function widened() {
-    ask({ widen: Number(slider.value) });
+  /** Take the picture for clicks, and try the range that is ready. */
+  begin() {
+    const { step, picture } = this;
+    const { ready } = step.question;
+    picture.mode({ draw: "mask", isSaid: true, onPlace: (x_px, y_px) => this.#clicked(x_px, y_px), onCross: () => this.#draw() });
+    replace(picture.below, this.views, this.refused);
+    picture.onValues((values) => {
+      this.#draw();
+      const list = this.#state.view === "candidates" ? values.rejected ?? [] : [];
+      replace(this.refused, list.map((each) => h("li", null, each.reason)));
+    });
+    step.text.addEventListener("change", () => this.#ask({ range: step.answer }));
+    this.#ask(ready ? { range: ready } : {}, true);
+    picture.stage.dataset.first = "";
+    step.setup.onLeave(() => delete picture.stage.dataset.first);
+    this.#tell();
   }
 
-  function forget() {
-    state.clicks = [];
-    ask({ forget: true });
+  #clicked(x_px, y_px) {
+    this.#state.clicks.push({ x_px, y_px });
+    this.#ask({ clicks: [[x_px, y_px]], of: "newest" });
+  }
+
+  #forget() {
+    this.#state.clicks = [];
+    this.#ask({ forget: true });
   }
 
   /** Ask one after the other; of several that wait, the newest. */
-  async function ask(args, isQuiet = false) {
-    if (isAsking) return void (waiting = args);
-    isAsking = true;
+  async #ask(args, isQuiet = false) {
+    const { step } = this;
+    if (this.#isAsking) return void (this.#waiting = args);
+    this.#isAsking = true;
     step.progress.hidden = false;
     try {
-      taken(await step.api.post("setup/colour", args), args);
+      this.#taken(await step.api.post("setup/colour", args), args);
     } catch (error) {
-      if (args.clicks) state.clicks.pop();
+      if (args.clicks) this.#state.clicks.pop();
       if (!isQuiet) step.say(error.message);
     }
-    isAsking = false;
+    this.#isAsking = false;
     step.progress.hidden = true;
-    if (!waiting) return;
-    const next = waiting;
-    waiting = null;
-    ask(next);
+    if (!this.#waiting) return;
+    const next = this.#waiting;
+    this.#waiting = null;
+    this.#ask(next);
   }
 
-  function taken(answer, args) {
-    Object.assign(state, { others: answer.others, pictures: answer.pictures, counted: answer.clicks });
+  #taken(answer, args) {
+    const { step, slider, words } = this;
+    Object.assign(this.#state, { others: answer.others, pictures: answer.pictures, counted: answer.clicks });
     if (answer.range || args.forget !== undefined) step.set(answer.range);
     step.say("");
     slider.disabled = !answer.range;
@@ -78,29 +92,31 @@ export function widget(step) {
     replace(words, answer.words);
     words.classList.toggle("is-good", answer.found && !answer.others.length);
     words.classList.toggle("is-warning", Boolean(answer.range) && (!answer.found || answer.others.length > 0));
-    if (args.clicks) setTimeout(() => (state.clicks = []), 1200); // the ball may move on
-    tell();
+    if (args.clicks) setTimeout(() => (this.#state.clicks = []), MARKED_MS);
+    this.#tell();
   }
 
-  function tell() {
-    again.hidden = !state.pictures;
-    replace(kept,
-      state.pictures > 0 && h("span", { class: "quiet" }, `${state.pictures} ${state.pictures === 1 ? "picture counts" : "pictures count"}.`),
-      state.counted.map(([x_px, y_px], number) =>
-        h("button", { type: "button", class: "button small", "aria-label": `Forget click ${number + 1}, at ${x_px}, ${y_px}`, onclick: () => ask({ forget: number }) }, `${x_px}, ${y_px} ✕`)));
+  #tell() {
+    const { pictures, counted } = this.#state;
+    this.again.hidden = !pictures;
+    replace(this.kept,
+      pictures > 0 && h("span", { class: "quiet" }, `${pictures} ${pictures === 1 ? "picture counts" : "pictures count"}.`),
+      counted.map(([x_px, y_px], number) =>
+        h("button", { type: "button", class: "button small", "aria-label": `Forget click ${number + 1}, at ${x_px}, ${y_px}`, onclick: () => this.#ask({ forget: number }) }, `${x_px}, ${y_px} ✕`)));
   }
 
-  function draw() {
-    picture.mark([
-      ...state.clicks.map((each) => ({ ...each })),
-      ...state.others.map(({ centre_px: [x_px, y_px] }) => ({ x_px, y_px, kind: "other", label: "same colour" })),
-      ...(picture.cross ? [{ x_px: picture.cross[0], y_px: picture.cross[1], kind: "cross" }] : []),
+  #draw() {
+    const { cross } = this.picture;
+    this.picture.mark([
+      ...this.#state.clicks,
+      ...this.#state.others.map(({ centre_px: [x_px, y_px] }) => ({ x_px, y_px, kind: "other", label: "same colour" })),
+      ...(cross ? [{ x_px: cross[0], y_px: cross[1], kind: "cross" }] : []),
     ]);
   }
 
-  function shown(view, button) {
-    state.view = view;
-    picture.draw(view);
-    for (const each of views.children) each.setAttribute("aria-pressed", String(each === button));
+  #show(view, button) {
+    this.#state.view = view;
+    this.picture.draw(view);
+    for (const each of this.views.children) each.setAttribute("aria-pressed", String(each === button));
   }
 }

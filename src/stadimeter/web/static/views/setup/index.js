@@ -31,6 +31,7 @@ class SetUp {
   #root;
   #undo = [];
   #drawn = 0;
+  #isBusy = false;
 
   constructor(root, context) {
     this.#root = root;
@@ -64,29 +65,44 @@ class SetUp {
 
   /** Answer the question, and those that follow as far as `more` has their answers by key; show the state that
    *  follows. Throws what is wrong with an answer. */
-  async answer(text, more = {}) {
-    const asked = this.state.question.key;
-    if (!(await this.#sync())) return;
-    let state = await this.api.post("setup/answer", { answer: text, confirm: true });
-    try {
-      while (!state.doubt && state.question?.key !== asked && state.question?.key in more) {
-        state = await this.api.post("setup/answer", { answer: more[state.question.key], confirm: true });
+  answer(text, more = {}) {
+    return this.#alone(async () => {
+      const asked = this.state.question.key;
+      if (!(await this.#sync())) return;
+      let state = await this.api.post("setup/answer", { answer: text, confirm: true });
+      try {
+        while (!state.doubt && state.question?.key !== asked && state.question?.key in more) {
+          state = await this.api.post("setup/answer", { answer: more[state.question.key], confirm: true });
+        }
+      } catch (error) {
+        this.context.say(error.message, "error");
       }
-    } catch (error) {
-      this.context.say(error.message, "error");
-    }
-    await this.show(state);
+      await this.show(state);
+    });
   }
 
   /** Take back the last answers, as many as are told. */
   async back(count = 1) {
     try {
-      if (!(await this.#sync())) return;
-      let state;
-      for (let each = 0; each < count; each += 1) state = await this.api.post("setup/back");
-      if (state) this.show(state);
+      await this.#alone(async () => {
+        if (!(await this.#sync())) return;
+        let state;
+        for (let each = 0; each < count; each += 1) state = await this.api.post("setup/back");
+        if (state) await this.show(state);
+      });
     } catch (error) {
       this.context.say(error.message, "error");
+    }
+  }
+
+  /** One step at a time: the second press of a double click is about a question that is not shown yet. */
+  async #alone(step) {
+    if (this.#isBusy) return;
+    this.#isBusy = true;
+    try {
+      await step();
+    } finally {
+      this.#isBusy = false;
     }
   }
 

@@ -14,6 +14,7 @@ export function answerForm(setup, widget = choices) {
     h("label", { class: "field" }, h("span", { class: "sr" }, question.text), step.text, question.form && h("span", { class: "quiet small" }, question.form)));
   const send = async (event) => {
     event.preventDefault();
+    if (step.go.disabled) return; // it is on its way
     step.isBusy(true);
     try {
       await setup.answer(step.answer, step.more?.());

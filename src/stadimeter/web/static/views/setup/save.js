@@ -61,9 +61,10 @@ async function saved(setup, made, version, runs) {
   const { needs } = await api.put("configuration", { text: configuration.text, base_version: version, files: Object.fromEntries(others.map(({ name, text }) => [name, text])) });
   if (!runs) return void context.say("It is saved. The run goes by it when it is started, or reloaded.");
   setup.picture.stop(); // it would take the camera again
-  await api.post("setup/leave");
+  await api.post("setup/leave", { camera_only: true });
   try {
-    await api.post(needs === "restart" || needs === "reload" ? `run/${needs}` : "run/start");
+    if (needs !== "nothing") await api.post(`run/${needs}`);
+    await api.post("setup/leave");
   } catch (error) {
     setup.picture.start();
     throw Object.assign(error, { message: `It is saved, but it does not run: ${error.message}` });
