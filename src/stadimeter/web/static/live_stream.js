@@ -76,26 +76,29 @@ export class Live {
 
   async #keepReading(kind, stop) {
     while (!stop.signal.aborted) {
-      const silent = new AbortController();
+      const connection = new AbortController(); // ends with the stream, or when nothing comes through it
+      const end = () => connection.abort();
+      stop.signal.addEventListener("abort", end);
       try {
-        const signal = AbortSignal.any([stop.signal, silent.signal]);
-        const response = await answered(api.stream(`live?image=${kind}`, { signal }), silent);
-        await this.#read(response.body.getReader(), silent);
+        const response = await answered(api.stream(`live?image=${kind}`, { signal: connection.signal }), connection);
+        await this.#read(response.body.getReader(), connection);
         this.#tell("lost", "The run has ended.");
       } catch (error) {
         if (stop.signal.aborted) return;
-        if (silent.signal.aborted) this.#tell("lost", "Nothing comes from the device any more. Is it on, and this phone in its network?", "offline");
+        if (connection.signal.aborted) this.#tell("lost", "Nothing comes from the device any more. Is it on, and this phone in its network?", "offline");
         else this.#tell("lost", error.message, error.code);
+      } finally {
+        stop.signal.removeEventListener("abort", end);
       }
       await later(RETRY_MS[Math.min(this.#failures++, RETRY_MS.length - 1)], stop.signal);
     }
   }
 
   /** Takes what comes as fast as it comes, whatever the drawing costs: else it would pile up in the browser, and grow old. */
-  async #read(reader, silent) {
+  async #read(reader, connection) {
     const messages = new Messages();
     for (;;) {
-      const { done, value } = await answered(reader.read(), silent);
+      const { done, value } = await answered(reader.read(), connection);
       if (done) return;
       for (const message of messages.add(value)) {
         const { gone, code } = message.snapshot;
@@ -199,8 +202,8 @@ class Messages {
 const emptied = () => ({ samples: {}, events: [] });
 
 /** What is waited for, unless it takes too long: then the connection is given up. */
-const answered = (promise, silent) => {
-  const timer = setTimeout(() => silent.abort(), SILENT_MAX_MS);
+const answered = (promise, connection) => {
+  const timer = setTimeout(() => connection.abort(), SILENT_MAX_MS);
   return promise.finally(() => clearTimeout(timer));
 };
 
