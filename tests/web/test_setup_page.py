@@ -256,6 +256,15 @@ def test_a_pin_is_chosen_by_the_keyboard_and_its_wiring_and_its_danger_are_shown
     assert kept(here)["far_output"] == "vibration-motor 18"
 
 
+def test_the_whole_drawing_of_the_wiring_is_seen_beside_the_pins(page, here):
+    page.set_viewport_size({"width": 1120, "height": 900})
+    begin_at(page, here, BLANKS)
+    page.get_by_label("vibration-motor 18").check()
+    page.get_by_alt_text("How the vibration-motor is wired to GPIO 18").wait_for()
+    hidden_px = "(e => e.scrollWidth - e.clientWidth)(document.querySelector('.setup-scrolls'))"
+    assert page.evaluate(hidden_px) == 0
+
+
 def test_save_says_that_the_tests_pass_and_writes_a_configuration_that_loads(page, here):
     begin_at(page, here, ALL)
     page.get_by_role("heading", name="All 2 tests pass").wait_for()
