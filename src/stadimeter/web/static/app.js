@@ -1,7 +1,7 @@
 // The frame of the page: its tabs, what is said on every one of them, and the view that is open.
 
 import { api } from "./api.js";
-import { h, icon, keyed, replace, write } from "./dom.js";
+import { h, icon, inCode, keyed, replace, write } from "./dom.js";
 import { UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
 
@@ -124,7 +124,7 @@ function banner({ offersStart, offersSetUp }) {
   const element = h("p", { class: "banner" }, words, start, setUp);
   element.update = (each) => {
     element.className = `banner is-${each.kind}`;
-    write(words, each.words);
+    if (words.said !== each.words) replace(words, inCode((words.said = each.words)));
   };
   return element;
 }
