@@ -186,9 +186,9 @@ def test_the_ball_is_moved_and_hidden_in_the_simulated_room(browser, moving):
         page.mouse.move(plan["x"] + plan["width"] / 2, plan["y"] + 0.15 * plan["height"], steps=5)
         page.mouse.up()
         where = page.locator(".room .number")
-        until(page, "/from the camera, ahead/.test(document.querySelector('.room .number').textContent)")
+        until(page, "/from the camera, ahead/.test(document.querySelector('.room .number')?.textContent)")
         far_m = float(where.inner_text().split()[1])
-        until(page, f"Math.abs(parseFloat(document.querySelector('.target .value').textContent) - {far_m}) < 0.15")
+        until(page, f"Math.abs(parseFloat(document.querySelector('.target .value')?.textContent) - {far_m}) < 0.15")
         page.get_by_label("hide target").check()
         page.locator(".target.is-unknown").wait_for()
 

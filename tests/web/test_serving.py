@@ -22,7 +22,7 @@ from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.run_link import RunLink
 from stadimeter.web.run_process import RunProcess
 from stadimeter.web.serving import EVERYWHERE, check_certificate, listen
-from support.browser import served
+from support.browser import ROOM, served
 from support.page import OPERATE, quicken, served_page
 from support.processes import children, is_running
 
@@ -247,6 +247,33 @@ def test_a_run_that_does_not_start_says_why(tmp_path):
     with served(tmp_path, "[camera\n", runs=False) as here:
         status, told = asked(here, "POST", "/api/v1/run/start")
         assert (status, "stadimeter.toml:1" in told["error"]["message"]) == (409, True)
+
+
+PINS = """
+[actuators.lamp]
+driver = "led"
+pin = 23
+
+[rules.light]
+actuator = "lamp"
+when = { below = "1 m" }
+"""
+
+
+def test_a_run_that_ends_after_its_start_is_told_with_its_last_words(tmp_path, monkeypatch):
+    monkeypatch.setenv("GPIOZERO_PIN_FACTORY", "none-of-these")
+    with served(tmp_path, ROOM + PINS, runs=False) as here:
+        asked(here, "POST", "/api/v1/run/start")
+        eventually(lambda: told_of_the_run(here)["words"].startswith("the run has ended: lamp: "))
+
+
+def test_before_anything_is_set_up_that_is_what_is_told(tmp_path):
+    with served(tmp_path, None, runs=False) as here:
+        assert told_of_the_run(here)["words"] == "Nothing is set up yet."
+
+
+def told_of_the_run(here):
+    return asked(here, "GET", "/api/v1/session")[1]["run"]
 
 
 def test_a_service_starts_the_run_itself(tmp_path):

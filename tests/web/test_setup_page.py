@@ -247,10 +247,21 @@ def test_a_wish_is_a_sentence_with_blanks_that_is_tried_while_it_is_filled_in(pa
     assert "Vibrate when it is farther than" in page.locator(".setup-sentence").inner_text()
     lanes = page.get_by_role("img", name="If it came, went, and was gone")
     lanes.wait_for()
-    page.get_by_label("And fully from where?").fill("5 m")
+    page.locator(".setup-blank").last.fill("5 m")
     page.get_by_text("full at 5.00 m").wait_for()
     go_on(page)
     assert kept(here) == WISH | {"far_from": "2 m", "far_to": "5 m"}
+
+
+def test_a_sentence_that_is_turned_around_is_told_and_what_is_told_covers_no_button(page, here):
+    begin_at(page, here, WISH)
+    page.locator(".setup-blank").first.fill("10 ft")
+    page.locator(".setup-blank").last.fill("5 ft")
+    go_on(page)
+    page.get_by_text("5 ft is not farther than 10 ft").wait_for()
+    page.get_by_text("If it came, went, and was gone").wait_for()
+    go_on(page)
+    assert kept(here) == WISH | {"far_from": "10 ft", "far_to": "4 m"}
 
 
 def test_a_pin_is_chosen_by_the_keyboard_and_its_wiring_and_its_danger_are_shown(page, here):
@@ -267,9 +278,19 @@ def test_a_pin_is_chosen_by_the_keyboard_and_its_wiring_and_its_danger_are_shown
     assert kept(here)["far_output"] == "vibration-motor 18"
 
 
+def test_the_whole_drawing_of_the_wiring_is_seen_beside_the_pins(page, here):
+    page.set_viewport_size({"width": 1120, "height": 900})
+    begin_at(page, here, BLANKS)
+    page.get_by_label("vibration-motor 18").check()
+    page.get_by_alt_text("How the vibration-motor is wired to GPIO 18").wait_for()
+    hidden_px = "(e => e.scrollWidth - e.clientWidth)(document.querySelector('.setup-scrolls'))"
+    assert page.evaluate(hidden_px) == 0
+
+
 def test_save_says_that_the_tests_pass_and_writes_a_configuration_that_loads(page, here):
     begin_at(page, here, ALL)
     page.get_by_role("heading", name="All 2 tests pass").wait_for()
+    assert "`" not in page.locator(".setup-words").inner_text()
     page.get_by_role("button", name="Save only").click()
     page.get_by_text("It is saved.").wait_for()
     written = load_configuration(here.configuration)

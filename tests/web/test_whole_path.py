@@ -92,7 +92,7 @@ def test_from_an_empty_folder_to_a_rule_that_acts_by_the_page_alone(browser, emp
 
 def set_up(person: Person) -> None:
     """Go through the set-up with the simulated room, and run what was saved."""
-    person.page.get_by_role("link", name="Set-up").click()
+    person.page.get_by_role("link", name="Set it up").click()
     person._did("open Set-up")
     person.is_asked("Which camera?")
     person.choose("simulated room")

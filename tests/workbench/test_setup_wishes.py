@@ -11,10 +11,11 @@ from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
+from stadimeter.errors import ConfigError
 from stadimeter.workbench.rule_tests.running import RuleTests
 from stadimeter.workbench.setup.files import written_files
 from stadimeter.workbench.setup.known import Known
-from stadimeter.workbench.setup.wish_steps import seen_up_to_m
+from stadimeter.workbench.setup.wish_steps import BlankStep, seen_up_to_m
 from stadimeter.workbench.setup.wishes import WISHES, Wish, ready_answers
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
@@ -57,6 +58,24 @@ def test_every_wish_is_a_configuration_with_two_tests_that_pass(tmp_path: Path, 
     assert len(configuration.tests) == 2
     results = [RuleTests(configuration).run(test) for test in configuration.tests]
     assert [(each.test.name, each.failures, each.trouble) for each in results if not each.passed] == []
+
+
+@pytest.mark.parametrize(
+    ("key", "blank", "before", "wrong", "words"),
+    [
+        ("far", "to", {"far_from": "10 ft"}, "5 ft", "5 ft is not farther than 10 ft"),
+        ("far", "to", {"far_from": "2 m"}, "200 cm", "200 cm is not farther than 2 m"),
+        ("parking", "stop", {"parking_slow": "1 m"}, "1.5 m", "1.5 m is not nearer than 1 m"),
+    ],
+)
+def test_a_distance_that_turns_the_sentence_around_is_refused(
+    key: str, blank: str, before: dict[str, str], wrong: str, words: str
+) -> None:
+    wish = next(each for each in WISHES if each.key == key)
+    step = BlankStep(wish, next(each for each in wish.blanks if each.key == blank))
+    known = Known(folder=Path(), answers={**CAMERA, **TARGETS["ball"], **before}, frames=(FRAME,), camera_model=LENS)
+    with pytest.raises(ConfigError, match=words):
+        step.accept(known, wrong)
 
 
 def test_several_wishes_share_an_output_on_one_pin(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from stadimeter.config.gpio_header import GROUND, HEADER, POWER_3V3, POWER_5V, h
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, DriverChoice, Options, Plugin, load_plugin
 from stadimeter.config.units import Pin
+from stadimeter.core.drawing import Text
 from stadimeter.workbench.drawing.svg import svg_of
 from stadimeter.workbench.wiring.outputs import wired_outputs
 from stadimeter.workbench.wiring.picture import wiring_picture
@@ -135,6 +136,13 @@ def test_an_output_of_another_package_is_a_signal_and_its_driver_need_not_say_mo
 
 def test_outputs_that_are_on_no_pin_are_left_out() -> None:
     assert drawn(actuator("motor", "simulated")) == "no part is on a pin of the header"
+
+
+def test_no_line_of_text_leaves_the_picture() -> None:
+    picture = wiring_picture(EVERY_KIND)
+    texts = [each for each in picture.shapes if isinstance(each, Text) and each.anchor == "start"]
+    letter_m = {each: each.size_m * (0.6 if each.is_fixed_width else 0.5) for each in texts}
+    assert all(each.x_m + len(each.text) * letter_m[each] <= picture.width_m for each in texts)
 
 
 @pytest.mark.parametrize("name", ["distance-alert", "appliance"])

@@ -10,10 +10,10 @@ import asyncio
 import json
 import struct
 from collections import deque
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Callable, Mapping
 from contextlib import aclosing
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from stadimeter.errors import PageError
 from stadimeter.web.exchange import Answer
@@ -21,6 +21,8 @@ from stadimeter.web.run_link import RunLink
 
 KINDS = ("none", "plain", "drawn")
 """The pictures that a subscription may have."""
+
+Explained: TypeAlias = Callable[[PageError], PageError]
 
 RETRY_S = 1.0
 EVENTS_KEPT = 100
@@ -77,10 +79,15 @@ class History:
 
 
 class Feed:
-    """The messages of one kind of picture. It is subscribed to while somebody watches."""
+    """The messages of one kind of picture. It is subscribed to while somebody watches.
 
-    def __init__(self, link: RunLink, image: str) -> None:
+    Args:
+        explained: Says more of why there is no run.
+    """
+
+    def __init__(self, link: RunLink, image: str, explained: Explained = lambda error: error) -> None:
         self._link = link
+        self._explained = explained
         self._args = {"image": image}
         self._history = History()
         self._number = 0
@@ -131,7 +138,8 @@ class Feed:
                         self._take(answer, is_first=is_first)
                         is_first = False
             except PageError as error:
-                self._publish({"gone": str(error), "code": error.code}, b"")
+                why = self._explained(error)
+                self._publish({"gone": str(why), "code": why.code}, b"")
             except (AttributeError, LookupError, TypeError):
                 words = "the run says what this page does not understand: are they of one version?"
                 self._publish({"gone": words, "code": "odd-run"}, b"")
@@ -165,8 +173,8 @@ class Feed:
 class Feeds:
     """A feed for each kind of picture."""
 
-    def __init__(self, link: RunLink) -> None:
-        self._of = {kind: Feed(link, kind) for kind in KINDS}
+    def __init__(self, link: RunLink, explained: Explained) -> None:
+        self._of = {kind: Feed(link, kind, explained) for kind in KINDS}
 
     def __getitem__(self, kind: str) -> Feed:
         """Return the feed of a kind; `PageError` if there is none."""

@@ -69,7 +69,7 @@ class Page:
         self.run = RunLink(self.configuration, options.socket)
         self.workbench = WorkbenchLink(command_of_workbench(self.configuration, options.socket))
         self.run_process = RunProcess(self.run)
-        self.feeds = Feeds(self.run)
+        self.feeds = Feeds(self.run, self.run_process.explained)
         self._static = StaticFiles(directory=HERE / "static", check_dir=False)
         self._shots: dict[str, tuple[float, Answer]] = {}
         self._shooting = asyncio.Lock()
@@ -207,7 +207,8 @@ class Page:
         try:
             told = await self.run_process.about()
         except PageError as error:
-            return {"is_running": False, "words": str(error), "may_start": self.run_process.may_start}
+            words = str(self.run_process.explained(error))
+            return {"is_running": False, "words": words, "may_start": self.run_process.may_start}
         return {"is_running": True, "words": "", "may_start": False, **told}
 
     async def _recordings(self) -> Path:

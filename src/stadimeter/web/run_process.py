@@ -12,7 +12,7 @@ import subprocess
 import tempfile
 from asyncio.subprocess import DEVNULL, Process
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,8 @@ class RunProcess:
         self._is_of_service = _is_of_service(environ)
         self._process: Process | None = None
         self._seen = _Seen()
+        self._said: Any = None
+        self._files = ExitStack()
         self._turn = asyncio.Lock()
 
     @property
@@ -62,9 +64,20 @@ class RunProcess:
                 raise PageError(409, "is-service", words)
             return await self._started()
 
+    def explained(self, error: PageError) -> PageError:
+        """Say more of why no run can be asked: nothing is set up yet, or what the one that we started said last."""
+        if error.code != "no-run":
+            return error
+        if not self._link.configuration.exists():
+            return PageError(503, "no-configuration", "Nothing is set up yet.")
+        if self._process is not None and (self._process.returncode or 0) > 0:
+            return PageError(503, "no-run", f"the run has ended: {_last_words(self._said)}")
+        return error
+
     async def end(self) -> None:
         """End the run that we started, as Ctrl-C does; kill it if it does not end."""
-        process = self._process
+        process, self._process = self._process, None
+        self._files.close()
         if process is None or process.returncode is not None:
             return
         with suppress(ProcessLookupError):
@@ -98,18 +111,18 @@ class RunProcess:
         configuration = self._link.configuration
         if not configuration.exists():
             raise PageError(409, "no-configuration", f"{configuration} is not there yet: set it up and save it first")
-        with tempfile.TemporaryFile() as said:
-            self._process = await _begun(configuration, said)
-            try:
-                async with asyncio.timeout(START_MAX_S):
-                    while self._process.returncode is None:
-                        with suppress(PageError):
-                            return await self.about()
-                        await asyncio.sleep(ASK_EVERY_S)
-            except TimeoutError as error:
-                words = f"the run was started, but cannot be asked after {START_MAX_S:g} s: {_tail(said)}"
-                raise PageError(503, "no-answer", words) from error
-            raise PageError(409, "not-started", f"the run did not start: {_tail(said)}")
+        self._said = said = self._files.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - closed by end()
+        self._process = process = await _begun(configuration, said)
+        try:
+            async with asyncio.timeout(START_MAX_S):
+                while process.returncode is None:
+                    with suppress(PageError):
+                        return await self.about()
+                    await asyncio.sleep(ASK_EVERY_S)
+        except TimeoutError as error:
+            words = f"the run was started, but cannot be asked after {START_MAX_S:g} s: {_tail(said)}"
+            raise PageError(503, "no-answer", words) from error
+        raise PageError(409, "not-started", f"the run did not start: {_tail(said)}")
 
 
 def _is_of_service(environ: Mapping[str, str]) -> bool:
@@ -169,3 +182,9 @@ def _tail(said: Any) -> str:
     said.seek(max(0, said.tell() - SAID_MAX_BYTES))
     text = said.read().decode("utf-8", "replace").strip()
     return text.removeprefix("error: ") or "it said nothing"
+
+
+def _last_words(said: Any) -> str:
+    """Return the last error that a process said on standard error, else its last line."""
+    before, _, last = _tail(said).rpartition("\nerror: ")
+    return last if before else last.splitlines()[-1]

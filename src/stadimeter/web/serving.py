@@ -50,7 +50,7 @@ def listen(address: str | None, port: int, passwords: Path) -> socket.socket:
     """
     has_password = PasswordFile(passwords).passwords() is not None
     if address is not None and not is_loopback(address) and not has_password:
-        words = f"{address} can be reached by others: set a password first, with `stadimeter web --set-password`"
+        words = f"{address} can be reached by others: set a password first, once, by adding `--set-password`"
         raise PageError(400, "no-passwords", words)
     wanted = (address,) if address else EVERYWHERE if has_password else ("127.0.0.1",)
     for each in wanted:

@@ -1,7 +1,7 @@
 // The frame of the page: its tabs, what is said on every one of them, and the view that is open.
 
 import { api } from "./api.js";
-import { h, icon, keyed, replace, write } from "./dom.js";
+import { h, icon, inCode, keyed, replace, write } from "./dom.js";
 import { UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
 
@@ -104,6 +104,7 @@ function badge() {
 function banners(isLive) {
   const { snapshot, state } = live;
   if (state.status === "lost" && route() === VIEWS.setup) return []; // it needs no run, and starts one at its end
+  if (state.code === "no-configuration") return [{ key: "new", kind: "warning", words: state.words, offersSetUp: session.right === "operate" }];
   if (state.status === "lost") return [{ key: "lost", kind: "error", words: state.words, offersStart: session.right === "operate" && state.code !== "offline" }];
   if (live.silentMs() >= SILENT_MS) return [{ key: "silent", kind: "error", words: `Nothing has come from the device for ${Math.round(live.silentMs() / 1000)} s. What is shown is old.` }];
   if (!isLive) return [];
@@ -114,13 +115,14 @@ function banners(isLive) {
   ].filter(Boolean);
 }
 
-function banner({ offersStart }) {
+function banner({ offersStart, offersSetUp }) {
   const words = h("span");
   const start = offersStart && h("button", { type: "button", class: "button", onclick: startRun }, "Start the run");
-  const element = h("p", { class: "banner" }, words, start);
+  const setUp = offersSetUp && h("a", { href: "#setup", class: "button" }, "Set it up");
+  const element = h("p", { class: "banner" }, words, start, setUp);
   element.update = (each) => {
     element.className = `banner is-${each.kind}`;
-    write(words, each.words);
+    if (words.said !== each.words) replace(words, inCode((words.said = each.words)));
   };
   return element;
 }

@@ -20,6 +20,9 @@ export function write(element, text) {
   return element;
 }
 
+/** Names in backquotes, as the terminal prints them, in the type of code. */
+export const inCode = (text) => text.split("`").map((part, at) => (at % 2 ? h("code", null, part) : part));
+
 /** Keep one element for each item of a list, by its key: focus and a held button outlive an update.
  *  `make(item)` returns an element that has `update(item)`. */
 export function keyed(root, items, keyOf, make) {

@@ -113,6 +113,7 @@ class BlankStep(Step):
         """Check its unit, and whether the camera can serve it."""
         try:
             value = figure_si(text, self.blank)
+            self._compare(known, text, value)
         except ValueError as error:
             raise ConfigError(str(error)) from error
         seen_m = seen_up_to_m(known)
@@ -120,6 +121,17 @@ class BlankStep(Step):
             return Accepted(answer=text)
         far = f"That is farther than the {known.answers['target']} is found reliably, {seen_m:.2g} m."
         return Accepted(answer=text, notes=(far,), doubt=True)
+
+    def _compare(self, known: Known, text: str, value: float) -> None:
+        """Raise a ValueError if it is on the wrong side of a figure before it."""
+        before = self.blank.beyond or self.blank.within
+        if not before:
+            return
+        other = known.answers[f"{self.wish.key}_{before}"]
+        other_value = figure_si(other, self.blank)
+        if value <= other_value if self.blank.beyond else value >= other_value:
+            way = "farther" if self.blank.beyond else "nearer"
+            raise ValueError(f"{text} is not {way} than {other}, as it must be")
 
 
 @dataclass

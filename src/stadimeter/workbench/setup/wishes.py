@@ -21,11 +21,18 @@ _BLANK = re.compile(r"\{(\w+)(?::([\d.]+)(/s)?)?\}")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Blank:
-    """A figure that a wish leaves open; its units are those of the ready answer."""
+    """A figure that a wish leaves open; its units are those of the ready answer.
+
+    Attributes:
+        beyond: The blank before it that it must be above; empty if it may be anything.
+        within: The blank before it that it must be below.
+    """
 
     key: str
     text: str
     ready: str
+    beyond: str = ""
+    within: str = ""
 
     @property
     def is_length(self) -> bool:

@@ -21,8 +21,13 @@ PITCH_M = 0.0058
 """From one pin of the header to the next."""
 
 MARGIN_M = 0.008
-WIDTH_M = 0.15
-NOTE_COLUMNS = 95
+WIDTH_M = 0.122
+"""The widest circuit, that of a motor."""
+
+NOTE_COLUMNS = 60
+"""As many letters as a phone shows of the page's drawing."""
+
+HEADER_TOP_M = 2 * MARGIN_M + ROW_M
 UNUSED, GREY = "#9aa0a6", "#666666"
 COLOURS = {POWER_3V3: "#d9822b", POWER_5V: "#c62828", GROUND: BLACK}
 SIGNAL = "#1565c0"
@@ -41,7 +46,7 @@ def wiring_picture(parts: Sequence[DriverChoice]) -> Drawing:
     """Return a drawing of the header and of the circuit of every part on a pin."""
     outputs = wired_outputs(parts)
     shapes: list[Shape] = [*_header(outputs)]
-    top_m = 2 * MARGIN_M + 20 * PITCH_M + ROW_M
+    top_m = HEADER_TOP_M + 20 * PITCH_M + ROW_M
     for output in outputs:
         shapes += _circuit(output, top_m)
         top_m += (len(_lines(output)) + len(_notes(output)) + 3) * ROW_M
@@ -61,9 +66,10 @@ def circuit_picture(part: DriverChoice) -> Drawing:
 
 
 def _header(outputs: Sequence[Output]) -> Iterator[Shape]:
-    yield Text(MARGIN_M, MARGIN_M, ORIENTATION, SIZE_M, colour=GREY)
+    for row, line in enumerate(textwrap.wrap(ORIENTATION, NOTE_COLUMNS)):
+        yield Text(MARGIN_M, MARGIN_M + row * ROW_M, line, SIZE_M, colour=GREY)
     labels = header_labels(outputs)
-    middle_m, top_m = MARGIN_M + WIDTH_M / 2, 2 * MARGIN_M
+    middle_m, top_m = MARGIN_M + WIDTH_M / 2, HEADER_TOP_M
     yield Rectangle(middle_m - 1.1 * PITCH_M, top_m - PITCH_M / 2, 2.2 * PITCH_M, 20 * PITCH_M, "#2e3b2e")
     for pin in range(1, 41):
         side = 1 if pin % 2 == 0 else -1

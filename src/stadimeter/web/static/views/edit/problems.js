@@ -1,6 +1,6 @@
 // What `check` says while one types: problems at their lines, the rules in words, the tests.
 
-import { h, replace, write } from "../../dom.js";
+import { h, inCode, replace, write } from "../../dom.js";
 import { SIGNS } from "./editor.js";
 
 const PAUSE_MS = 250; // since the last key
@@ -50,8 +50,6 @@ function problemView({ message, hint, line, column, severity, file, isElsewhere 
 
 const count = (number, one, many) => (number === 1 ? `1 ${one}` : `${number} ${many}`);
 
-/** Names in backquotes, as the terminal prints them, in the type of code. */
-const inCode = (text) => text.split("`").map((part, at) => (at % 2 ? h("code", {}, part) : part));
 
 /** One line that sums up: read aloud when it changes. */
 export function summed(problems) {

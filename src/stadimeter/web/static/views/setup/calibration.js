@@ -1,7 +1,6 @@
 // The lens: the target at a distance that is known, then at another as proof; or a camera file, or a guess.
 
 import { h, replace, svg } from "../../dom.js";
-import { distance } from "../../format.js";
 import { boardWay } from "./board.js";
 import { choices } from "./question.js";
 import { room } from "./room.js";
@@ -55,7 +54,7 @@ export async function outlook(setup) {
     h("td", null, length(distance_m)), h("td", null, `± ${length(sigma_m)}`), h("td", null, `${((100 * sigma_m) / distance_m).toFixed(1)} %`), h("td", null, `${Math.round(width_px)} px`));
   return h("section", { class: "panel setup-outlook" },
     h("h2", null, "How far this camera sees it"),
-    h("p", { class: "quiet small" }, `From ${distance(nearest_m, null, unit).text} to ${distance(farthest_m, null, unit).text}. ± is one standard deviation.`),
+    h("p", { class: "quiet small" }, `From ${length(nearest_m)} to ${length(farthest_m)}. ± is one standard deviation.`),
     chart(rows),
     h("table", null, h("thead", null, h("tr", null, ["Distance", "±", "", "Width"].map((name) => h("th", { scope: "col" }, name)))), h("tbody", null, rows.map(row))));
 }

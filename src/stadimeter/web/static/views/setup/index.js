@@ -1,6 +1,6 @@
 // Set-up: one question at a time, with the picture beside it. The questions are those of `stadimeter init`.
 
-import { h, replace } from "../../dom.js";
+import { h, inCode, replace } from "../../dom.js";
 import { Picture } from "./picture.js";
 import { answerForm } from "./question.js";
 import { drawRail } from "./rail.js";
@@ -164,7 +164,7 @@ class SetUp {
 
   #notes(state) {
     const last = state.answers.at(-1)?.notes ?? [];
-    const box = (kind, words) => words.length > 0 && h("div", { class: `setup-note ${kind}` }, words.map((each) => h("p", null, each)));
+    const box = (kind, words) => words.length > 0 && h("div", { class: `setup-note ${kind}` }, words.map((each) => h("p", null, inCode(each))));
     return h("div", { role: "status" }, box("is-warning", state.trouble ? [state.trouble] : []), box("", last));
   }
 

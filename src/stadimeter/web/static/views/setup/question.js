@@ -1,6 +1,6 @@
 // A question as a form: what was found, what its kind needs, the answer as text, and the way on and back.
 
-import { h, replace } from "../../dom.js";
+import { h, inCode, replace } from "../../dom.js";
 
 /** The form of the question that is asked. A step's `widget(step)` returns what stands above the answer as text.
  *  The text field holds the answer: a widget sets it by `step.set(answer)`, and hears of it by `step.onAnswer(fn)`. */
@@ -27,10 +27,10 @@ export function answerForm(setup, widget = choices) {
   const enter = (event) => event.key === "Enter" && event.target.tagName === "SELECT" && (event.preventDefault(), form.requestSubmit());
   step.submit = (answer) => (step.set(answer), form.requestSubmit());
   const form = h("form", { class: "panel stack", onsubmit: send, onkeydown: enter, novalidate: true },
-    !step.picture.isSaid && question.found.map((each) => h("p", { class: "quiet" }, each)),
+    !step.picture.isSaid && question.found.map((each) => h("p", { class: "quiet" }, inCode(each))),
     shown,
     others,
-    doubt && h("div", { class: "setup-doubt", role: "alert" }, doubt.notes.map((each) => h("p", null, each)), h("p", null, "Change the answer, or go on with it as it is.")),
+    doubt && h("div", { class: "setup-doubt", role: "alert" }, doubt.notes.map((each) => h("p", null, inCode(each))), h("p", null, "Change the answer, or go on with it as it is.")),
     step.error,
     step.progress,
     h("div", { class: "row setup-way" },
@@ -104,5 +104,5 @@ export function choices(step, { draw = () => null, several = false } = {}) {
   });
   (inputs.find((each) => each.checked) ?? inputs[0]).dataset.first = "";
   return h("fieldset", { class: "setup-cards" }, h("legend", { class: "sr" }, text),
-    options.map((option, index) => h("label", { class: "setup-card" }, inputs[index], draw(option), h("span", { class: "setup-card-words" }, h("b", null, option.answer), " ", h("span", { class: "quiet" }, option.meaning)))));
+    options.map((option, index) => h("label", { class: "setup-card" }, inputs[index], draw(option), h("span", { class: "setup-card-words" }, h("b", null, option.answer), " ", h("span", { class: "quiet" }, inCode(option.meaning))))));
 }

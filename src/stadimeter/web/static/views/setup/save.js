@@ -1,7 +1,7 @@
 // Save: what would be written and what changes, what `check` and the tests say; then save it, and run it.
 
 import { differenceView } from "../../difference.js";
-import { h, replace } from "../../dom.js";
+import { h, inCode, replace } from "../../dom.js";
 import { moment } from "../../format.js";
 
 export function widget(setup) {
@@ -40,7 +40,7 @@ function draw(setup, root, made, there, words) {
   };
   const isSame = there.exists && there.text === configuration.text;
   replace(root,
-    made.words.length > 0 && h("section", null, h("h2", null, "What it does"), h("ul", { class: "setup-words" }, made.words.map((each) => h("li", null, each)))),
+    made.words.length > 0 && h("section", null, h("h2", null, "What it does"), h("ul", { class: "setup-words" }, made.words.map((each) => h("li", null, inCode(each))))),
     made.findings.length > 0 && h("section", null, h("h2", null, "What was found in it"), h("ul", { class: "setup-findings" }, made.findings.map(finding))),
     tests(made.tests),
     said,
@@ -79,7 +79,7 @@ const text = (file) => h("pre", { class: "setup-file", tabindex: 0, "aria-label"
 const back = (setup) => h("button", { type: "button", class: "button", onclick: () => setup.back() }, "Back");
 
 const finding = ({ severity, message, line, hint }) =>
-  h("li", { class: severity === "error" ? "is-wrong" : "" }, h("b", null, severity === "error" ? "Error" : "Warning", line ? `, line ${line}: ` : ": "), message, hint && h("span", { class: "quiet" }, ` (${hint})`));
+  h("li", { class: severity === "error" ? "is-wrong" : "" }, h("b", null, severity === "error" ? "Error" : "Warning", line ? `, line ${line}: ` : ": "), inCode(message), hint && h("span", { class: "quiet" }, " (", inCode(hint), ")"));
 
 function tests(all) {
   const failed = all.filter(({ ok }) => !ok);

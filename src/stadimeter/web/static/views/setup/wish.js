@@ -1,6 +1,6 @@
 // What shall happen: wishes to choose from, their blanks in a sentence, and what they would do.
 
-import { h, replace } from "../../dom.js";
+import { h, inCode, replace } from "../../dom.js";
 import { lanes } from "../../lanes.js";
 import { outlook } from "./calibration.js";
 import { choices } from "./question.js";
@@ -69,7 +69,7 @@ function tryIt(step, root) {
       if (mine !== asked) return;
       const { unit } = setup.context;
       replace(root,
-        words.map((each) => h("p", { class: "small" }, each)),
+        words.map((each) => h("p", { class: "small" }, inCode(each))),
         seen && drawn("On the last minute", seen, unit),
         drawn("If it came, went, and was gone", made_up, unit));
     } catch (error) {
