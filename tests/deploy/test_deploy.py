@@ -90,6 +90,22 @@ class TestUnitOfThePage:
         port = inspect.signature(web).parameters["port"].default
         assert (service.findtext("type"), service.findtext("port")) == ("_http._tcp", str(port))
 
+    def test_avahi_tells_of_it_only_if_it_has_a_password_and_so_can_be_reached(
+        self, deploy: Path, tmp_path: Path
+    ) -> None:
+        text = (deploy / "stadimeter-web.service").read_text()
+        (script,) = re.findall("^ExecStartPost=-[+]/usr/bin/sh -c '(.*)'$", text, re.MULTILINE)
+        (tmp_path / "avahi.service").write_text("told")
+        places = {"/usr/share/stadimeter": tmp_path, "/var/lib/stadimeter": tmp_path, "/etc/avahi/services": tmp_path}
+        for place, ours in places.items():
+            assert place in script
+            script = script.replace(place, str(ours))
+        run("sh", "-c", script)
+        assert not (tmp_path / "stadimeter.service").exists()
+        (tmp_path / "page.passwords").write_text("{}")
+        run("sh", "-c", script)
+        assert (tmp_path / "stadimeter.service").read_text() == "told"
+
 
 class TestUnit:
     @pytest.fixture
