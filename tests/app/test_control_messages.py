@@ -51,6 +51,13 @@ def test_what_an_operator_says_reaches_the_core_as_it_was_said(op, action):
     assert (command.id, command.action, command.rule, command.by, command.why) == ("7", action, "near", "Zoë", "seen")
 
 
+@pytest.mark.parametrize("level", [True, "0.5", [1]])
+def test_what_is_no_number_is_no_level_to_hold_an_output_at(level):
+    line = json.dumps({"op": "hold-output", "args": {"output": "motor", "level": level}}).encode()
+    with pytest.raises(ControlError, match=r"args\.level"):
+        parse_request(line)
+
+
 def test_how_to_shelve_reaches_the_core_too():
     line = b'{"op": "shelve", "args": {"rule": "near", "for_s": 60, "one_shot": true}}'
     command = operator_command(parse_request(line), "7")

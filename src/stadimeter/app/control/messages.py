@@ -28,10 +28,7 @@ LINE_MAX_BYTES = 64 * 1024
 
 _Words = Annotated[str, StringConstraints(max_length=500, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
 _Name = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
-
-
-_Number = Annotated[float, Field(strict=False)]
-_Place = Annotated[float, Field(ge=-100, le=100, strict=False)]
+_Place = Annotated[float, Field(ge=-100, le=100)]
 
 
 class _Strict(BaseModel):
@@ -67,7 +64,7 @@ class ExplainArgs(_Strict):
 
     rule: _Name = ""
     """The rule; empty for each."""
-    at_unix_s: _Number | None = None
+    at_unix_s: float | None = None
     """The moment, in seconds since 1970 on the wall clock; None for now."""
     ago_s: Annotated[float, Field(ge=0, strict=False)] | None = None
     """In place of that: how long ago it was."""
@@ -77,9 +74,9 @@ class HoldArgs(_Strict):
     """An output to hold for a moment, and how. `app` and `core` know which output takes what."""
 
     output: _Name
-    level: _Number | None = None
-    linear_mps: _Number | None = None
-    angular_radps: _Number | None = None
+    level: float | None = None
+    linear_mps: float | None = None
+    angular_radps: float | None = None
     release: bool = False
     """Let go of it."""
     by: _Name = ""
@@ -98,7 +95,7 @@ class WorldArgs(_Strict):
     """Its name in the configuration; empty for the only one."""
     x_m: _Place | None = None
     y_m: _Place | None = None
-    bearing_rad: _Number | None = None
+    bearing_rad: float | None = None
     """As the camera sees it, positive to the right; with `distance_m`."""
     distance_m: Annotated[float, Field(gt=0, le=100, strict=False)] | None = None
     release: bool = False
