@@ -214,3 +214,8 @@ class LinkLostError(DriverError, ConnectionError):
 
 class ProtocolError(DriverError):
     """A device sent bytes that make no sense, or refused a command."""
+
+
+def reason_of(error: OSError) -> str:
+    """Return why the system refused, in its own words, such as ``no space left on device``."""
+    return (error.strerror or str(error)).lower()

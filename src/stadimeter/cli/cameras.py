@@ -15,7 +15,7 @@ from stadimeter.cameras.protocol import AttachedCamera, CameraMode
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.live_camera import camera_choice
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras, choice_of, first_picture
 from stadimeter.workbench.snapshot import Snapshot
@@ -106,8 +106,9 @@ def _make(folder: Path | None) -> None:
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ConfigError([Problem(f"the folder {folder} cannot be made: {reason}", key="--snapshot")]) from error
+        raise ConfigError(
+            [Problem(f"the folder {folder} cannot be made: {reason_of(error)}", key="--snapshot")]
+        ) from error
 
 
 def _looked_at(camera: AttachedCamera, like: DriverChoice | None, picture: Path | None, *, is_tried: bool) -> _Seen:

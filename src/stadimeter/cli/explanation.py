@@ -11,7 +11,7 @@ from pathlib import Path
 from stadimeter.cli.formatting import METRE, LengthUnit, format_distance, format_place, format_tilt
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.ranging.measure import SigmaParts
 from stadimeter.workbench.annotation import Mark
 from stadimeter.workbench.measuring import PictureResult, TargetResult
@@ -147,8 +147,9 @@ def copy_paths(images: Sequence[Path], folder: Path | None, ending: str = "measu
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ConfigError([Problem(f"the folder {folder} cannot be made: {reason}", key="--annotate")]) from error
+        raise ConfigError(
+            [Problem(f"the folder {folder} cannot be made: {reason_of(error)}", key="--annotate")]
+        ) from error
     paths: dict[Path, Path] = {}
     for image in dict.fromkeys(images):
         suffix = image.suffix if image.suffix.lower() in KEPT_SUFFIXES else ".png"

@@ -11,7 +11,7 @@ import typer
 from stadimeter.cli.exits import plain_errors
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.schema import configuration_schema
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.errors import ConfigError, Problem, reason_of
 
 
 def register(app: typer.Typer) -> None:
@@ -52,5 +52,4 @@ def _write(file: Path, text: str) -> None:
     try:
         write_atomically(file, text.encode())
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ConfigError([Problem(f"it cannot be written: {reason}", str(file))]) from error
+        raise ConfigError([Problem(f"it cannot be written: {reason_of(error)}", str(file))]) from error

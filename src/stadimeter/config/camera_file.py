@@ -17,7 +17,7 @@ from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance, ToneCurve
 from stadimeter.core.frame import Optics, Subsampling
 from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
-from stadimeter.errors import CalibrationError, ConfigError, Problem
+from stadimeter.errors import CalibrationError, ConfigError, Problem, reason_of
 
 MOST_PIXELS_ACROSS = 100_000
 """Ten times as many as any camera has."""
@@ -162,8 +162,9 @@ def save_camera_model(path: Path, model: CameraModel) -> None:
     try:
         write_atomically(path, camera_file_text(model).encode())
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        problem = Problem(f"the camera file cannot be written: {reason}", str(path), hint="choose another with -o")
+        problem = Problem(
+            f"the camera file cannot be written: {reason_of(error)}", str(path), hint="choose another with -o"
+        )
         raise ConfigError([problem]) from error
 
 

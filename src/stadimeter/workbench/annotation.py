@@ -14,7 +14,7 @@ from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.picture_optics import with_optics
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Image, Optics
-from stadimeter.errors import PictureError
+from stadimeter.errors import PictureError, reason_of
 from stadimeter.workbench.label_placement import USEFUL, Box, LabelRoom
 from stadimeter.workbench.text_panel import DARK, Colour, Panel
 
@@ -101,7 +101,7 @@ def write_picture(path: Path, image: Image, optics: Optics | None = None) -> Non
     try:
         write_atomically(path, with_optics(data.tobytes(), optics))
     except OSError as error:
-        raise PictureError(f"the picture {path} cannot be written: {(error.strerror or str(error)).lower()}") from error
+        raise PictureError(f"the picture {path} cannot be written: {reason_of(error)}") from error
 
 
 def _enlarged(image: Image, factor: int) -> Image:

@@ -21,7 +21,7 @@ from pathlib import Path
 from stadimeter.config.atomic_file import write_all_atomically, write_atomically
 from stadimeter.config.loader import is_demonstration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, size_text
-from stadimeter.errors import ConfigError, NotThereError, Problem, UnreadableError
+from stadimeter.errors import ConfigError, NotThereError, Problem, UnreadableError, reason_of
 
 VERSIONS = "versions"
 """The folder of former versions, beside a configuration."""
@@ -118,7 +118,7 @@ def save_files(
         raise
     except OSError as error:
         place = folder.joinpath(*list(files)[-1:])
-        raise ConfigError([Problem(f"it cannot be written: {_reason(error)}", str(place))]) from error
+        raise ConfigError([Problem(f"it cannot be written: {reason_of(error)}", str(place))]) from error
     return tuple(changed), kept
 
 
@@ -218,7 +218,3 @@ def _alone(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()

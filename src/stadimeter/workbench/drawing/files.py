@@ -7,7 +7,7 @@ from pathlib import Path
 
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.core.drawing import Drawing
-from stadimeter.errors import ConfigError
+from stadimeter.errors import ConfigError, reason_of
 from stadimeter.workbench.drawing.pdf import pdf_of
 from stadimeter.workbench.drawing.svg import svg_of
 
@@ -27,4 +27,4 @@ def write_drawings(path: Path, pages: Sequence[Drawing]) -> None:
     try:
         write_atomically(path, data)
     except OSError as error:
-        raise ConfigError(f"{path} cannot be written: {(error.strerror or str(error)).lower()}") from error
+        raise ConfigError(f"{path} cannot be written: {reason_of(error)}") from error

@@ -11,7 +11,7 @@ from pathlib import Path
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.toml_source import as_toml, read_toml
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.errors import ConfigError, Problem, reason_of
 
 ANSWERS = "init-answers.toml"
 """The file in the folder in which answers are kept."""
@@ -29,8 +29,7 @@ def save_answers(path: Path, answers: Mapping[str, str]) -> None:
     try:
         write_atomically(path, (_TITLE + lines).encode())
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ConfigError([Problem(f"the answers cannot be written: {reason}", str(path))]) from error
+        raise ConfigError([Problem(f"the answers cannot be written: {reason_of(error)}", str(path))]) from error
 
 
 def load_answers(path: Path) -> dict[str, str]:

@@ -11,7 +11,7 @@ from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.workbench.frame_source import Opening, opened
 
 CONFIGURATION = "stadimeter.toml"
@@ -72,8 +72,9 @@ class Known:
         try:
             (self.folder / PICTURES).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise ConfigError([Problem(f"the folder cannot be made: {reason}", str(self.folder / PICTURES))]) from error
+            raise ConfigError(
+                [Problem(f"the folder cannot be made: {reason_of(error)}", str(self.folder / PICTURES))]
+            ) from error
 
     def chosen(self, kind: DriverKind[Any], at: tuple[str, ...], table: dict[str, Any]) -> DriverChoice:
         """Return the driver of a table as the configuration will hold it.
