@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -66,7 +67,7 @@ def _edited(page: Any, path: Path) -> None:
 def _recorded(page: Any, path: Path) -> None:
     page.goto(f"{page.home}/#recordings")
     page.get_by_role("button", name="Record", exact=True).click()
-    page.get_by_text("Recording: 6 s").wait_for()
+    page.get_by_text(re.compile("Recording: [6-9]")).wait_for()
     page.get_by_role("button", name="Stop recording").click()
     page.get_by_role("button", name="Replay").first.click()
     page.get_by_label("Moment of the recording").fill("1")

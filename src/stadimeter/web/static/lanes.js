@@ -87,7 +87,7 @@ function pieces(samples) {
 
 const times = ({ from_s, to_s }, x) => {
   const values = steps(to_s - from_s, 5);
-  return svg("g", null, values.map((value) => svg("text", { x: x(from_s + value), y: CURVE + 14, "text-anchor": value ? "middle" : "start" }, `${value} s`)));
+  return svg("g", null, values.map((value) => svg("text", { x: x(from_s + value) + (value ? 0 : 4), y: CURVE + 14, "text-anchor": value ? "middle" : "start" }, `${value} s`)));
 };
 
 function lanesOf(all, x, width) {
