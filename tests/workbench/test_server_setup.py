@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import shutil
@@ -115,6 +116,29 @@ def _moved(setup: Setup, distance_m: float) -> None:
 def test_every_operation_of_the_table_is_there() -> None:
     for name in MODULES:
         assert callable(operation(name))
+
+
+def test_an_answer_is_given_to_the_question_that_it_names_and_to_no_other(setup: Setup) -> None:
+    setup("begin")
+    setup("answer", question="camera", answer="simulated")
+    with pytest.raises(ConfigError, match="on another device"):
+        setup("answer", question="camera", answer="ball")
+    assert setup.question() == "target"
+
+
+def test_an_answer_that_cannot_be_kept_is_not_gone_on_from(setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fsync(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    setup("begin")
+    setup("answer", answer="simulated")
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", fsync)
+        with pytest.raises(ConfigError, match="no space left"):
+            setup("answer", answer="ball")
+    assert setup.question() == "target"
+    setup("answer", answer="ball")
+    assert setup.question() == "size"
 
 
 def test_from_nothing_to_files_that_can_be_used(calibrated: Setup) -> None:

@@ -47,8 +47,13 @@ def begin(desk: Desk, args: Mapping[str, Any]) -> Reply:
 
 
 def answer(desk: Desk, args: Mapping[str, Any]) -> Reply:
-    """Answer the question; a doubtful answer is asked again, once, unless ``confirm`` is false."""
+    """Answer the question; a doubtful answer is asked again, once, unless ``confirm`` is false.
+
+    With ``question``, its key, no other question is answered: another device may have gone on.
+    """
     setup = setup_of(desk)
+    if "question" in args and text(args, "question") != setup.interview.next_key:
+        raise ConfigError("another question is asked now: somebody has gone on, on another device")
     accepted = setup.answer(text(args, "answer"), confirm=truth(args, "confirm", otherwise=True))
     return Reply(data={**setup.state(), "notes": list(accepted.notes)})
 

@@ -86,7 +86,11 @@ class Interview:
         """
         accepted = self._accepted(text, confirm=confirm)
         if not accepted.doubt:
-            save_answers(self.path, self.known.answers)
+            try:
+                save_answers(self.path, self.known.answers)
+            except ConfigError:
+                self.known.answers.popitem()
+                raise
         return accepted
 
     def _accepted(self, text: str, *, confirm: bool) -> Accepted:

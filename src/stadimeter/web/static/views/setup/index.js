@@ -69,10 +69,11 @@ class SetUp {
     return this.#alone(async () => {
       const asked = this.state.question.key;
       if (!(await this.#sync())) return;
-      let state = await this.api.post("setup/answer", { answer: text, confirm: true });
+      let state = await this.api.post("setup/answer", { answer: text, question: asked, confirm: true });
       try {
         while (!state.doubt && state.question?.key !== asked && state.question?.key in more) {
-          state = await this.api.post("setup/answer", { answer: more[state.question.key], confirm: true });
+          const { key } = state.question;
+          state = await this.api.post("setup/answer", { answer: more[key], question: key, confirm: true });
         }
       } catch (error) {
         this.context.say(error.message, "error");
