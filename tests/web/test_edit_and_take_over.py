@@ -15,6 +15,8 @@ from stadimeter.testing.eventually import eventually
 from support.browser import Served, served
 from support.simulated_run import SIMULATED_BALL
 
+pytestmark = pytest.mark.long
+
 TEXT = (
     SIMULATED_BALL
     + """

@@ -150,7 +150,7 @@ def test_the_cookie_is_for_us_alone(stranger):
 def test_the_session_says_what_one_may_do(reader):
     told = reader.get("/api/v1/session").data
     assert (told["right"], told["needs_password"]) == ("read", True)
-    assert "no-run.sock" in told["run"]["words"] or "no run" in told["run"]["words"]
+    assert (told["run"]["is_running"], told["run"]["words"]) == (False, "Nothing is set up yet.")
 
 
 def test_a_cookie_that_was_changed_opens_nothing(reader):
