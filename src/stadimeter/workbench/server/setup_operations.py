@@ -53,7 +53,7 @@ def answer(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """
     setup = setup_of(desk)
     if "question" in args and text(args, "question") != setup.interview.next_key:
-        raise ConfigError("another question is asked now: somebody has gone on, on another device")
+        raise ConfigError("another question is asked now: the set-up went on, on another device")
     accepted = setup.answer(text(args, "answer"), confirm=truth(args, "confirm", otherwise=True))
     return Reply(data={**setup.state(), "notes": list(accepted.notes)})
 
