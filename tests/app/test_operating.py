@@ -115,10 +115,28 @@ class TestRecording:
         assert begun.error == ""
         assert second.error == "a recording is under way already; end it first"
 
-    def test_one_that_is_only_just_beginning_is_not_ended_and_the_answer_says_so(self, room):
-        room.at(40, "record", do="start")
-        room.at(41, "record", do="stop")
-        early, begun = room.run()
+    def test_one_that_is_only_just_beginning_is_not_ended_and_the_answer_says_so(self, room, monkeypatch):
+        opened, goes_on = RecordingOnRequest._opened, threading.Event()
+
+        def open_late(begun, answer):
+            assert goes_on.wait(20)
+            return opened(begun, answer)
+
+        def listen(record, _frame):
+            room.records.append(record)
+            do = {40: "start", 42: "stop"}.get(len(room.records))
+            if do:
+                request = parse_request(json.dumps({"op": "record", "args": {"do": do}}).encode())
+                room.waiting.append(Asked(request, room.answers.append))
+            if len(room.records) == 44:
+                goes_on.set()
+                assert eventually(lambda: not room.loop.services.recording._is_beginning)
+
+        monkeypatch.setattr(RecordingOnRequest, "_opened", open_late)
+        with operated(room.loop, room):
+            room.loop.listeners.append(listen)
+            room.loop.run(Limits(frames=150))
+        early, begun = room.answers
         assert early.error == "the recording is only just beginning; end it when it has begun"
         assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 90
 
@@ -176,7 +194,8 @@ class TestRecording:
         room.at(40, "record", do="start")
         room.loop.listeners.append(vanish)
         room.run()
-        assert "cannot be looked at any more: No such file" in room.told[-1]
+        assert "has ended: " in room.told[-1]
+        assert "No such file" in room.told[-1], "of the folder, or of the file, whichever was noticed first"
 
     def test_the_snapshot_tells_of_it_while_it_goes_on(self, room):
         room.at(40, "record", do="start")
