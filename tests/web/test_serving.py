@@ -164,6 +164,7 @@ def test_it_ends_in_silence_while_the_workbench_hangs_and_a_download_is_slow(tmp
         assert slow.getresponse().read(10) == bytes(10)
         os.kill(workbench, signal.SIGSTOP)
         hanging = asking(here, "/api/v1/configuration")
+        assert asked(here, "GET", "/api/v1/session")[0] == 200  # which came after it: the page has that one, too
         here.page.send_signal(number)
         answer = hanging.getresponse()
         assert (answer.status, json.loads(answer.read())["error"]["code"]) == (503, "page-ends")
