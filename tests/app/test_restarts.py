@@ -147,7 +147,7 @@ def test_a_page_lives_through_a_restart_and_ends_with_the_run(program):
     assert children(run.process.pid) == [page]
     assert run.end() == 0
     assert eventually(lambda: not is_served())
-    assert not Path(f"/proc/{page}").exists()
+    assert eventually(lambda: not is_running(page))
 
 
 @pytest.mark.skipif(not (find_spec("uvicorn") and find_spec("starlette")), reason="the extra web is not installed")
@@ -175,7 +175,7 @@ def test_a_page_ends_with_a_restart_after_which_the_configuration_has_none(progr
     run.heard.clear()
     ask(run.socket, "restart", wait_s=20)
     assert eventually(lambda: "READY=1" in run.heard), run.said()
-    assert not Path(f"/proc/{page}").exists()
+    assert eventually(lambda: not is_running(page))
 
 
 def test_a_run_whose_end_is_asked_for_while_a_restart_is_checked_begins_anew_no_more():
