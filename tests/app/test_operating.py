@@ -82,6 +82,20 @@ def room(tmp_path):
     return Room(tmp_path)
 
 
+@pytest.fixture
+def goes_on(monkeypatch):
+    """Return what must be set before a recording's file is open."""
+    opened, goes_on = RecordingOnRequest._opened, threading.Event()
+
+    def open_late(begun, answer):
+        file = opened(begun, answer)
+        assert goes_on.wait(20)
+        return file
+
+    monkeypatch.setattr(RecordingOnRequest, "_opened", open_late)
+    return goes_on
+
+
 def replayed(path):
     """Return how many cycles a recording has; each must replay to the decision that is recorded."""
     cycles = 0
@@ -115,13 +129,7 @@ class TestRecording:
         assert begun.error == ""
         assert second.error == "a recording is under way already; end it first"
 
-    def test_one_that_is_only_just_beginning_is_not_ended_and_the_answer_says_so(self, room, monkeypatch):
-        opened, goes_on = RecordingOnRequest._opened, threading.Event()
-
-        def open_late(begun, answer):
-            assert goes_on.wait(20)
-            return opened(begun, answer)
-
+    def test_one_that_is_only_just_beginning_is_not_ended_and_the_answer_says_so(self, room, goes_on):
         def listen(record, _frame):
             room.records.append(record)
             do = {40: "start", 42: "stop"}.get(len(room.records))
@@ -132,7 +140,6 @@ class TestRecording:
                 goes_on.set()
                 assert eventually(lambda: not room.loop.services.recording._is_beginning)
 
-        monkeypatch.setattr(RecordingOnRequest, "_opened", open_late)
         with operated(room.loop, room):
             room.loop.listeners.append(listen)
             room.loop.run(Limits(frames=150))
@@ -154,14 +161,7 @@ class TestRecording:
         folder = room.path.parent / "recordings"
         assert replayed(folder / first) < 30 < replayed(folder / second)
 
-    def test_one_before_which_the_configuration_is_reloaded_replays_to_the_same_decisions(self, room, monkeypatch):
-        opened, goes_on = RecordingOnRequest._opened, threading.Event()
-
-        def open_late(begun, answer):
-            file = opened(begun, answer)
-            assert goes_on.wait(20)
-            return file
-
+    def test_one_before_which_the_configuration_is_reloaded_replays_to_the_same_decisions(self, room, goes_on):
         def reload_meanwhile(record, _frame):
             requests = {20: '{"op": "record", "args": {"do": "start"}}', 22: '{"op": "reload"}'}
             room.records.append(record)
@@ -175,7 +175,6 @@ class TestRecording:
                 goes_on.set()
                 assert eventually(lambda: not room.loop.services.recording._is_beginning)
 
-        monkeypatch.setattr(RecordingOnRequest, "_opened", open_late)
         with operated(room.loop, room):
             room.loop.listeners.append(reload_meanwhile)
             room.loop.run(Limits(frames=150))
