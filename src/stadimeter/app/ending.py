@@ -186,7 +186,7 @@ def has_terminal() -> bool:
 
 
 def heeds_hangup() -> bool:
-    """Return whether SIGHUP means anything to us: ``nohup`` has it ignored, for a run that outlives its terminal."""
+    """Return whether SIGHUP means anything to us: ``nohup`` has it ignored, for what outlives its terminal."""
     return signal.getsignal(signal.SIGHUP) != signal.SIG_IGN
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from stadimeter.app.ending import heeds_hangup
 from stadimeter.app.parent import watched_parent
 from stadimeter.app.restarts import OF_RUN
 from stadimeter.errors import PageError
@@ -109,7 +110,7 @@ async def _serve(
 
     loop = asyncio.get_running_loop()
     numbers = [signal.SIGTERM, signal.SIGINT]
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # by `nohup`, for a page that outlives its terminal
+    if heeds_hangup():
         numbers.append(signal.SIGHUP)
     for number in numbers:
         loop.add_signal_handler(number, end)
